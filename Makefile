@@ -76,7 +76,7 @@ verify-others: $(DEV_INSTALLED)
 	$(OTHERS).page
 
 bench: $(INSTALLED)
-	$(BIN)/abhv-mc bench
+	$(BIN)/python -m abhv_mc_verification.bench
 
 performance: $(DEV_INSTALLED)  # BEFORE: the working tree of another version; an hour on an idle machine
 	$(BIN)/python -m benchmarks.versions $(BEFORE)

@@ -1,4 +1,4 @@
-"""``abhv-mc bench`` in several processes: the medians of its figures, and how far they spread.
+"""``python -m abhv_mc_verification.bench`` in several processes: the medians of its figures, and how far they spread.
 
     python -m benchmarks.limit [--processes 3] [--json FILE]
 
@@ -61,7 +61,9 @@ def main() -> None:
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
     load = os.getloadavg()[0]
-    runs = repeat(1 if options.smoke else options.processes, "abhv_mc", "bench", "--json", "-")
+    runs = repeat(
+        1 if options.smoke else options.processes, "abhv_mc_verification.bench", "--json", "-"
+    )
     if options.smoke:
         print(*make_rows(runs), sep="\n")
         return

@@ -27,7 +27,7 @@ import numpy as np
 
 from abhv_mc.execution import runner
 from abhv_mc.execution.attest import sign
-from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.requests import Request
 from abhv_mc.simulators.vehicle_simulator import make_engine
 
@@ -76,8 +76,8 @@ def run(
     keep = runner._Run._keep
 
     @contextlib.contextmanager
-    def open_canned(*_: Any) -> Iterator[Executor]:
-        yield Executor(crew.fly, workers)
+    def open_canned(*_: Any) -> Iterator[FlightRunner]:
+        yield FlightRunner(crew.fly, workers)
 
     def keep_and_mark(self: Any, block: Any, flown: Any) -> None:
         keep(self, block, flown)

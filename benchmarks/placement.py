@@ -13,6 +13,7 @@ from abhv_mc.statistics.placement import joint_p_value, set_p_value, simultaneou
 
 CAMPAIGNS, FLIGHTS = 20, 1000
 HONEST, WRONG, SETS, IN_SET = 100, 20, 5, 10  # test flights of each campaign
+BIAS = 0.2  # deg, of the angle of attack: nothing unusual by itself
 NOISE = np.array([1.0, 5.0, 0.1, 0.005])
 _STEP, _TIME = 0.1, 60.0
 _SPEED, _ALTITUDE, _MASS, _AREA = 1500.0, 25_000.0, 50_000.0, 200.0
@@ -65,7 +66,12 @@ def study(campaigns: int, flights: int, noise: np.ndarray | None) -> dict[str, f
 
         simulated = run(flights)
         band, values = simultaneous_band(simulated, CONFIDENCE), summarize(simulated)
-        tests = {"honest": run(HONEST), "drag 20 % high": run(WRONG, drag=1.2)}
+        biased = np.add(run(WRONG), [0.0, 0.0, BIAS, 0.0])
+        tests = {
+            "honest": run(HONEST),
+            "drag 20 % high": run(WRONG, drag=1.2),
+            f"angle of attack {BIAS:g} deg high": biased,
+        }
         for name, histories in tests.items():
             for history, row in zip(histories, summarize(histories), strict=True):
                 p_value = joint_p_value(np.vstack([values, row]))

@@ -1,4 +1,4 @@
-"""How often `adopt` rejects honest tables, and finds tables that are none: python benchmarks/table_checks.py [--smoke]
+"""How often `import flights` rejects honest tables, and finds others: python benchmarks/table_checks.py [--smoke]
 
 Honest tables hold independent draws: of one of seven distributions, or of all of them with a pair of correlation 0.9,
 an input that keeps its nominal value in 95 % of the flights and a level of 0.1 %; with all digits or rounded to 4, 3 or
@@ -73,7 +73,7 @@ def rounded(values, digits):
 
 
 def judge(laws, values, matrix, risk=RISK):
-    """'rejected', 'estimate' or 'verdict', as `adopt` does."""
+    """'rejected', 'estimate' or 'verdict', as `import flights` does."""
     columns = []
     for law, column in zip(laws.values(), values.T, strict=True):
         half = half_steps(column)

@@ -32,7 +32,7 @@ METRICS = {
 }  # fmt: skip
 
 sys.path.insert(0, str(ROOT / "tests"))
-from user_code.make_fmu import make_fmu, write_controller  # noqa: E402  of the tests, which are no package
+from fmu.make_fmu import make_fmu, write_controller  # noqa: E402  of the tests, which are no package
 
 allow_here()  # this process may be lost: native code flies in it
 configs = ROOT / "configs"
@@ -40,7 +40,7 @@ files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
 entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
 declared = pack_metrics(
-    declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], {})
+    declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], windows={})
 )
 plans = {
     "built-in LQR": built_in,

@@ -33,10 +33,10 @@ from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
-from abhv_mc.search.methods.tune import Scores, pareto_front, tune
 from abhv_mc.shipped import find_input
-from abhv_mc.simulators.candidates import ControllerNumbers
 from abhv_mc.stability.analysis import margins_of_flights
+from abhv_mc_tune.candidates import ControllerNumbers
+from abhv_mc_tune.method import Scores, pareto_front, tune
 
 VEHICLES = (
     "seed-2",

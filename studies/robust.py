@@ -4,7 +4,7 @@
 
 The same freedom for both laws: TLC's bandwidths and dampings of the two inner sub-loops, LQR's weights but one of each
 regulator (only ratios count; the pitch rate stays without weight). CMA-ES on the same flights for every candidate
-(``abhv_mc.search.methods.tune``): first whatever keeps the limits, then the smallest score.
+(``abhv_mc_tune.method``): first whatever keeps the limits, then the smallest score.
 
 Limits (numbers in ``robust_flights.py``):
 - margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's box (``CORNER``);
@@ -34,9 +34,9 @@ from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
-from abhv_mc.search.methods.tune import Scores, tune
-from abhv_mc.simulators.candidates import ControllerNumbers
 from abhv_mc.stability.steady import make_steady_plan
+from abhv_mc_tune.candidates import ControllerNumbers
+from abhv_mc_tune.method import Scores, tune
 
 FAR = 0.6  # beyond a limit of the margins, relative: not worth flying
 FRESH_SEED = 2015

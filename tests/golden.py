@@ -30,7 +30,7 @@ CASES = (*shipped_files("campaign"), "rocket", "dive", "table")
 FLIGHTS = 8
 _PATCHES = {  # drawing and searching take most of the time
     "abhv_mc.topics.registry.make_figures": lambda models: {},
-    "abhv_mc.execution.name_points.SEARCH_FLIGHTS": 8,
+    "abhv_mc.statistics.unknowns.FEWEST_SEARCHED": 8,
 }
 # What is another in each folder, on each machine or in each version; texts are tested elsewhere.
 _OTHER = {
@@ -74,14 +74,14 @@ def make_report(case: str, folder: Path) -> Any:
         own = dive_campaign(folder / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, runs=300)
         run_program(folder, "run", own, "-o", results, "--workers", 2)
     if case == "table":
-        run_program(folder, "export", results, "-o", folder / "exported")
+        run_program(folder, "query", results, "--csv", folder / "exported")
         content = json.loads(own.read_text())
         for name in ("simulator", "runs", "histories"):
             del content[name]
         del content["inputs"]["dive"]  # nominal in each flight, and not in the table
         own.write_text(json.dumps(content | {"independent": True}))
         table, results = folder / "exported" / "flights.csv", folder / "adopted"
-        run_program(folder, "adopt", table, "--campaign", own, "-o", results)
+        run_program(folder, "import", "flights", table, "--campaign", own, "-o", results)
     if case == "rocket":
         campaign = shipped_configs() / "simulator" / "campaign.yaml"
         python = campaign.parent / "python" / "rocket.py"

@@ -1,4 +1,4 @@
-"""Which code flies: the source that a process has imported, not what lies on the disk by now."""
+"""Identity of the running code: the imported source, not the files on disk."""
 
 import os
 import subprocess
@@ -68,3 +68,21 @@ def test_a_worker_that_imports_edited_source_later_is_nobody_else(source, worker
     assert worker("abhv_mc.kernel.numerics") == begun
     mixed = worker("abhv_mc.kernel.world")
     assert mixed not in (begun, hash_now(source))
+
+
+@pytest.mark.parametrize(("group", "shapes_rows"), [("executors", True), ("topics", False)])
+def test_the_source_of_a_package_that_registers_an_executor_counts(tmp_path, group, shapes_rows):
+    information = tmp_path / "plugin-1.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: plugin\nVersion: 1\n")
+    (information / "entry_points.txt").write_text(f"[abhv_mc.{group}]\nmine = plugin:connect\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    command = [sys.executable, "-c", "from abhv_mc.identity import code_hash; print(code_hash())"]
+
+    def code_hash(text):
+        (tmp_path / "plugin.py").write_text(text)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return done.stdout
+
+    before = code_hash("1 / 0  # nobody imports it")
+    assert (code_hash("1 / 0") != before) == shapes_rows

@@ -8,7 +8,8 @@ import typer
 import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.io.input_error import InputError
-from abhv_mc.requests import RareRequest, Request, TuneRequest, WorstRequest, options_of
+from abhv_mc.requests import RareRequest, Request, WorstRequest, options_of
+from abhv_mc_tune.request import TuneRequest
 
 TAKEN = [
     ("run", abhv_mc.Campaign.run, Request),
@@ -50,9 +51,9 @@ def test_values_are_converted_and_checked(repository):
 
 @pytest.mark.parametrize(("flag", "bad"), [("--above", "high"), ("--below", "low"), (None, None)])
 def test_a_side_is_a_flag(flag, bad, monkeypatch):
-    asked = []
-    monkeypatch.setattr("abhv_mc.api.worst", lambda **fields: asked.append(fields) or 1 / 0)
-    words = ["worst", "wide", "--metric", "m", "-o", "out", *([flag] if flag else [])]
+    requests = []
+    monkeypatch.setattr("abhv_mc.api.worst", lambda **fields: requests.append(fields) or 1 / 0)
+    arguments = ["worst", "wide", "--metric", "m", "-o", "out", *([flag] if flag else [])]
     with pytest.raises(ZeroDivisionError):
-        typer.main.get_command(app)(words)
-    assert asked[0]["bad"] == bad and asked[0]["flights"] == 2000
+        typer.main.get_command(app)(arguments)
+    assert requests[0]["bad"] == bad and requests[0]["flights"] == 2000

@@ -115,11 +115,13 @@ def test_tables_over_time_have_named_axes(flown):
 
 def test_a_notebook_shows_tables_with_names_escaped(flown):
     campaign, results = flown
-    shown = results._repr_html_()
-    assert "200 of 200 flights each, complete" in shown and shown.count("<tr>") >= 2
-    made = abhv_mc.Campaign(campaign.path, campaign._checked)
-    made.question = "<script>"
-    assert "&lt;script&gt;" in made._repr_html_() and "atmosphere.density" in made._repr_html_()
+    html = results._repr_html_()
+    assert "200 of 200 flights each, complete" in html and html.count("<tr>") >= 2
+    renamed = abhv_mc.Campaign(campaign.path, campaign._checked)
+    renamed.question = "<script>"
+    assert (
+        "&lt;script&gt;" in renamed._repr_html_() and "atmosphere.density" in renamed._repr_html_()
+    )
 
 
 def test_a_figure_of_the_report(flown):
@@ -133,9 +135,9 @@ def test_flights_again(flown, fake):
     history = results.replay(17, "two")
     assert list(history.columns[:2]) == ["time", "altitude_m"] and len(history) == 21
     lost = int(results.flights.query("outcome != 'ok'").flight.iloc[0])
-    found = results.explain(lost)
-    assert found.causes == ("atmosphere.density",)
-    assert results.explained_figure(found, dpi=50).get_dpi() == 50
+    explanation = results.explain(lost)
+    assert explanation.causes == ("atmosphere.density",)
+    assert results.explained_figure(explanation, dpi=50).get_dpi() == 50
 
 
 def test_other_dispersions(flown):
@@ -162,7 +164,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (
             lambda file, out: abhv_mc.worst(file, out, METRIC, bad="big"),
@@ -189,11 +191,11 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
         (lambda file, out: abhv_mc.worst("no_such", out, METRIC), "no_such"),
     ],
 )
-def test_what_is_wrong_is_refused_and_nothing_written(tmp_path, call, words):
+def test_what_is_wrong_is_refused_and_nothing_written(tmp_path, call, message):
     file = write_campaign(tmp_path / "files")
     with pytest.raises(InputError) as refused:
         call(file, tmp_path / "out")
-    assert words in str(refused.value) and not (tmp_path / "out").exists()
+    assert message in str(refused.value) and not (tmp_path / "out").exists()
 
 
 def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
@@ -201,13 +203,21 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
         write_flown(tmp_path / name, runs=20, failing=lost) for name, lost in (("a", 1), ("b", 3))
     )
     gates = {"altitude_error_max_m": "5 %"}
-    found = abhv_mc.compare(abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page")
-    assert found == plain(
+    comparison = abhv_mc.compare(
+        abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page"
+    )
+    numbers = comparison.numbers()
+    assert numbers == plain(
         compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
     )
     assert (
-        found["paired"][0]["ended_early"]["only_b"] == 2
+        numbers["paired"][0]["ended_early"]["only_b"] == 2
         and (tmp_path / "page/report.html").is_file()
     )
+    entry = numbers["paired"][0]["metrics"]["altitude_error_max_m"]["median_difference"]
+    rows = comparison.table.set_index(["metric", "quantity"])
+    row = rows.loc[("altitude_error_max_m", "median over flights")]
+    assert [row["difference"], row["low"], row["high"]] == [*entry.values()]
+    assert comparison.figure().axes and comparison.page == tmp_path / "page/report.html"
     with pytest.raises(InputError, match="fail_if_worse"):
         abhv_mc.compare(a, b, fail_if_worse="altitude_error_max_m=5%")

@@ -74,7 +74,7 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
     assert installed.parent in Path(imported.stdout).parents
 
     assert "missing" not in abhv_mc("--version").stdout
-    for words in (("bench",), ("explore",), ("import", "daveml"), ("verify", "nesc")):
+    for words in (("explore",), ("import", "daveml"), ("import", "jsbsim"), ("verify", "nesc")):
         assert abhv_mc(*words, "--help").returncode == 0, words
 
     assert abhv_mc("new", "demo").returncode == 0

@@ -1,4 +1,4 @@
-"""RocketPy's exported Monte Carlo as a table that `abhv-mc adopt` reads; its numbers beside those of the folder.
+"""RocketPy's exported Monte Carlo as a table for `abhv-mc import flights`; its numbers beside the folder's.
 
     python -m benchmarks.others.rocketpy_table write FILE    # FILE.inputs.txt, FILE.outputs.txt, as RocketPy has them
     python -m benchmarks.others.rocketpy_table adopt [--json FILE]
@@ -64,7 +64,7 @@ def write_table(base: Path) -> None:
 def adopt() -> list[dict[str, Any]]:
     """Adopt the table; for each required metric what RocketPy says of it (stored numbers), and what the report says."""
     with tempfile.TemporaryDirectory() as place:
-        words = ["adopt", str(TABLE), "--campaign", str(CAMPAIGN), "-o", place]
+        words = ["import", "flights", str(TABLE), "--campaign", str(CAMPAIGN), "-o", place]
         subprocess.run([sys.executable, "-m", "abhv_mc", *words], capture_output=True, check=True)
         report = json.loads((Path(place) / "report.json").read_text(encoding="utf-8"))
     theirs = json.loads(THEIRS.read_text(encoding="utf-8"))

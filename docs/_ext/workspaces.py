@@ -9,6 +9,7 @@ from subprocess import run
 
 import abhv_mc
 from abhv_mc.simulators.new_campaign import write_new_campaign
+from abhv_mc_jsbsim.import_vehicle import import_jsbsim
 
 RUNS = 200
 PROGRAM = Path(abhv_mc.__file__).parent
@@ -33,6 +34,7 @@ def prepare(app) -> None:
         for file in (source / "tutorials" / "files" / page).glob("*"):
             copy(file, work / page)
     _write_vehicle(source / "tutorials" / "own-vehicle.md", work / "own-vehicle")
+    _import_model(source / "tutorials" / "files" / "jsbsim-model", work / "jsbsim-model")
     _fly_study(work / "study")
 
 
@@ -43,6 +45,22 @@ def _write_vehicle(page: Path, folder: Path) -> None:
     ):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(f"# {name}{text}", encoding="utf-8")
+
+
+def _import_model(files: Path, folder: Path) -> None:
+    """The model of JSBSim that a page flies, from the installed package, with the engine that the page adds."""
+    import jsbsim
+
+    model = Path(jsbsim.get_default_root_dir()) / "aircraft" / "737" / "737.xml"
+    (folder / "import").mkdir(parents=True)
+    copy(model, folder / "import")
+    import_jsbsim(model, folder / "b737")
+    copy(files / "engine.py", folder / "b737")
+    with (folder / "b737" / "vehicle.yaml").open("a", encoding="utf-8") as vehicle:
+        vehicle.write((files / "engine.yaml").read_text(encoding="utf-8"))
+    for name in ("cruise.yaml", "campaign.yaml"):
+        copy(files / name, folder)
+    write_new_campaign(folder / "study")
 
 
 def _fly_study(folder: Path) -> None:

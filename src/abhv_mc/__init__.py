@@ -19,6 +19,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 _MODULES = ("extend", "plots", "statistics", "topics")  # public as they are
+_ADDED = ("tune",)  # by packages, as entry points of the group abhv_mc.functions
 __all__ = [
     "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__", "compare", "extend",
     "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "simulate", "statistics", "topics",
@@ -31,6 +32,13 @@ def __getattr__(name: str) -> Any:
 
     if name in _MODULES:
         return import_module(f"abhv_mc.{name}")
+    if name in _ADDED:
+        from abhv_mc.entry_points import FUNCTIONS, load_entry_point
+
+        function = load_entry_point(FUNCTIONS, name)
+        if function is None:
+            raise AttributeError(f"abhv_mc.{name} is in a package that is not installed")
+        return function
     if name in __all__:
         return getattr(import_module("abhv_mc.api"), name)
     raise AttributeError(f"module 'abhv_mc' has no attribute '{name}'")

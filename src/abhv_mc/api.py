@@ -1,13 +1,12 @@
-"""All that is public: campaigns, results, flights, trims, linear models, searches and comparisons.
+"""Public interface: campaigns, results, flights, trims, linear models and searches.
 
-``abhv_mc`` has these names too; what is heavy is imported where it is used.
+``abhv_mc`` re-exports these names; large modules are imported on first use.
 """
 
 import os
 import shutil
 import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,6 @@ from abhv_mc.requests import (
     Paths,
     RareRequest,
     Request,
-    TuneRequest,
     WorstRequest,
     check_count,
     takes,
@@ -35,8 +33,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from abhv_mc.report.pages.compare_page import Comparison
     from abhv_mc.search.rare import RareFound
-    from abhv_mc.search.tune import TuneFound
     from abhv_mc.search.worst import WorstFound
 
 __all__ = [
@@ -55,19 +53,18 @@ __all__ = [
     "rare",
     "simulate",
     "trim",
-    "tune",
     "worst",
 ]
 
 
 class Campaign:
-    """A campaign file, read and checked; :meth:`run` flies it. It takes the place of its path as an argument."""
+    """Checked campaign file; :meth:`run` runs it. It is accepted wherever its path is."""
 
     def __init__(self, path: Path, checked: Experiment) -> None:
         self.path, self._checked = (
             path.absolute(),
             checked,
-        )  # whoever changes the working folder means no other
+        )  # independent of later changes of the working folder
         self.name: str = checked.model.name
         self.question: str = checked.model.question  # what it asks
         self.runs: int = checked.runs  # flights of each controller
@@ -81,31 +78,32 @@ class Campaign:
 
     @classmethod
     def read(cls, path: Paths) -> "Campaign":
-        """Read a campaign file. Raises InputError with everything that is wrong."""
+        """Read a campaign file. Raise InputError with all problems."""
         return cls(Path(path), read_campaign(path))
 
     @classmethod
     def make(cls, data: Mapping[str, Any], **overrides: Any) -> "Campaign":
-        """A campaign from its file's content: ``Campaign.make({"name": "study", "mission": "turn", ...})``.
+        """Return a campaign from the content of its file.
 
-        Vehicle, mission and controllers are shipped names, paths or mappings, with ``base`` and the entries that differ
-        (see :func:`abhv_mc.fly`): so a gain sweep is a dict of controllers. ``overrides`` replace entries, such as
-        ``runs=200``. Raises InputError with everything that is wrong.
+        ``Campaign.make({"name": "study", "mission": "turn", ...})``: vehicle, mission and
+        controllers are shipped names, paths or mappings, with ``base`` and the entries that differ
+        (see :func:`abhv_mc.fly`), so that a gain sweep is a dict of controllers. ``overrides``
+        replace entries, such as ``runs=200``. Raise InputError with all problems.
         """
-        place = mkdtemp(prefix="abhv-mc-")
+        folder = mkdtemp(prefix="abhv-mc-")
         try:
-            path = write_inputs({**check_mapping(data, "data"), **overrides}, Path(place))
-            made = cls(path, read_campaign(path))
+            path = write_inputs({**check_mapping(data, "data"), **overrides}, Path(folder))
+            campaign = cls(path, read_campaign(path))
         except BaseException:
-            shutil.rmtree(place, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
             raise
         weakref.finalize(
-            made, shutil.rmtree, place, ignore_errors=True
+            campaign, shutil.rmtree, folder, ignore_errors=True
         )  # a flown campaign has copies in its folder
-        return made
+        return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
-        """The dispersions that the first flights will have (all by default), SI, one column a parameter."""
+        """Return the dispersions of the first flights (default: all), SI, one column each."""
         import pandas as pd
 
         source = self._checked.make_samples()
@@ -117,26 +115,27 @@ class Campaign:
 
     @takes(Request, of="campaign")
     def run(request: Request) -> "Results":  # noqa: N805  of which the campaign is a part
-        """Fly it, or what its folder misses of it, as ``abhv-mc run`` does, and open the results.
+        """Run the campaign, or its missing flights, as ``abhv-mc run`` does; return the results.
 
         Returns
         -------
         Results
-            An interrupt keeps what was flown (``.complete`` is False); the same call goes on.
+            After an interrupt completed flights are kept (``.complete`` is False); the same call
+            resumes.
 
         Raises
         ------
         InputError
-            For what is wrong; StorageFullError on a full disk.
+            If an input is invalid; StorageFullError on a full disk.
         """
         from abhv_mc.execution.runner import run_campaign
 
         return Results(run_campaign(request).folder)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: what it asks, who flies, and what is dispersed."""
+        """Return question, controllers and dispersions as HTML for notebooks."""
         head = f"{self.name}: {self.runs} flights each. {self.question}"
-        data: Any = self._checked.document.data
+        data = self._checked.document.entries
         entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
         rows += [
@@ -154,7 +153,9 @@ class Campaign:
 
 @takes(WorstRequest)
 def worst(request: WorstRequest) -> "WorstFound":
-    """Search the box of a campaign's dispersions for the worst value of a metric, as ``abhv-mc worst`` does.
+    """Search a campaign's dispersions for the worst value of a metric.
+
+    ``abhv-mc worst`` does the same.
 
     Returns
     -------
@@ -170,20 +171,22 @@ def worst(request: WorstRequest) -> "WorstFound":
     from abhv_mc.report.pages.worst_page import make_worst_answer
     from abhv_mc.search.worst import find_worst
 
-    found, folder = find_worst(request), Path(request.output)
-    write_answer(make_worst_answer(found, folder), folder / "report.html")
-    return found
+    result, folder = find_worst(request), Path(request.output)
+    write_answer(make_worst_answer(result, folder), folder / "report.html")
+    return result
 
 
 @takes(RareRequest)
 def rare(request: RareRequest) -> "RareFound":
-    """Estimate how probable it is that a flight breaks the requirement on a metric, as ``abhv-mc rare`` does.
+    """Estimate the probability that a flight violates a requirement.
+
+    ``abhv-mc rare`` does the same.
 
     Returns
     -------
     RareFound
-        ``.numbers()`` is what ``--json`` holds: its probability is None where repetitions contradict each other
-        (``.estimate.refusal`` says how).
+        ``.numbers()`` is the content of ``--json``: its probability is None if repetitions
+        contradict each other (``.estimate.refusal`` is the reason).
 
     Raises
     ------
@@ -194,40 +197,9 @@ def rare(request: RareRequest) -> "RareFound":
     from abhv_mc.report.pages.rare_page import make_rare_answer
     from abhv_mc.search.rare import find_rare
 
-    found, folder = find_rare(request), Path(request.output)
-    write_answer(make_rare_answer(found, folder), folder / "report.html")
-    return found
-
-
-@takes(TuneRequest)
-def tune(request: TuneRequest) -> "TuneFound":
-    """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
-
-    The controller file is written where the result is ``.shown`` to be better within all limits.
-
-    Returns
-    -------
-    TuneFound
-        ``.as_json()`` is what ``--json`` holds.
-
-    Raises
-    ------
-    InputError
-        For what is wrong with a file or an argument.
-    """
-    from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.tune_page import make_tune_answer
-    from abhv_mc.search.tune import tune_controller
-
-    out = Path(request.output)
-
-    def finish(found: "TuneFound") -> None:
-        if request.tell is not None:
-            request.tell(found)
-        figures = out.with_suffix(".tuning") / "figures"
-        write_answer(make_tune_answer(found), out.with_suffix(".html"), figures)
-
-    return tune_controller(replace(request, tell=finish))
+    result, folder = find_rare(request), Path(request.output)
+    write_answer(make_rare_answer(result, folder), folder / "report.html")
+    return result
 
 
 def simulate(
@@ -236,12 +208,14 @@ def simulate(
     controllers: Sequence[str] | None = None,
     channels: Sequence[str] = (),
 ) -> "xr.Dataset":
-    """Fly a table of inputs with a campaign's controllers, in memory: nothing is written (needs the extra ``xarray``).
+    """Simulate a table of inputs with a campaign's controllers in memory.
+
+    No files are written. Needs the extra ``xarray``.
 
     Parameters
     ----------
     campaign
-        Whose vehicle, mission, controllers and metrics fly.
+        Campaign with the vehicle, mission, controllers and metrics.
     inputs
         A row a flight, a column a parameter, SI; parameters without a column are nominal. The rows of
         :meth:`Campaign.draw_samples` give the campaign's flights, bit for bit. The index numbers the flights.
@@ -259,7 +233,7 @@ def simulate(
     Raises
     ------
     InputError
-        For a table that cannot fly.
+        If the table is invalid.
     """
     from abhv_mc.execution.in_memory import simulate_table
 
@@ -273,8 +247,10 @@ def compare(
     controllers: Sequence[str] = (),
     fail_if_worse: Mapping[str, float | str] | None = None,
     output: Paths | None = None,
-) -> dict[str, Any]:
-    """Compare two campaigns on the same samples flight by flight.
+) -> "Comparison":
+    """Compare two campaigns.
+
+    On the same samples they are compared flight by flight, else by verdicts, shares and quantiles.
 
     Parameters
     ----------
@@ -289,8 +265,9 @@ def compare(
 
     Returns
     -------
-    dict
-        The numbers of ``abhv-mc compare --json``.
+    Comparison
+        ``.table`` is a DataFrame of differences with their intervals, ``.figure()`` the figure of the page, and
+        ``.numbers()`` what ``--json`` holds.
 
     Raises
     ------
@@ -299,13 +276,11 @@ def compare(
     """
     from abhv_mc.report.numbers.compare import parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
-    from abhv_mc.topics.plain import plain
 
     shares = check_mapping(fail_if_worse or {}, "fail_if_worse")
     margins = parse_margins([f"{metric}={share}" for metric, share in shares.items()])
-    one, other = (each.folder if isinstance(each, Results) else Path(each) for each in (a, b))
-    compared = compare_folders(
-        one, other, controllers, margins, Path(output) if output is not None else None
+    folder_a, folder_b = (
+        source.folder if isinstance(source, Results) else Path(source) for source in (a, b)
     )
-    numbers: dict[str, Any] = plain(compared.found)
-    return numbers
+    out = Path(output) if output is not None else None
+    return compare_folders(folder_a, folder_b, controllers, margins, out)

@@ -1,10 +1,12 @@
 """The contracts at the package's boundaries.
 
 What stands above a contract never asks which implementation it has: a feature that needs more than the contract
-promises to all asks for a capability, or calls :meth:`Simulator.check`.
+promises to all asks for a capability, or calls :meth:`Simulator.check`. The contract of a section of the report is
+:class:`abhv_mc.topics.Topic`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -135,6 +137,18 @@ class Simulator(Protocol):
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
         """Mean time of the last flights, s, by which blocks are cut; 0 before any, None: by their number."""
 
+    def prove(self, plan: Any, check: int = 0) -> Any:
+        """Return the plan whose blocks are each followed by a proof that no answer is left over.
+
+        ``check``: number of the processes that its flights have for themselves; 0: those of the campaign.
+        """
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        """Return warnings about the events of a system's flights (:attr:`FlightBlock.events`)."""
+
+    def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:
+        """Return files that flights read since a time (s) and the campaign does not name."""
+
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         """Sentences on the end of the flight of ``row`` [1, input]."""
 
@@ -143,3 +157,80 @@ class Simulator(Protocol):
 
     def try_out(self) -> Iterator[str]:
         """Start what can be started without a flight, and yield warnings. Raises InputError."""
+
+
+class Executor(Protocol):
+    """Place where blocks of flights are computed: worker processes, this process, a cluster.
+
+    An executor must promise:
+
+    - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's ``Engine.fly``
+      computes it, or raises. Each process that computes signs its block with :func:`abhv_mc.execution.attest.sign`, so
+      that a worker with other code is rejected by name; :func:`abhv_mc.execution.worker.compute` does both.
+    - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one block each. Blocks
+      may finish in any order: no result depends on it.
+    - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise ``FlightLostError``.
+      The run then computes the block again in smaller pieces, and records a flight that is lost alone as
+      ``failed_to_run``. A lost worker is replaced by the executor.
+    - **Failure of the machine.** ``UnusableError`` if no flight can be computed at all: the run stops, and completed
+      flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
+    - **Interrupts.** :meth:`close` waits for no flight, leaves no process behind, and may be called while other threads
+      are in :meth:`fly`, which then raises.
+    - **Memory.** A block belongs to the caller once it is returned; the run has at most two for each worker.
+
+    Retries, checks, the time between blocks and everything on disk are the run's.
+    """
+
+    @property
+    def workers(self) -> int:
+        """Blocks to have under way."""
+
+    def fly(self, plan: Any, rows: Floats, recorded: Recorded = None) -> FlightBlock:
+        """Compute the flights of ``rows`` [flight, parameter]."""
+
+    def close(self) -> None:
+        """End all workers."""
+
+
+# Opens an executor: of an engine, and the processor time (s) that 16 flights may take, None where the file sets none.
+OpenExecutor = Callable[[Engine, float | None], Executor]
+# Connects to the scheduler at an address, before anything is written. Raises InputError. An entry point of the group
+# ``abhv_mc.executors``, whose name is the scheme of the address.
+Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
+
+
+class Store(Protocol):
+    """Place of campaign folders: a local folder, or an address.
+
+    Every command works in a local folder, which the store fills and copies back. A store must promise:
+
+    - **Whole files.** A reader gets each file as it was written, or not at all. ``manifest.json`` names the SHA-256 of
+      the others and is copied after them, so that a reader never misses a file that it names.
+    - **One writer.** While one process is in :meth:`writing`, another one gets an InputError that names the first, on
+      any host. The claim of a process that died ends by itself, by the store's clock if it has one. A process whose
+      claim was taken over is interrupted and writes nothing more.
+    - **Nothing lost.** :meth:`writing` begins with the content of the store, so that a run resumes. What is in the
+      local folder when it ends, by an error or an interrupt too, is in the store, or is kept in a local folder that
+      ``StorageFullError`` names. During a run new files are copied every few seconds.
+    - **No surprises.** Names that lead out of the folder are rejected. Nothing of a folder is executed or unpickled.
+
+    What the package adds is the same in each store: readers check every hash and name a damaged file; flights are
+    evidence and are never replaced by those of other code or inputs; all else (envelopes, histories, margins, pages)
+    follows from them and is remade if it is missing.
+
+    A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``; it is made of an
+    :class:`abhv_mc.io.address.Address`.
+    """
+
+    @property
+    def local(self) -> Path | None:
+        """The folder, if it is on this machine."""
+
+    def reading(self, pattern: str = "*") -> AbstractContextManager[Path]:
+        """Give a local folder with the files whose names fit ``pattern``. Raises InputError."""
+
+    def writing(self, staging: Path | None = None) -> AbstractContextManager[Path]:
+        """Give a local folder that is kept in the store; ``staging`` is where a copy is made."""
+
+    def describe(self, name: str = "") -> tuple[str | None, int]:
+        """Return who writes to the folder ``name`` inside, and its size in bytes."""

@@ -1,4 +1,4 @@
-"""Figures of a report: arrays in, a matplotlib Figure out."""
+"""Figures of a report as functions from arrays to matplotlib figures."""
 
 from abhv_mc.topics.comparison.figures import (
     DifferencePanel,

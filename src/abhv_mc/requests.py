@@ -1,7 +1,7 @@
-"""Requests of a run, a search and a tuning, and how a function takes one.
+"""Requests of runs and searches, and their use as function arguments.
 
-A field is declared once: :func:`takes` makes it an argument in Python, and :mod:`abhv_mc.cli.request_options` an option
-of the command line.
+A field is declared once: :func:`takes` makes it an argument in Python, and
+:mod:`abhv_mc.cli.request_options` an option of the command line.
 """
 
 import functools
@@ -39,9 +39,9 @@ def options_of(request: type) -> dict[str, Option]:
 
 
 def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
-    """Return a whole number from ``least`` to ``most``. Raise InputError, which calls it ``name``."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
+    """Return an integer from `least` to `most`. Raise InputError with `name` otherwise."""
+    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
+    if not is_integer or value < least or (most is not None and value > most):
         expected = (
             f"a whole number, {least} or more"
             if most is None
@@ -85,19 +85,24 @@ _CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind; of values 
     "side": _check_side,
 }
 
-_Campaign = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
-_Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
-_Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
-_Workers = Annotated[
+CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
+Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
+Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
+Workers = Annotated[
     int | None, Option("Flights in parallel.", "count", "cores", low=1, high=MOST_WORKERS)
 ]
-_Scheduler = Annotated[str | None, Option("Fly on this Dask cluster.", "scheduler")]
-_Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
+Scheduler = Annotated[
+    str | None,
+    Option("Compute on this cluster, as tcp://host:8786 of Dask.", "scheduler"),
+]
+Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
 
 
-class _Checked:
+class CheckedRequest:
+    """Record of options that are converted and checked on construction."""
+
     def __post_init__(self) -> None:
-        """Convert and check each value. Raises InputError, which calls it by its field."""
+        """Convert and check each value. Raise InputError with the name of the field."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:
@@ -105,10 +110,10 @@ class _Checked:
 
 
 @dataclass(frozen=True)
-class Request(_Checked):
+class Request(CheckedRequest):
     """Request of a run: by the command line, a notebook or merge."""
 
-    campaign: _Campaign
+    campaign: CampaignPath
     output: Annotated[
         Paths | None,
         Option("Folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"),
@@ -116,13 +121,13 @@ class Request(_Checked):
     runs: Annotated[
         int | None, Option("Flights of each controller.", "count", "the campaign's", low=1)
     ] = None
-    seed: _Seed = None
+    seed: Seed = None
     controllers: Annotated[
         Sequence[str] | None, Option("Only these of its controllers.", "controllers")
     ] = None
-    workers: _Workers = None
-    fresh: _Fresh = False
-    scheduler: _Scheduler = None
+    workers: Workers = None
+    fresh: Fresh = False
+    scheduler: Scheduler = None
     shard: Annotated[
         tuple[int, int] | None, Option("Only part I of N; merge joins them.", "shard")
     ] = None
@@ -146,21 +151,24 @@ class Request(_Checked):
 
 
 @dataclass(frozen=True)
-class SearchRequest(_Checked):
-    """Request that every search has in common."""
+class SearchRequest(CheckedRequest):
+    """Request fields common to all searches."""
 
-    campaign: _Campaign
-    output: Annotated[Paths, Option("Folder of the flights and the page.", "folder")]
+    campaign: CampaignPath
+    output: Annotated[
+        Paths,
+        Option("Folder of the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"),
+    ]
     _: KW_ONLY
-    controller: _Controller = None
-    seed: _Seed = None
-    workers: _Workers = None
-    scheduler: _Scheduler = None
-    fresh: _Fresh = False
+    controller: Controller = None
+    seed: Seed = None
+    workers: Workers = None
+    scheduler: Scheduler = None
+    fresh: Fresh = False
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What only this search has: its result depends on it."""
+        """Fields specific to this kind of search, on which its result depends."""
         own = fields(self)[len(fields(SearchRequest)) :]
         return {field.name: getattr(self, field.name) for field in own}
 
@@ -187,7 +195,7 @@ class WorstRequest(SearchRequest):
 class RareRequest(SearchRequest):
     """Request of an estimate of the probability of a failure."""
 
-    requirement: Annotated[str, Option("Metric of the requirement.", "metric")]
+    requirement: Annotated[str, Option("Requirement by its ID, or its metric.", "requirement")]
     _: KW_ONLY
     target_cov: Annotated[
         float | str,
@@ -196,50 +204,32 @@ class RareRequest(SearchRequest):
     flights: Annotated[int, Option("Flights at most.", "count", low=1)] = 20_000
 
 
-@dataclass(frozen=True)
-class TuneRequest(_Checked):
-    """Request of better numbers for a controller."""
-
-    campaign: _Campaign
-    output: Annotated[Paths, Option("Controller file to write; its page lies beside.", "new file")]
-    _: KW_ONLY
-    controller: _Controller = None
-    block: Annotated[Paths | None, Option("File with the block 'tune'.", "file", "CAMPAIGN")] = None
-    seed: _Seed = None
-    workers: _Workers = None
-    scheduler: _Scheduler = None
-    tell: Annotated[
-        Callable[[Any], None] | None,
-        Option("Function of the result, called just before the controller file is written.", ""),
-    ] = None
-
-
 def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]], Callable[P, T]]:
-    """Make the fields of a request the arguments of a function of it, in its signature and its docstring.
+    """Make the fields of a request the arguments of a function, signature and docstring.
 
-    The field ``of`` is the object whose method the function is.
+    If the function is a method, the field ``of`` is its object.
     """
 
     def decorate(function: Callable[[R], T]) -> Callable[P, T]:
         def call(*arguments: P.args, **options: P.kwargs) -> T:
             return function(request(*arguments, **options))
 
-        words: Any = functools.update_wrapper(call, function)
-        del words.__wrapped__
+        wrapper: Any = functools.update_wrapper(call, function)
+        del wrapper.__wrapped__
         described: Any = request
         parameters = [
             parameter.replace(annotation=get_args(parameter.annotation)[0])
             for parameter in inspect.signature(request).parameters.values()
         ]
         returned = inspect.signature(function).return_annotation
-        words.__signature__ = inspect.Signature(parameters, return_annotation=returned)
+        wrapper.__signature__ = inspect.Signature(parameters, return_annotation=returned)
         lines, options = ["Parameters", "----------"], options_of(described)
         for name in (parameter.name for parameter in parameters if parameter.name != of):
             default = options[name].default
             default = f" By default: {default}." if default else ""
             lines += [name, f"    {options[name].help}{default}"]
         text, returns, after = inspect.cleandoc(function.__doc__ or "").partition("Returns\n---")
-        words.__doc__ = text + "\n".join(lines) + "\n\n" + returns + after
+        wrapper.__doc__ = text + "\n".join(lines) + "\n\n" + returns + after
         return call
 
     return decorate

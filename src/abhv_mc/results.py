@@ -1,4 +1,4 @@
-"""A flown campaign: its folder as pandas tables and xarray, its topics, its figures; and what is flown again."""
+"""Results of a campaign: tables, topics, figures, and re-run flights."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -31,10 +31,10 @@ _AXES = {
 
 
 class Results:
-    """What a campaign's folder holds; every table is a pandas DataFrame, SI except angles in degrees.
+    """Results in a campaign's folder as pandas tables, in SI units and degrees.
 
-    ``attrs["units"]`` of a table has the unit of each column that says it. Tables are read as they are asked for: an
-    InputError says where a run has changed the folder since it was opened.
+    ``attrs["units"]`` of a table holds the units of its columns. Tables are read on first access;
+    an InputError is raised if the folder has changed since it was opened.
     """
 
     def __init__(self, folder: Path, requirements: "RequirementSource | None" = None) -> None:
@@ -45,17 +45,17 @@ class Results:
 
     @property
     def complete(self) -> bool:
-        """Whether everything was flown."""
+        """True if all flights were run."""
         return self.manifest.complete
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Names of the controllers that flew."""
+        """Names of the simulated controllers."""
         return self._results.controllers
 
     @cached_property
     def flights(self) -> "pd.DataFrame":
-        """One row a flight and controller: outcome, dispersions, metrics."""
+        """Table with one row per flight and controller: outcome, dispersions, metrics."""
         table = self._read("flights")
         order = {name: i for i, name in enumerate(self.controllers)}
         return table.sort_values(["controller", "flight"], key=lambda c: c.map(order) if c.name == "controller" else c,
@@ -68,27 +68,27 @@ class Results:
 
     @cached_property
     def envelopes(self) -> "pd.DataFrame":
-        """Smallest and largest value and quantiles over all flights, by controller, channel and time."""
+        """Extremes and quantiles over all flights, by controller, channel and time."""
         return self._read("envelopes")
 
     @cached_property
     def histories(self) -> "pd.DataFrame":
-        """Channels over time of the flights that were kept."""
+        """Time histories of the flights for which they were stored."""
         return self._read("histories")
 
     @cached_property
     def nominal(self) -> "pd.DataFrame":
-        """Channels over time of each controller's nominal flight."""
+        """Time histories of each controller's nominal flight."""
         return self._read("nominal")
 
     @cached_property
     def reference(self) -> "pd.DataFrame":
-        """The mission's reference over time."""
+        """Reference of the mission over time."""
         return self._read("reference")
 
     @cached_property
     def numbers(self) -> dict[str, Any]:
-        """Every number of the report, as ``report.json`` holds them."""
+        """Numbers of the report, as in ``report.json``."""
         from abhv_mc.report.numbers.report_numbers import make_numbers
 
         numbers = make_numbers(self._models)
@@ -97,7 +97,7 @@ class Results:
 
     @cached_property
     def judgement(self) -> "Judgement":
-        """Whether requirements are met, who is better, why, how sure that is, and what to do next."""
+        """Assessment of requirements, controller comparison, confidence and next steps."""
         from abhv_mc.report.numbers.judgement import judge_campaign
 
         return judge_campaign(self._models)
@@ -126,7 +126,7 @@ class Results:
 
     @property
     def summary(self) -> list[str]:
-        """The campaign in sentences, as the report begins."""
+        """Summary of the campaign as sentences, as in the report."""
         from abhv_mc.report.numbers.judged import judgement_lead
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
@@ -139,7 +139,7 @@ class Results:
 
     @property
     def verdicts(self) -> "pd.DataFrame":
-        """Verdict, counts, tolerance limit and room of each requirement (by its id or metric) on each controller."""
+        """Verdict, counts, tolerance limit and margin by requirement and controller."""
         import pandas as pd
 
         from abhv_mc.topics.verdicts import VERDICTS
@@ -163,8 +163,8 @@ class Results:
         rows = [
             {"metric": metric, "controller": name, "level": level, **vars(interval)}
             for metric, entry in self._models[METRICS].table.items()
-            for name, found in entry.controllers.items()
-            for level, interval in found.quantiles.items()
+            for name, estimates in entry.controllers.items()
+            for level, interval in estimates.quantiles.items()
         ]
         return pd.DataFrame(rows).set_index(["metric", "controller", "level"])
 
@@ -172,8 +172,8 @@ class Results:
     def _figures(self) -> "dict[str, Figure]":
         from abhv_mc.topics.registry import make_figures
 
-        made = make_figures(self._models).values()
-        figures = {text.name: figure for part in made for text, figure in part}
+        topic_figures = make_figures(self._models).values()
+        figures = {text.name: figure for pairs in topic_figures for text, figure in pairs}
         refuse_changes(self._paths, self.manifest)
         return figures
 
@@ -183,7 +183,7 @@ class Results:
         return tuple(self._figures)
 
     def figure(self, name: str, dpi: float = 100.0) -> "Figure":
-        """One of the report's figures. Raises KeyError for an unknown name."""
+        """Return a figure of the report. Raise KeyError for an unknown name."""
         figure = self._figures[name]
         figure.set_dpi(dpi)
         return figure
@@ -191,11 +191,12 @@ class Results:
     def to_xarray(
         self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories"
     ) -> "xr.Dataset":
-        """A table over time as an xarray Dataset (the extra ``xarray``), a variable a column, ``units`` in its attrs.
+        """Return a table over time as an xarray Dataset (needs the extra ``xarray``).
 
-        Its axes are controller, flight and time for the histories that were kept (missing values where a flight has
-        none or has ended), controller, channel and time for envelopes, controller and time for nominal flights, time
-        for the reference. Raises InputError.
+        Each column is a variable with ``units`` in its attrs. The axes are controller, flight and
+        time for histories (missing values for flights without a history or after their end),
+        controller, channel and time for envelopes, controller and time for nominal flights, and
+        time for the reference. Raise InputError.
         """
         if table not in _AXES:
             raise InputError("table", describe(table), one_of(_AXES))
@@ -208,28 +209,29 @@ class Results:
         texts = {
             name: rows[name].astype(object) for name in ("controller", "channel") if name in rows
         }
-        found = rows.assign(**texts).set_index(axes).to_xarray()
-        for name in found.variables:
+        dataset = rows.assign(**texts).set_index(axes).to_xarray()
+        for name in dataset.variables:
             if name in units:
-                found[name].attrs["units"] = units[name]
-        return found.assign_attrs(campaign=self.manifest.name, digest=self.manifest.digest)
+                dataset[name].attrs["units"] = units[name]
+        return dataset.assign_attrs(campaign=self.manifest.name, digest=self.manifest.digest)
 
     def make_report(self) -> Path:
-        """Write the report into the folder and give the path of the page."""
+        """Write the report into the folder and return the path of the page."""
         from abhv_mc.report.pages.build import build_report
 
         refuse_changes(self._paths, self.manifest)
         if self._requirements is not None:
-            found = "results judged by other requirements than those of the folder"
+            problem = "results judged by other requirements than those of the folder"
             raise InputError(
-                "make_report", found, "`abhv-mc report DIR --requirements FILE -o OUT`"
+                "make_report", problem, "`abhv-mc report DIR --requirements FILE -o OUT`"
             )
         return build_report(self.folder)
 
     def query(self, sql: str) -> "pd.DataFrame":
-        """The answer to SQL over the tables flights, samples, histories, envelopes, nominal and reference.
+        """Return the answer to SQL over the tables of the folder.
 
-        Empty for SQL that asks nothing. Raises InputError for what cannot be answered.
+        The tables are flights, samples, histories, envelopes, nominal and reference. The answer is
+        empty for SQL without a query. Raise InputError if it cannot be answered.
         """
         import pandas as pd
 
@@ -240,9 +242,10 @@ class Results:
         return pd.DataFrame() if table is None else table
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
-        """Channels of one flight at full rate, flown again (by default by the first controller).
+        """Re-run one flight and return its channels at full rate.
 
-        Raises RuntimeError where it is not the stored flight to the last bit: another version flew it.
+        The default controller is the first. Raise RuntimeError if the flight differs from the
+        stored one in any bit, for instance because another version computed it.
         """
         import pandas as pd
 
@@ -262,7 +265,10 @@ class Results:
     def explain(
         self, flight: int, controller: str | None = None, requirement: str | None = None
     ) -> "Explanation":
-        """The smallest set of a failing flight's dispersions with which it still fails; see ``abhv-mc explain``."""
+        """Return the smallest set of dispersions that makes a flight fail.
+
+        See ``abhv-mc explain``.
+        """
         from abhv_mc.analysis.explain import explain_flight
 
         refuse_changes(self._paths, self.manifest)
@@ -271,7 +277,7 @@ class Results:
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
-        """An explained flight as flown and with its causes alone, beside the nominal one."""
+        """Return the figure of a failed flight, with its causes alone, and the nominal flight."""
         from abhv_mc.report.pages.single_flights import make_explained_figure
 
         figure = make_explained_figure(explanation)
@@ -279,10 +285,11 @@ class Results:
         return figure
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Quantiles as flown and under other dispersions, such as ``{"aero.drag.half_width": "12 %"}``.
+        """Return quantiles as simulated and for other dispersions.
 
-        The effective numbers of flights are in the table's ``attrs``. Raises
-        InputError where the flights do not cover what is asked.
+        `settings` are as ``{"aero.drag.half_width": "12 %"}``. The effective numbers of flights are
+        in the table's ``attrs``. Raise InputError if the flights do not cover the new
+        distributions.
         """
         import pandas as pd
 
@@ -294,10 +301,10 @@ class Results:
             name, _, entry = str(key).rpartition(".")
             nested.setdefault(name, {})[entry] = value
         refuse_changes(self._paths, self.manifest)
-        found = make_whatif(self.folder, nested, self._requirements)
+        answer = make_whatif(self.folder, nested, self._requirements)
         rows = []
-        for name, part in found.controllers.items():
-            for metric, levels in part.metrics.items():
+        for name, reweighted in answer.controllers.items():
+            for metric, levels in reweighted.metrics.items():
                 for level, pair in levels.items():
                     row: dict[str, str | float | None] = {
                         "metric": metric,
@@ -311,7 +318,7 @@ class Results:
                     rows.append(row)
         table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
         table.attrs["effective_flights"] = {
-            n: part.effective_flights for n, part in found.controllers.items()
+            n: reweighted.effective_flights for n, reweighted in answer.controllers.items()
         }
         return table
 
@@ -330,7 +337,7 @@ class Results:
         return Models(self._results)
 
     def __getattr__(self, name: str) -> Any:
-        """The model of a topic of the report by its name, such as ``margins``, or of a user's own."""
+        """Return the model of a topic of the report by its name, such as ``margins``."""
         if name.startswith("_"):
             raise AttributeError(name)
         from abhv_mc.topics.registry import all_topics
@@ -338,7 +345,9 @@ class Results:
         for topic in all_topics():
             if topic.name == name:
                 return self._models[topic]
-        raise AttributeError(f"no topic '{name}': {', '.join(each.name for each in all_topics())}")
+        raise AttributeError(
+            f"no topic '{name}': {', '.join(topic.name for topic in all_topics())}"
+        )
 
     def _read(self, name: str) -> "pd.DataFrame":
         import pyarrow as pa
@@ -351,13 +360,11 @@ class Results:
             for file in table_files(self._paths, self.manifest)[name]
         ]
         refuse_changes(self._paths, self.manifest)
-        whole = pa.concat_tables(tables, promote_options="default")
-        table = whole.to_pandas(
-            ignore_metadata=True
-        )  # which may call a column by another one's name
+        arrow_table = pa.concat_tables(tables, promote_options="default")
+        table = arrow_table.to_pandas(ignore_metadata=True)  # metadata may rename columns
         units = {
             field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-            for field in whole.schema
+            for field in arrow_table.schema
         }
         table.attrs["units"] = {name: unit for name, unit in units.items() if unit}
         return table
@@ -367,14 +374,18 @@ class Results:
         return f"<Results {facts.name}: {facts.runs_done} of {facts.runs_planned} flights, {facts.state}>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: how the flights ended and the verdicts, from the manifest alone."""
+        """Return the outcomes and verdicts of the manifest as HTML for notebooks."""
         facts = self.manifest
         head = (
             f"{facts.name}: {facts.runs_done} of {facts.runs_planned} flights each, {facts.state}"
         )
         rows = [
-            (name, ", ".join(f"{count} {outcome}" for outcome, count in part.outcomes.items()), "")
-            for name, part in facts.controllers.items()
+            (
+                name,
+                ", ".join(f"{count} {outcome}" for outcome, count in count_entry.outcomes.items()),
+                "",
+            )
+            for name, count_entry in facts.controllers.items()
         ]
         for entry in (*facts.requirements, *facts.requirements_shown):
             rows.append(
@@ -384,7 +395,7 @@ class Results:
 
 
 def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
-    """A small table, names escaped."""
+    """Return a small HTML table with escaped text."""
     lines = (
         "".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows
     )
@@ -393,5 +404,5 @@ def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
 
 
 def open_results(folder: str | Path) -> Results:
-    """The results in a campaign's folder. Raises InputError where there is none."""
+    """Return the results in a campaign's folder. Raise InputError if there are none."""
     return Results(Path(folder))

@@ -5,7 +5,16 @@ from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, one_of
 
-PACKAGES = ("abhv_mc", "abhv_mc_daveml", "abhv_mc_explore", "abhv_mc_verification")  # side by side
+PACKAGES = (  # side by side
+    "abhv_mc",
+    "abhv_mc_daveml",
+    "abhv_mc_explore",
+    "abhv_mc_fmu",
+    "abhv_mc_jsbsim",
+    "abhv_mc_remote",
+    "abhv_mc_tune",
+    "abhv_mc_verification",
+)
 _PACKAGE = Path(__file__).parent
 DEFAULT_VEHICLE = "abhv"  # of a flight, trim or margins that name none
 

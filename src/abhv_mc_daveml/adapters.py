@@ -1,4 +1,4 @@
-"""Functions that connect a written model to the program: coefficients, thrust and a control law in SI and radians."""
+"""Adapters from an imported model to coefficients, thrust and a control law in SI units."""
 
 import math
 import re
@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping
 
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
-from abhv_mc_daveml.formulas import MODEL, number
+from abhv_mc.user_code.module_text import Line, call, declare, define, names_in, number
+from abhv_mc_daveml.formulas import MODEL
 from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
-from abhv_mc_daveml.writer import Line, call, declare, define, names_in
 
 Answer = (
     float | str | None
@@ -48,11 +48,13 @@ THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", 
 
 
 def find_questions(model: Model) -> list[Variable]:
-    """Return the inputs that no signal of the program gives. What a control law lacks are its commands."""
+    """Return the inputs without a signal of the program, except commands of a control law."""
     kinds = kinds_of(model)
-    known = {name for kind in kinds for name in SOURCES[kind]}
+    supplied = {name for kind in kinds for name in SOURCES[kind]}
     open_ones = [
-        v for v in model.inputs if (of := quantity_of(v)) not in known or sign_of(of, v) is None
+        v
+        for v in model.inputs
+        if (quantity := quantity_of(v)) not in supplied or sign_of(quantity, v) is None
     ]
     return [] if "control" in kinds else open_ones
 
@@ -60,7 +62,10 @@ def find_questions(model: Model) -> list[Variable]:
 def parse_answer(
     model: Model, variable: Variable, answer: str, effectors: Collection[str]
 ) -> list[tuple[float, str]]:
-    """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names. Raise Refusal."""
+    """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names.
+
+    Raise Refusal.
+    """
     names = {name for kind in kinds_of(model) for name in SOURCES[kind]} | set(effectors)
     example = "a number, or a sum such as 'elevator + aileron' of"
     terms: list[tuple[float, str]] = []
@@ -83,7 +88,7 @@ def _factor_of(model: Model, variable: Variable, name: str) -> float:
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
-    """Factor from a variable's units to those of a quantity. Raises InputError for a unit that does not fit."""
+    """Return the factor to the unit of a quantity. Raise InputError for another dimension."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:
@@ -91,8 +96,8 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
             model.path, refusal.found, f"a unit of {quantity}", variable.line
         ) from None
     if exponents != parse_unit(SI[quantity])[1]:
-        found = f"'{variable.identifier}', the {quantity}, in '{variable.units}'"
-        raise InputError(model.path, found, f"a unit such as {SI[quantity]}", variable.line)
+        problem = f"'{variable.identifier}', the {quantity}, in '{variable.units}'"
+        raise InputError(model.path, problem, f"a unit such as {SI[quantity]}", variable.line)
     return factor
 
 
@@ -106,56 +111,61 @@ def _scaled(value: str, factor: float, operation: str) -> str:
 def _call(
     model: Model, kind: str, answers: Mapping[str, Answer], effectors: Collection[str] = ()
 ) -> Line:
-    """Return the line that calls the model with what the program gives."""
-    given, sources = {}, SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
+    """Return the line that calls the model with the program's signals."""
+    arguments, sources = {}, SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
     for variable in model.inputs:
         key, answer = variable.key, answers.get(variable.identifier)
         if isinstance(answer, float | int):
-            given[key] = number(answer)
+            arguments[key] = number(answer)
             continue
         quantity = quantity_of(variable)
         if isinstance(answer, str):
             terms = parse_answer(model, variable, answer, effectors)
             if any(name not in sources for _, name in terms):
                 continue
-            first, *others = (_scaled(sources[name], factor, "*") for factor, name in terms)
+            first, *further_terms = (_scaled(sources[name], factor, "*") for factor, name in terms)
             total = "".join(
-                [first, *(f" {t[0]} {t[1:]}" if t[0] == "-" else f" + {t}" for t in others)]
+                [first, *(f" {t[0]} {t[1:]}" if t[0] == "-" else f" + {t}" for t in further_terms)]
             )
-            value = f"({total})" if others else total
-            given[key] = _scaled(value, _factor_of(model, variable, terms[0][1]), "/")
+            value = f"({total})" if further_terms else total
+            arguments[key] = _scaled(value, _factor_of(model, variable, terms[0][1]), "/")
         elif quantity in sources:
             sign = sign_of(quantity, variable) or 1
-            given[key] = _scaled(
+            arguments[key] = _scaled(
                 sources[quantity], sign * factor_to_si(model, variable, quantity), "/"
             )
         elif kind == "control":
             command = f"commands.{key}"
-            if quantity == "cross_track":  # there to the right, and from where it is wanted
+            if (
+                quantity == "cross_track"
+            ):  # cross-track error to the right, relative to the commanded track
                 command = f"({command} - {command}{MEASURED} * measured.cross_track)"
-            given[key] = _scaled(command, command_unit(variable)[1], "/")
-    return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in given.items()))}")
+            arguments[key] = _scaled(command, command_unit(variable)[1], "/")
+    return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in arguments.items()))}")
 
 
 def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
     """Return the factor from an output to this program's unit and direction. Raise InputError."""
     sign = sign_of(quantity, variable)
     if sign is None and variable.sign:
-        found = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"
-        raise InputError(model.path, found, "a sign that S-119 knows", variable.line)
+        problem = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"
+        raise InputError(model.path, problem, "a sign that S-119 knows", variable.line)
     return (sign or 1) * factor_to_si(model, variable, quantity)
 
 
 def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
-    """A value of this kind, in SI, of the quantities that the model gives; what is zero for good is left out."""
-    outputs, given = find_signals(model.outputs), []
+    """Return the line that returns a record of the model's outputs in SI units.
+
+    Outputs that are always zero are omitted.
+    """
+    outputs, fields = find_signals(model.outputs), []
     for quantity in expected:
         variable = outputs.get(quantity)
         if variable is None or (not variable.computed and variable.initial == 0.0):
             continue
         factor = signed_factor(model, variable, quantity)
-        given.append(f"{quantity}={_scaled(f'out.{variable.key}', factor, '*')}")
-    return Line(f"return {call(kind, given)}")
+        fields.append(f"{quantity}={_scaled(f'out.{variable.key}', factor, '*')}")
+    return Line(f"return {call(kind, fields)}")
 
 
 def write_coefficients(
@@ -165,7 +175,7 @@ def write_coefficients(
     chord: float,
     effectors: Collection[str] = (),
 ) -> list[Line]:
-    """The function that the vehicle file names under ``aerodynamics``."""
+    """Return the function for the vehicle file's section ``aerodynamics``."""
     frame = frame_of(model)
     called = _call(model, "aerodynamics", answers, effectors)
     about = f"Coefficients in {frame} axes about the moment reference of the file."
@@ -181,7 +191,7 @@ def write_coefficients(
 
 
 def frame_of(model: Model) -> str:
-    """Axes in which a file gives its forces. Raises InputError where neither set is whole."""
+    """Return the axes of a file's forces. Raise InputError if neither set is complete."""
     outputs = find_signals(model.outputs)
     for frame, forces in FORCES.items():
         if any(name in outputs for name in forces if name != "CY"):
@@ -190,7 +200,7 @@ def frame_of(model: Model) -> str:
 
 
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
-    """The function that the vehicle file names under ``propulsion``."""
+    """Return the function for the vehicle file's section ``propulsion``."""
     body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
     return define(
         "def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body
@@ -198,24 +208,24 @@ def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
 
 
 def command_inputs(model: Model) -> list[Variable]:
-    """Inputs of a control law that no measurement gives."""
+    """Return the inputs of a control law that are not measured."""
     return [variable for variable in model.inputs if quantity_of(variable) not in _MEASURED]
 
 
 def command_unit(variable: Variable) -> tuple[str, float]:
-    """The SI unit of a command, ``-`` for a plain number, and the factor to it from the file's."""
+    """Return the SI unit of a command (``-`` for a number) and the factor to it."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal:
         return "-", 1.0
-    known = (
+    matches = (
         unit for unit in ("m", "m/s", "rad", "rad/s", "kg", "s") if parse_unit(unit)[1] == exponents
     )
-    return next(known, "-"), factor
+    return next(matches, "-"), factor
 
 
 def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
-    """The control law, its commands as the class ``Commands`` in SI."""
+    """Return the control law, with its commands as the class ``Commands`` in SI units."""
     fields, units = [], {}
     for variable in command_inputs(model):
         key, (unit, factor) = variable.key, command_unit(variable)

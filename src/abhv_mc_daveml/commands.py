@@ -1,4 +1,4 @@
-"""The command ``import daveml``."""
+"""Command ``import daveml``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,9 +15,9 @@ def daveml(
     ],
     out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle.")],
 ) -> None:
-    """Write DAVE-ML files (ANSI/AIAA S-119) as readable Python functions; their check shots must pass.
+    """Import DAVE-ML files (ANSI/AIAA S-119) as readable Python functions.
 
-    What the files leave open is asked for in DIR/import.yaml.
+    Their check shots must pass. Numbers that the files leave open are requested in DIR/import.yaml.
     """
     from abhv_mc_daveml.import_vehicle import import_daveml
 

@@ -1,19 +1,18 @@
-"""MathML calculations as the text of Python expressions, by a fixed list of operators; and names that Python takes.
+"""MathML calculations as Python expressions, with a fixed list of operators.
 
-Nothing that a file says becomes code: its names become identifiers, its numbers are read and written anew.
+No text of a file becomes code: its names become identifiers, and its numbers are parsed and
+rewritten.
 """
 
 import ast
-import builtins
 import functools
-import keyword
 import math
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from abhv_mc import extend
 from abhv_mc.io.input_error import one_of
-from abhv_mc_daveml.xml_reader import Node
+from abhv_mc.io.xml_reader import Node
+from abhv_mc.user_code.module_text import number
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS, MODEL = "Outputs", "model"
@@ -30,8 +29,7 @@ _OWN = (
     "law",
     "out",
 )
-_TAKEN = {*dir(builtins), *extend.__all__, *FROM_MATH, *_OWN}
-_LONGEST = 60  # letters of a name
+TAKEN = frozenset((*extend.__all__, *FROM_MATH, *_OWN))  # names that no variable has
 
 _LOGIC = ("and", "or", "xor", "not")  # of truths
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
@@ -75,73 +73,61 @@ OPERATORS = (*_ONE, *_TWO, *_MANY, *_BETWEEN, "piecewise")
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 
 
-def free_name(text: str, taken: Iterable[str] = ()) -> str:
-    """A Python name for a text, its own where that is possible."""
-    found = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
-    found = found if found[:1].isalpha() else f"x{found}"
-    while (
-        found in _TAKEN
-        or keyword.iskeyword(found)
-        or keyword.issoftkeyword(found)
-        or found in taken
-    ):
-        found += "_"
-    return found
-
-
-def number(value: float) -> str:
-    """A number as Python reads it."""
-    return repr(float(value)).replace("inf", "1e309")
-
-
 def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
-    """The Python of a content element of MathML, a number, and the variables (varID) in it. Raises InputError."""
+    """Return the Python of a MathML expression and the variables (varID) in it.
+
+    Raise InputError for unknown elements, operators or variables.
+    """
     needs: list[str] = []
 
-    def leaf(at: Node) -> str:
-        text, kind = at.text, at.attributes.get("type") if at.children else None
+    def leaf(element: Node) -> str:
+        text, kind = element.text, element.attributes.get("type") if element.children else None
         if kind == "rational":
-            parts = [at.number(part) for part in text.split()]
+            parts = [element.number(numeral) for numeral in text.split()]
             if len(parts) != 2 or parts[1] == 0.0:
-                raise at.refuse(
+                raise element.refuse(
                     f"'{' / '.join(text.split())}'", "a numerator and a denominator that is not 0"
                 )
             return f"({number(parts[0] / parts[1])})"
-        if at.children:
+        if element.children:
             text = ("e" if kind == "e-notation" else "").join(text.split())
-        return f"({number(at.number(text))})"
+        return f"({number(element.number(text))})"
 
-    def piecewise(at: Node) -> str:
-        pieces, rest = at.all("piece"), at.first("otherwise")
-        if rest is None or [len(each.children) for each in (*pieces, rest)] != [2] * len(pieces) + [
-            1
-        ]:
-            raise at.refuse(
+    def piecewise(element: Node) -> str:
+        pieces, otherwise = element.all("piece"), element.first("otherwise")
+        if otherwise is None or [
+            len(piece_node.children) for piece_node in (*pieces, otherwise)
+        ] != [2] * len(pieces) + [1]:
+            raise element.refuse(
                 "a piecewise", "pieces of a value and its condition, and 'otherwise' with a value"
             )
-        found = value(rest.children[0])
+        expression = value(otherwise.children[0])
         for piece in reversed(pieces):
-            found = f"{value(piece.children[0])} if {truth(piece.children[1])} else {found}"
-        return f"({found})"
+            expression = (
+                f"{value(piece.children[0])} if {truth(piece.children[1])} else {expression}"
+            )
+        return f"({expression})"
 
     def power(base: str, exponent: str) -> str:
         try:
-            known = float(ast.literal_eval(exponent))
+            exponent_value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        if known == 0.5:
+        if exponent_value == 0.5:
             return f"sqrt({base})"
-        if known in (2.0, 3.0) and base.isidentifier():
-            return f"({' * '.join([base] * int(known))})"
-        if abs(known) <= 64 and known == int(known):  # real for a negative base, too
-            return f"({base} ** {int(known)})"
+        if exponent_value in (2.0, 3.0) and base.isidentifier():
+            return f"({' * '.join([base] * int(exponent_value))})"
+        if abs(exponent_value) <= 64 and exponent_value == int(
+            exponent_value
+        ):  # real for a negative base, too
+            return f"({base} ** {int(exponent_value)})"
         return f"power({base}, {exponent})"
 
-    def apply(at: Node) -> tuple[str, bool]:
-        if not at.children:
-            raise at.refuse("an empty apply", "an operator and its operands")
-        head, *rest = at.children
-        if head.name == "piecewise" and not rest:
+    def apply(element: Node) -> tuple[str, bool]:
+        if not element.children:
+            raise element.refuse("an empty apply", "an operator and its operands")
+        head, *arguments = element.children
+        if head.name == "piecewise" and not arguments:
             return piecewise(head), False
         operator = head.name
         if operator == "csymbol":
@@ -149,9 +135,11 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         if operator not in OPERATORS or operator == "piecewise":
             raise head.refuse(f"the operator '{operator}'", one_of(OPERATORS, operator))
         qualifier = {"root": "degree", "log": "logbase"}.get(operator)
-        given = [child for child in rest if child.name != qualifier]
-        given += [part for child in rest if child.name == qualifier for part in child.children]
-        operands = [(truth if operator in _LOGIC else value)(child) for child in given]
+        operand_nodes = [child for child in arguments if child.name != qualifier]
+        operand_nodes += [
+            inner for child in arguments if child.name == qualifier for inner in child.children
+        ]
+        operands = [(truth if operator in _LOGIC else value)(child) for child in operand_nodes]
         is_truth = operator in _LOGIC or operator in _RELATIONS
         if operator in _BETWEEN and len(operands) > (operator in _RELATIONS):
             return f"({f' {_BETWEEN[operator]} '.join(operands)})", is_truth
@@ -161,44 +149,45 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             return power(*operands), False
         patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
         if operator not in patterns:
-            raise at.refuse(f"'{operator}' of {len(operands)} operands", "as many as it takes")
+            raise element.refuse(f"'{operator}' of {len(operands)} operands", "as many as it takes")
         return patterns[operator].format(*operands), is_truth
 
-    def read(at: Node) -> tuple[str, bool]:
-        """The Python, and whether it is true or false and no number."""
-        if at.name == "ci":
-            if at.text not in names:
-                raise at.refuse(
-                    f"a value computed of '{at.text}', which there is not", one_of(names, at.text)
+    def read(element: Node) -> tuple[str, bool]:
+        """Return the Python, and whether it is a truth value."""
+        if element.name == "ci":
+            if element.text not in names:
+                raise element.refuse(
+                    f"a value computed of '{element.text}', which there is not",
+                    one_of(names, element.text),
                 )
-            needs.append(at.text)
-            return names[at.text], False
-        if at.name == "cn":
-            return leaf(at), False
-        if at.name in _CONSTANTS:
-            return number(_CONSTANTS[at.name]), False
-        if at.name in ("true", "false"):
-            return at.name.capitalize(), True
-        if at.name == "piecewise":
-            return piecewise(at), False
-        if at.name == "apply":
-            return apply(at)
-        raise at.refuse(
-            f"the element '{at.name}'",
-            one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), at.name),
+            needs.append(element.text)
+            return names[element.text], False
+        if element.name == "cn":
+            return leaf(element), False
+        if element.name in _CONSTANTS:
+            return number(_CONSTANTS[element.name]), False
+        if element.name in ("true", "false"):
+            return element.name.capitalize(), True
+        if element.name == "piecewise":
+            return piecewise(element), False
+        if element.name == "apply":
+            return apply(element)
+        raise element.refuse(
+            f"the element '{element.name}'",
+            one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), element.name),
         )
 
-    def value(at: Node) -> str:
-        text, is_truth = read(at)
+    def value(element: Node) -> str:
+        text, is_truth = read(element)
         return f"(1.0 if {text} else 0.0)" if is_truth else text
 
-    def truth(at: Node) -> str:
-        text, is_truth = read(at)
+    def truth(element: Node) -> str:
+        text, is_truth = read(element)
         return text if is_truth else f"({text} != 0.0)"
 
     try:
         return ast.unparse(ast.parse(value(node), mode="eval")), needs
-    except (SyntaxError, RecursionError, MemoryError):  # as Python's parser says it
+    except (SyntaxError, RecursionError, MemoryError):  # raised by Python's parser
         raise node.refuse(
             "a calculation too deep for Python", "parts of it as variables of their own"
         ) from None

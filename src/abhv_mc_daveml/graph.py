@@ -1,4 +1,4 @@
-"""A DAVE-ML file as its graph: variables in the order in which they can be computed, functions, check shots."""
+"""DAVE-ML file as a graph: variables in computable order, functions, check shots."""
 
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -6,17 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
-from abhv_mc_daveml.formulas import free_name, read_formula
+from abhv_mc.io.xml_reader import Node, read_xml
+from abhv_mc.user_code.module_text import free_name
+from abhv_mc_daveml.formulas import TAKEN, read_formula
 from abhv_mc_daveml.look_ups import LookUp, read_look_ups
 from abhv_mc_daveml.s119_units import parse_s119_unit
-from abhv_mc_daveml.xml_reader import Node, read_xml
 
 _WITHOUT_TOLERANCE = 1e-6  # of a check value for which the file gives none
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far a variable may be off, as far as two numbers say it."""
+    """Uncertainty of a variable, as far as two numbers describe it."""
 
     effect: str  # additive, multiplicative (a share of the value), percentage or absolute
     half_width: float | None  # None: a table, other variables, or bounds that are not symmetric
@@ -26,7 +27,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable: where its value comes from is its formula or its look-up, else its initial value, else the caller."""
+    """Variable, computed by a formula or look-up, else with an initial value or an input."""
 
     identifier: str  # varID
     key: str  # its name in Python: its identifier where that is possible
@@ -47,12 +48,12 @@ class Variable:
 
     @property
     def computed(self) -> bool:
-        """Whether its value follows from others."""
+        """True if its value is computed from others."""
         return self.formula is not None or self.look_up is not None
 
     @property
     def words(self) -> str:
-        """Its name, units, sign and description."""
+        """Description: name, units, sign and text of the file."""
         sign = f" ({self.sign})" if self.sign else ""
         return f"{self.name}, {self.units}{sign}" + (
             f": {self.description}" if self.description else ""
@@ -61,7 +62,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class CheckValue:
-    """An output of a check shot, or an internal value with a tolerance."""
+    """Output of a check shot, or an internal value with a tolerance."""
 
     identifier: str  # varID
     value: float
@@ -71,7 +72,7 @@ class CheckValue:
 
 @dataclass(frozen=True)
 class CheckShot:
-    """Inputs and what they must give."""
+    """Inputs with the expected outputs."""
 
     name: str
     inputs: dict[str, float]  # by varID
@@ -81,7 +82,7 @@ class CheckShot:
 
 @dataclass(frozen=True)
 class Model:
-    """A file: its header, and its variables each behind those that it needs."""
+    """Content of a file: header, and variables in computable order."""
 
     path: Path
     name: str
@@ -93,13 +94,13 @@ class Model:
 
     @property
     def inputs(self) -> list[Variable]:
-        """What the caller gives; those with an initial value last."""
-        found = [variable for variable in self.variables.values() if variable.is_input]
-        return sorted(found, key=lambda variable: variable.initial is not None)
+        """Inputs; those with an initial value last."""
+        inputs = [variable for variable in self.variables.values() if variable.is_input]
+        return sorted(inputs, key=lambda variable: variable.initial is not None)
 
     @property
     def outputs(self) -> list[Variable]:
-        """What the file marks as outputs; without marks whatever nothing else is computed of."""
+        """Variables marked as outputs, or without marks those that no other variable needs."""
         everything = self.variables.values()
         needed = {name for variable in everything for name in variable.needs}
         left = [
@@ -111,8 +112,8 @@ class Model:
 
 
 def read_model(path: Path) -> Model:
-    """Read a DAVE-ML file. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
-    root, content = read_xml(path)
+    """Read a DAVE-ML file. Raise InputError with line and column."""
+    root, content = read_xml(path, "a DAVE-ML file")
     if root.name != "DAVEfunc":
         raise root.refuse(f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")
     look_ups, names = read_look_ups(root), _name_variables(root.all("variableDef"))
@@ -123,8 +124,8 @@ def read_model(path: Path) -> Model:
     for name, look_up in look_ups.items():
         for used in (name, *(argument.variable for argument in look_up.arguments)):
             if used not in variables:
-                found = f"the function '{look_up.name}' of '{used}', which is no variable"
-                raise InputError(path, found, one_of(variables, used), look_up.line)
+                problem = f"the function '{look_up.name}' of '{used}', which is no variable"
+                raise InputError(path, problem, one_of(variables, used), look_up.line)
     header = root.first("fileHeader") or root
     return Model(
         path,
@@ -142,13 +143,13 @@ def read_model(path: Path) -> Model:
 
 
 def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
-    """A Python name for each variable's identifier."""
+    """Return a Python name for each variable's identifier."""
     names: dict[str, str] = {}
     for node in nodes:
         identifier = node.attributes.get("varID")
         if identifier is None or identifier in names:
             raise node.refuse(f"'{node.name}' with varID '{identifier}'", "one of its own")
-        names[identifier] = free_name(identifier, names.values())
+        names[identifier] = free_name(identifier, {*TAKEN, *names.values()})
     return names
 
 
@@ -159,9 +160,9 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
     if (calculation := node.first("calculation")) is not None:
         maths = calculation.first("math")
         if maths is None or len(maths.children) != 1 or look_up is not None:
-            found = "a calculation and a function" if look_up else "a calculation"
+            problem = "a calculation and a function" if look_up else "a calculation"
             raise calculation.refuse(
-                f"{found} of '{identifier}'", "one function, or one MathML element in 'math'"
+                f"{problem} of '{identifier}'", "one function, or one MathML element in 'math'"
             )
         formula, needs = read_formula(maths.children[0], names)
     marked = any(
@@ -205,14 +206,14 @@ def _read_uncertainty(node: Node) -> Uncertainty | None:
         numbers[0] if len(numbers) == 1 else None,
         normal.number(normal.attributes.get("numSigmas", "1")) if normal else None,
         tuple(
-            (each.attributes.get("varID", ""), each.number(each.attributes.get("corrCoef", "")))
-            for each in law.all("correlation")
+            (entry.attributes.get("varID", ""), entry.number(entry.attributes.get("corrCoef", "")))
+            for entry in law.all("correlation")
         ),
     )
 
 
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
-    """Each variable behind those that it needs, otherwise as in the file."""
+    """Return the variables with each behind those it needs, otherwise as in the file."""
     done: dict[str, Variable] = {}
     for start in variables:
         pending = [start]
@@ -238,14 +239,14 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
         by_name.setdefault(variable.name, []).append(variable)
 
     def find(name: str, units: str) -> str:
-        """Return the varID of a name; of several variables that share it, of the one with these units."""
+        """Return the varID of a name, selected by units if several variables share it."""
         several = by_name.get(name, [])
         same = [variable for variable in several if variable.units == units] or several
         return same[0].identifier if len(same) == 1 else name
 
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
-        """Each signal, its variable and the factor to the variable's units."""
-        for signal in (signal for part in shot.all(group) for signal in part.all("signal")):
+        """Yield each signal, its variable and the factor to the variable's units."""
+        for signal in (signal for section in shot.all(group) for signal in section.all("signal")):
             name, identified = (
                 signal.words("signalName"),
                 signal.words("varID") or signal.words("signalID"),
@@ -254,13 +255,13 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
             if identified not in variables:
                 identifier = find(name, signal.words("signalUnits"))
             if identifier not in variables:
-                given = name or identified
-                raise signal.refuse(f"the signal '{given}'", one_of((*by_name, *variables), given))
+                label = name or identified
+                raise signal.refuse(f"the signal '{label}'", one_of((*by_name, *variables), label))
             yield signal, identifier, _conversion(signal, variables[identifier])
 
     inputs = {
-        of: factor * signal.number(signal.words("signalValue"))
-        for signal, of, factor in read("checkInputs")
+        variable_id: factor * signal.number(signal.words("signalValue"))
+        for signal, variable_id, factor in read("checkInputs")
     }
     outputs = []
     for group in ("internalValues", "checkOutputs"):
@@ -280,12 +281,12 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
 
 
 def _conversion(signal: Node, variable: Variable) -> float:
-    """Factor from a signal's units to its variable's."""
+    """Return the factor from a signal's units to its variable's. Raise InputError."""
     units = signal.words("signalUnits")
     if not units or units == variable.units:
         return 1.0
     try:
-        (given, dimension), (own, own_dimension) = (
+        (factor, dimension), (own_factor, own_dimension) = (
             parse_s119_unit(units),
             parse_s119_unit(variable.units),
         )
@@ -295,4 +296,4 @@ def _conversion(signal: Node, variable: Variable) -> float:
         raise signal.refuse(
             f"'{variable.name}' in '{units}'", f"'{variable.units}', as the variable is"
         )
-    return given / own
+    return factor / own_factor

@@ -1,6 +1,5 @@
-"""``abhv-mc import daveml``: from DAVE-ML files to a folder with Python functions and a vehicle file."""
+"""Import of DAVE-ML files as Python functions and a vehicle file."""
 
-import hashlib
 import json
 import math
 import re
@@ -9,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, Refusal, describe, one_of
+from abhv_mc.io.xml_reader import fold
+from abhv_mc.user_code.module_text import Line, write_text, write_unless_edited
 from abhv_mc_daveml.adapters import (
     Answer,
     command_inputs,
@@ -28,17 +28,15 @@ from abhv_mc_daveml.adapters import (
 from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc_daveml.uncertainties import write_dispersions
-from abhv_mc_daveml.writer import Line, make_function, run_shots, write_module
-from abhv_mc_daveml.xml_reader import fold
+from abhv_mc_daveml.writer import make_function, run_shots, write_module
 
 ANSWERS, EFFECTORS = "import.yaml", "effectors"
-_UNEDITED = "# A second import replaces this file unless it is edited. SHA-256 of the text above: "
 Answers = dict[str, dict[str, Answer]]  # [file name][varID]
 
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import wrote."""
+    """Files that an import wrote, and its check shots."""
 
     paths: tuple[Path, ...]
     shots: Mapping[str, int]  # check shots that passed, by file
@@ -46,15 +44,16 @@ class Imported:
 
 
 def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
-    """Write what the files hold into a folder. Every check shot is run before anything is.
+    """Import DAVE-ML files into a folder, after running all check shots.
 
-    A number that the files leave open is asked for in ``import.yaml`` there, and the import stops. Raise InputError.
+    The import stops if the files leave a number open, and requests it in ``import.yaml`` in the
+    folder. Raise InputError.
     """
     models = [read_model(path) for path in files]
     for model in models:
         run_shots(model)
     questions = {model.path.name: find_questions(model) for model in models}
-    asked, effectors, is_given = _read_answers(folder / ANSWERS, models, questions)
+    values, effectors, is_given = _read_answers(folder / ANSWERS, models, questions)
     lines = [
         "# Inputs that no signal of the program gives: numbers in the units of the file, or sums of signals, such as",
         "# elevator + aileron. Surfaces of its own: effectors: {left_flap: {elevator: 1, aileron: 1}}.",
@@ -64,27 +63,27 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
     for name, variables in questions.items():
         lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if variables else []
         for variable in variables:
-            value = asked[name][variable.identifier]
+            value = values[name][variable.identifier]
             line = f"  {json.dumps(variable.identifier, ensure_ascii=False)}: {'' if value is None else value}"
             lines += [f"  # {variable.words}", line.rstrip()]
     texts = {} if is_given or not any(questions.values()) else {ANSWERS: "\n".join(lines) + "\n"}
     left = [
         f"{name}: {key}"
-        for name, given in asked.items()
-        for key, value in given.items()
+        for name, file_answers in values.items()
+        for key, value in file_answers.items()
         if value is None
     ]
     if left:
         path = folder / ANSWERS
         if texts:
             folder.mkdir(parents=True, exist_ok=True)
-            _write_text(path, texts[ANSWERS])
-        found = f"no value for {', '.join(left)}"
-        raise InputError(path, found, "numbers there, then the same command again")
+            write_text(path, texts[ANSWERS])
+        problem = f"no value for {', '.join(left)}"
+        raise InputError(path, problem, "numbers there, then the same command again")
     if texts:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_text(folder / ANSWERS, texts[ANSWERS])
-    paths, kept = _write(folder, _write_parts(models, asked, effectors))
+        write_text(folder / ANSWERS, texts[ANSWERS])
+    paths, kept = write_unless_edited(folder, _write_parts(models, values, effectors))
     answers = (folder / ANSWERS,) if texts else ()
     shots = {model.path.name: len(model.shots) for model in models}
     return Imported((*answers, *paths), shots, kept)
@@ -93,13 +92,16 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
 def _read_answers(
     path: Path, models: Sequence[Model], questions: Mapping[str, Sequence[Variable]]
 ) -> tuple[Answers, dict[str, Any], bool]:
-    """Return the answers, the effectors that they name, and whether the file answers everything. Raise InputError."""
-    asked: Answers = {
+    """Return the answers, the effectors they name, and whether they are complete.
+
+    Raise InputError if the file is invalid.
+    """
+    values: Answers = {
         name: {variable.identifier: variable.initial for variable in variables}
         for name, variables in questions.items()
     }
     if not path.exists():
-        return asked, {}, False
+        return values, {}, False
     document = read_document(path)
     answers: Any = document.data
     if not isinstance(answers, dict):
@@ -127,13 +129,15 @@ def _read_answers(
                     parse_answer(by_name[name], variables[key], value, effectors)
                 except Refusal as refusal:
                     raise document.error((name, key), refusal.found, refusal.expected) from None
-            asked[name][key] = asked[name][key] if value is None else value
-    is_given = all(set(given) <= set(answers.get(name) or {}) for name, given in asked.items())
-    return asked, effectors, is_given
+            values[name][key] = values[name][key] if value is None else value
+    is_given = all(
+        set(file_answers) <= set(answers.get(name) or {}) for name, file_answers in values.items()
+    )
+    return values, effectors, is_given
 
 
 def _plain(text: str) -> str:
-    """A name of letters, digits and underscores; it begins with a letter."""
+    """Return a name of letters, digits and underscores that begins with a letter."""
     plain = re.sub(r"\W", "_", text.lower(), flags=re.ASCII)
     return plain if plain[:1].isalpha() else f"x{plain}"
 
@@ -147,20 +151,20 @@ def _write_parts(
     sections: dict[str, str] = {}
     for model in models:
         extra: list[Line] = []
-        module, given = f"{_plain(model.path.stem)}.py", answers[model.path.name]
+        module, file_answers = f"{_plain(model.path.stem)}.py", answers[model.path.name]
         for kind in kinds_of(model):
             if kind == "aerodynamics":
-                extra += write_coefficients(model, given, span, chord, effectors)
+                extra += write_coefficients(model, file_answers, span, chord, effectors)
                 sections[kind] = (
                     f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
                 )
             elif kind == "propulsion":
-                extra += write_thrust(model, given)
+                extra += write_thrust(model, file_answers)
                 sections[kind] = (
                     f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
                 )
             elif kind == "control":
-                extra += write_law(model, given)
+                extra += write_law(model, file_answers)
                 texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
         texts[module] = write_module(model, extra)
     if "aerodynamics" in sections and "mass" in values:
@@ -171,10 +175,10 @@ def _write_parts(
 
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
-    """Reference lengths and mass properties, SI, from whichever file gives them."""
+    """Return reference lengths and mass properties, SI, from the first file that has them."""
     expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_zx", "inertia_xy",
               "inertia_yz", "center_of_gravity_x", "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
-    found: dict[str, float] = {}
+    constants: dict[str, float] = {}
     for model in models:
         outputs = {
             name: variable
@@ -183,17 +187,20 @@ def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
         }
         if not outputs:
             continue
-        given = {v.key: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs}
-        numbers = {
-            key: value if isinstance(value, float | int) else 0.0 for key, value in given.items()
+        input_values = {
+            v.key: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs
         }
-        made: Any = (
+        numbers = {
+            key: value if isinstance(value, float | int) else 0.0
+            for key, value in input_values.items()
+        }
+        results: Any = (
             make_function(model)(**numbers) if any(v.computed for v in outputs.values()) else None
         )
         for name, variable in outputs.items():
-            value = getattr(made, variable.key) if variable.computed else variable.initial
-            found.setdefault(name, float(value or 0.0) * signed_factor(model, variable, name))
-    return found
+            value = getattr(results, variable.key) if variable.computed else variable.initial
+            constants.setdefault(name, float(value or 0.0) * signed_factor(model, variable, name))
+    return constants
 
 
 def _vehicle(
@@ -204,8 +211,8 @@ def _vehicle(
 ) -> str:
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
-            found = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
-            raise InputError(models[0].path, found, "one that is symmetric about its x-z plane")
+            problem = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
+            raise InputError(models[0].path, problem, "one that is symmetric about its x-z plane")
     lines = [
         f"# Imported from {', '.join(fold(model.path.name) for model in models)} (DAVE-ML, ANSI/AIAA S-119).",
         f"name: {_plain(models[0].path.stem.split('_')[0])}",
@@ -243,18 +250,18 @@ def _vehicle(
 
 
 def _limits(models: Sequence[Model]) -> list[str]:
-    """Limits where the last of the tables over the angle of attack and the sideslip ends."""
+    """Return limits at the ends of the tables over angle of attack and sideslip."""
     ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
     for model in models:
         for look_up in (
             variable.look_up for variable in model.variables.values() if variable.look_up
         ):
             for axis, argument in enumerate(look_up.arguments):
-                given = model.variables[argument.variable]
-                quantity = quantity_of(given)
-                if given.computed or quantity not in ends:
+                input_variable = model.variables[argument.variable]
+                quantity = quantity_of(input_variable)
+                if input_variable.computed or quantity not in ends:
                     continue
-                degree = math.degrees(factor_to_si(model, given, quantity))
+                degree = math.degrees(factor_to_si(model, input_variable, quantity))
                 points = look_up.coordinates(axis)
                 ends[quantity] += [degree * float(points.min()), degree * float(points.max())]
     lines = []
@@ -288,27 +295,3 @@ def _controller(model: Model, module: str) -> str:
             f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}"
         )
     return "\n".join(lines) + "\n"
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> tuple[list[Path], tuple[Path, ...]]:
-    """Write files that end with a hash of their text; leave one whose hash is not right, and write beside it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths, kept = [], []
-    for name, text in texts.items():
-        path = folder / name
-        if path.exists() and _is_edited(path):
-            kept.append(path)
-            path = path.with_suffix(f".new{path.suffix}")
-        _write_text(path, text + _UNEDITED + hashlib.sha256(text.encode()).hexdigest() + "\n")
-        paths.append(path)
-    return paths, tuple(kept)
-
-
-def _is_edited(path: Path) -> bool:
-    text, mark, digest = path.read_text(encoding="utf-8").rpartition(_UNEDITED)
-    return not mark or hashlib.sha256(text.encode()).hexdigest() != digest.strip()
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Functions of a DAVE-ML file: gridded and ungridded tables over breakpoints, and how far each argument goes."""
+"""Look-up functions of a DAVE-ML file: gridded and ungridded tables, and extrapolation."""
 
 import itertools
 from collections.abc import Iterator, Mapping
@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
-from abhv_mc_daveml.xml_reader import Node
+from abhv_mc.io.xml_reader import Node
 
 Grids = tuple[
     tuple[str, Floats], ...
@@ -22,7 +22,7 @@ _GRIDDED, _UNGRIDDED = ("griddedTableDef", "griddedTable"), ("ungriddedTableDef"
 
 @dataclass(frozen=True)
 class Argument:
-    """One independent variable of a look-up."""
+    """Independent variable of a look-up."""
 
     variable: str  # varID
     low: float | None  # it is held within, where it is not extrapolated
@@ -32,7 +32,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class LookUp:
-    """The function that gives one variable: a table on grids, or scattered points."""
+    """Look-up function of a variable: a table on grids, or scattered points."""
 
     name: str
     title: str
@@ -44,40 +44,43 @@ class LookUp:
     line: int
 
     def coordinates(self, axis: int) -> Floats:
-        """Where the table has values along an axis."""
+        """Return the coordinates of the table's values along an axis."""
         return self.grids[axis][1] if self.points is None else self.points[:, axis]
 
 
 def read_look_ups(root: Node) -> dict[str, LookUp]:
-    """Every function by the variable that it gives (varID). Raises InputError."""
+    """Return each function by its dependent variable (varID). Raise InputError."""
     grids = {node.attributes.get("bpID", ""): _rising(node, node.first("bpVals") or node)
              for node in root.all("breakpointDef")}  # fmt: skip
     tables = {
         _key(node): node for node in _descendants(root) if node.name in (*_GRIDDED, *_UNGRIDDED)
     }
-    found: dict[str, LookUp] = {}
+    look_ups: dict[str, LookUp] = {}
     for node in root.all("function"):
-        given = node.first("dependentVarPts") or node.first("dependentVarRef")
+        dependent = node.first("dependentVarPts") or node.first("dependentVarRef")
         name = node.attributes.get("name", "function")
-        if given is None or "varID" not in given.attributes:
+        if dependent is None or "varID" not in dependent.attributes:
             raise node.refuse(f"the function '{name}' of nothing", "dependentVarRef with its varID")
         arguments = tuple(map(_read_argument, node.all("independentVarRef", "independentVarPts")))
-        if given.name == "dependentVarPts":  # it holds its points itself
+        if dependent.name == "dependentVarPts":  # it holds its points itself
             parts = node.all("independentVarPts")
-            axes = tuple((part.attributes.get("varID", ""), _rising(part, part)) for part in parts)
-            held: _Held = name, "", axes, None, _shaped(given, axes)
+            axes = tuple(
+                (axis_node.attributes.get("varID", ""), _rising(axis_node, axis_node))
+                for axis_node in parts
+            )
+            contents: _Held = name, "", axes, None, _shaped(dependent, axes)
         else:
-            held = _read_table(_find_table(node, tables), grids, len(arguments))
-        table, title, axes, points, values = held
+            contents = _read_table(_find_table(node, tables), grids, len(arguments))
+        table, title, axes, points, values = contents
         number = len(axes) if points is None else points.shape[1]
         if len(arguments) != number:
             raise node.refuse(f"{len(arguments)} arguments of a table of {number} axes", "as many")
-        variable = given.attributes["varID"]
-        if variable in found:
+        variable = dependent.attributes["varID"]
+        if variable in look_ups:
             raise node.refuse(f"a second function of '{variable}'", "one")
         title = node.words("description") or title or name
-        found[variable] = LookUp(name, title, table, arguments, axes, points, values, node.line)
-    return found
+        look_ups[variable] = LookUp(name, title, table, arguments, axes, points, values, node.line)
+    return look_ups
 
 
 def _key(node: Node) -> str:
@@ -95,25 +98,30 @@ def _read_argument(node: Node) -> Argument:
     return Argument(attributes.get("varID", ""), node.bound("min"), node.bound("max"), extrapolate)
 
 
-def _find_table(node: Node, known: Mapping[str, Node]) -> Node:
+def _find_table(node: Node, tables_by_key: Mapping[str, Node]) -> Node:
     definition = node.first("functionDefn") or node
     tables = definition.all(*_GRIDDED, *_UNGRIDDED)
     for reference in definition.all("griddedTableRef", "ungriddedTableRef"):
-        if _key(reference) not in known:
-            raise reference.refuse(f"the table '{_key(reference)}'", one_of(known, _key(reference)))
-        tables.append(known[_key(reference)])
+        if _key(reference) not in tables_by_key:
+            raise reference.refuse(
+                f"the table '{_key(reference)}'", one_of(tables_by_key, _key(reference))
+            )
+        tables.append(tables_by_key[_key(reference)])
     if len(tables) != 1:
         raise definition.refuse(f"{len(tables)} tables", "one gridded or ungridded table")
     return tables[0]
 
 
 def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Held:
-    """Name, description, grids, scattered points and values; points that fill a grid are a table like any other."""
+    """Return name, description, grids, scattered points and values.
+
+    Scattered points that fill a grid become a gridded table.
+    """
     name, title = node.attributes.get("name") or _key(node) or "table", node.words("description")
     if node.name in _GRIDDED:
         keys = [
-            part.attributes.get("bpID", "")
-            for part in (node.first("breakpointRefs") or node).all("bpRef")
+            reference.attributes.get("bpID", "")
+            for reference in (node.first("breakpointRefs") or node).all("bpRef")
         ]
         for key in keys:
             if key not in grids:
@@ -145,8 +153,8 @@ def _numbers(node: Node) -> Floats:
     )
 
 
-def _rising(node: Node, held: Node) -> Floats:
-    points = _numbers(held)
+def _rising(node: Node, source: Node) -> Floats:
+    points = _numbers(source)
     if points.size < 2 or not (np.diff(points) > 0.0).all():
         raise node.refuse("breakpoints that do not rise", "at least two numbers that rise")
     return points

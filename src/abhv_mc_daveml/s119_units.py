@@ -1,4 +1,4 @@
-"""Units as S-119 writes them: ``ft_s`` for feet per second, ``slugft2``, ``_deg`` for one over a degree."""
+"""Units in S-119 notation: ``ft_s`` for feet per second, ``_deg`` for one per degree."""
 
 import re
 
@@ -29,24 +29,24 @@ _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
 
 def parse_s119_unit(text: str) -> tuple[float, Exponents]:
-    """Factor to SI and exponents. Raises :class:`Refusal` for a unit that is not known."""
+    """Return factor to SI and exponents. Raise Refusal for an unknown unit."""
     if text.lower() in _NUMBERS:
         return _NUMBERS[text.lower()], (0, 0, 0, 0)
     above, _, below = text.partition("_")
-    words = [_words(above, text), *(f"/{word}" for word in _words(below, text).split())]
-    return parse_unit("1" + "".join(words[1:]) if not above else " ".join(words))
+    symbols = [_words(above, text), *(f"/{word}" for word in _words(below, text).split())]
+    return parse_unit("1" + "".join(symbols[1:]) if not above else " ".join(symbols))
 
 
-def _words(part: str, whole: str) -> str:
-    """Symbols with their powers, separated, as :func:`abhv_mc.io.units.parse_unit` reads them."""
-    found, place = [], 0
-    while place < len(part):
-        match = _TOKEN.match(part, place) or _ANY_CASE.match(part, place)
+def _words(text: str, unit: str) -> str:
+    """Return separated symbols with powers, for :func:`abhv_mc.io.units.parse_unit`."""
+    symbols, position = [], 0
+    while position < len(text):
+        match = _TOKEN.match(text, position) or _ANY_CASE.match(text, position)
         if match is None:
             raise Refusal(
-                f"unknown unit '{whole}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd"
+                f"unknown unit '{unit}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd"
             )
         symbol = match[1] if match[1] in _SYMBOLS else _EXACT[match[1].lower()]
-        found.append(_SPELLINGS.get(symbol, symbol) + match[2])
-        place = match.end()
-    return " ".join(found)
+        symbols.append(_SPELLINGS.get(symbol, symbol) + match[2])
+        position = match.end()
+    return " ".join(symbols)

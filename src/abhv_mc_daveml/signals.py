@@ -1,12 +1,12 @@
-"""Which S-119 signals carry what a vehicle needs: their names, with the synonyms that are in use, signs and units."""
+"""S-119 signals of a vehicle: names with common synonyms, signs and units."""
 
 import re
 from collections.abc import Iterable
 
 from abhv_mc_daveml.graph import Model, Variable
 
-# Quantity: its unit in the program, and names that stand for it, compared without regard to case and to anything but
-# letters and digits.
+# Unit of each quantity in the program, and its names, compared by letters and digits only,
+# ignoring case.
 _QUANTITIES: dict[str, tuple[str, ...]] = {
     # the air and the motion
     "airspeed": ("m/s", "trueAirspeed", "velocityTrue", "airspeed"),
@@ -67,7 +67,7 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 SI = {quantity: unit for quantity, (unit, *_) in _QUANTITIES.items()}
 
-# Words of the attribute ``sign``: of a positive value as in this program, and of one that points the other way.
+# Values of the attribute ``sign``: same direction as in this program, and opposite.
 _ROLLS = (
     {"rwd", "rightroll", "rightwingdown", "rollsright"},
     {"lwd", "leftroll", "leftwingdown", "rollsleft"},
@@ -118,7 +118,7 @@ _QUANTITY_OF = {
 
 
 def quantity_of(variable: Variable) -> str | None:
-    """What a variable is by its name, else by its identifier; None for what no synonym names."""
+    """Return the quantity of a variable by its name, else by its identifier, or None."""
     by_name = _QUANTITY_OF.get(_plain(variable.name))
     return (
         by_name or _QUANTITY_OF.get(_plain(variable.identifier))
@@ -128,9 +128,9 @@ def quantity_of(variable: Variable) -> str | None:
 
 
 def sign_of(quantity: str, variable: Variable) -> int | None:
-    """Return +1 if a quantity is positive as in this program, -1 if it is not, None if the file does not say.
+    """Return +1 if a quantity has this program's sign, -1 if the opposite, None if unknown.
 
-    S-119's names fix the signs of all quantities but deflections; a file may give another.
+    S-119's names define the signs of all quantities except deflections; a file may define another.
     """
     word = _plain(variable.sign)
     if quantity not in _SIGNS or (quantity not in _SURFACES and word in ("", "incr")):
@@ -140,22 +140,22 @@ def sign_of(quantity: str, variable: Variable) -> int | None:
 
 
 def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
-    """The variables by their quantity; the first of each counts."""
-    found: dict[str, Variable] = {}
+    """Return the variables by quantity; the first of each counts."""
+    signals: dict[str, Variable] = {}
     for variable in variables:
         quantity = quantity_of(variable)
         if quantity is not None:
-            found.setdefault(quantity, variable)
-    return found
+            signals.setdefault(quantity, variable)
+    return signals
 
 
 def kinds_of(model: Model) -> tuple[str, ...]:
-    """What a file holds by its outputs: aerodynamics, propulsion, inertia, control; any of them, or none."""
+    """Return the kinds of a file by its outputs: aerodynamics, propulsion, inertia, control."""
     outputs = find_signals(model.outputs)
-    held = {
+    markers = {
         "aerodynamics": ("CX", "CZ", "CL", "CD"),
         "propulsion": ("force_x",),
         "inertia": ("mass", "inertia_xx"),
         "control": ("aileron", "rudder", "elevator"),
     }
-    return tuple(kind for kind, names in held.items() if any(name in outputs for name in names))
+    return tuple(kind for kind, names in markers.items() if any(name in outputs for name in names))

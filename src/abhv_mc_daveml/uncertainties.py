@@ -1,4 +1,4 @@
-"""The uncertainties that a DAVE-ML file states of its outputs, as dispersions of a campaign."""
+"""Uncertainties of DAVE-ML outputs as dispersions of a campaign."""
 
 import json
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ _INCREMENTS = {name: f"{_FACTORS[name]}.increment" for name in ("CL", "CD", "Cm"
 
 
 def write_dispersions(models: Sequence[Model]) -> str:
-    """Return the text of dispersions and correlations for a campaign; empty if no file states an uncertainty.
+    """Return the text of dispersions and correlations; empty without uncertainties.
 
-    Names the uncertainties that no parameter of a campaign represents.
+    The text lists the uncertainties without a parameter in a campaign.
     """
     stated = [(v, v.uncertainty) for model in models for v in model.outputs if v.uncertainty]
     inner = [
@@ -59,7 +59,7 @@ def write_dispersions(models: Sequence[Model]) -> str:
 
 
 def _entry(variable: Variable, own: Uncertainty) -> tuple[str, dict[str, str | float]] | None:
-    """Return the parameter of a campaign that an uncertainty disperses, and its distribution, if there is one."""
+    """Return the campaign parameter of an uncertainty and its distribution, or None."""
     quantity = quantity_of(variable) or ""
     names = _INCREMENTS if own.effect == "additive" else _FACTORS
     if own.half_width is None or own.effect == "absolute" or quantity not in names:

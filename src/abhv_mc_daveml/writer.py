@@ -1,63 +1,42 @@
-"""A model as readable Python: its tables, its constants and one function from its inputs to its outputs; and the check
-shots that a file brings, run through it.
+"""Python text of a model: tables, constants and one function; and its check shots.
 
-The text is made of this program's own words, of identifiers and of numbers; a file's words are comments and docstrings,
-which the reader has folded so that they end neither.
+The text consists of this program's own words, identifiers and numbers; a file's words are comments
+and docstrings, which the reader folds so that they cannot end either.
 """
 
-import ast
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from abhv_mc import extend
 from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.xml_reader import fold
 from abhv_mc.user_code.module import run_module
+from abhv_mc.user_code.module_text import (
+    INDENT,
+    WIDTH,
+    Line,
+    call,
+    declare,
+    define,
+    free_name,
+    import_names,
+    lay_out,
+    names_in,
+    number,
+    sequence,
+)
 from abhv_mc.user_code.source import UserSource
-from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, free_name, number
+from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
 from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.look_ups import LookUp
-from abhv_mc_daveml.xml_reader import fold
-
-WIDTH = 116
-_INDENT = "    "
-
-
-class Line(NamedTuple):
-    """A statement or head, and the words about it: one line, printable."""
-
-    text: str
-    words: str = ""
-    indent: str = ""
-
-
-def call(function: str, arguments: Iterable[str]) -> str:
-    """A call."""
-    return f"{function}({', '.join(arguments)})"
-
-
-def define(head: str, docstring: str, body: Iterable[Line]) -> list[Line]:
-    """A function or class of the module."""
-    inner = [Line(f'"""{docstring}"""'), *body]
-    return [Line(head), *(line._replace(indent=_INDENT) for line in inner)]
-
-
-def declare(field: str, words: str, value: float | None = None) -> Line:
-    """A field of a class of floats."""
-    return Line(f"{field}: float" + ("" if value is None else f" = {number(value)}"), words)
-
-
-def names_in(lines: Iterable[Line]) -> set[str]:
-    """Every name that is read."""
-    tree = ast.parse("\n".join(line.indent + line.text for line in lines))
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
 def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
-    """The text of the module; ``extra`` stands behind the model's function."""
+    """Return the text of the module; `extra` follows the model's function."""
     tables, functions = _tables(model)
     constants: list[Line] = []
     body: list[Line] = []
@@ -67,39 +46,36 @@ def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
             line = Line(f"{variable.key} = {value}", variable.words)
             (body if variable.computed or variable.is_input else constants).append(line)
     body.append(Line(f"return {call(OUTPUTS, (v.key for v in model.outputs))}"))
-    given = (v.key if v.initial is None else f"{v.key}={number(v.initial)}" for v in model.inputs)
+    parameters = (
+        v.key if v.initial is None else f"{v.key}={number(v.initial)}" for v in model.inputs
+    )
     outputs = [declare(v.key, f"{v.name}, {v.units}") for v in model.outputs]
     lines = [
         *constants,
         *tables,
         *define(f"class {OUTPUTS}(NamedTuple):", "What the model gives.", outputs),
-        *define(f"def {call(MODEL, given)}:", _docstring(model), body),
+        *define(f"def {call(MODEL, parameters)}:", _docstring(model), body),
         *extra,
     ]
-    return _lay_out(_head(model), [*_imports(names_in(lines)), *lines])
+    used = names_in(lines)
+    modules = (
+        ("math", FROM_MATH),
+        ("typing", ("NamedTuple",)),
+        ("abhv_mc.extend", extend.__all__),
+    )
+    degree = [Line("DEGREE = 3.141592653589793 / 180.0", "rad")] if "DEGREE" in used else []
+    return lay_out(_head(model), [*import_names(used, modules), *degree, *lines])
 
 
 def _head(model: Model) -> str:
     version = f" ({model.version})" if model.version else ""
     origin = f"Imported from {fold(model.path.name)}{version}, SHA-256 {model.digest}."
     parts = filter(None, (model.name.rstrip(".") + ".", model.description, origin))
-    return "\n\n".join(textwrap.fill(part, WIDTH) for part in parts)
-
-
-def _imports(used: set[str]) -> Iterator[Line]:
-    for module, known in (
-        ("math", FROM_MATH),
-        ("typing", ("NamedTuple",)),
-        ("abhv_mc.extend", extend.__all__),
-    ):
-        if found := sorted(used & set(known)):
-            yield Line(f"from {module} import {', '.join(found)}")
-    if "DEGREE" in used:
-        yield Line("DEGREE = 3.141592653589793 / 180.0", "rad")
+    return "\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in parts)
 
 
 def _value(variable: Variable, model: Model, functions: dict[str, str]) -> str | None:
-    """What a variable is set to; None for an input without limits."""
+    """Return the expression of a variable's value; None for an input without limits."""
     value = variable.key
     if variable.formula is not None:
         value = variable.formula
@@ -113,7 +89,7 @@ def _value(variable: Variable, model: Model, functions: dict[str, str]) -> str |
     elif variable.low is None and variable.high is None:
         return None
     limited = _limited(value, variable.low, variable.high)
-    too_long = limited == variable.formula and len(f"{_INDENT}{variable.key} = {limited}") > WIDTH
+    too_long = limited == variable.formula and len(f"{INDENT}{variable.key} = {limited}") > WIDTH
     return f"({limited})" if too_long else limited
 
 
@@ -126,7 +102,7 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 
 
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
-    """An argument within the function's range, where that is narrower than the table."""
+    """Return an argument clamped to the function's range if it is narrower than the table."""
     argument = look_up.arguments[axis]
     ends = (
         look_up.coordinates(axis)[[0, -1]]
@@ -142,16 +118,16 @@ def _held(model: Model, look_up: LookUp, axis: int) -> str:
 
 
 def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
-    """Breakpoints and tables, each once; and the name of each variable's table."""
-    taken = [variable.key for variable in model.variables.values()]
-    found: dict[str, Line] = {}
+    """Return the lines of breakpoints and tables, and the table name of each variable."""
+    taken = {*TAKEN, *(variable.key for variable in model.variables.values())}
+    definitions: dict[str, Line] = {}
     functions: dict[str, str] = {}
 
-    def add(expected: str, value: str, words: str = "") -> str:
+    def add(expected: str, value: str, comment: str = "") -> str:
         key = free_name(expected, taken)
-        while key in found and found[key].text != f"{key} = {value}":
+        while key in definitions and definitions[key].text != f"{key} = {value}":
             key += "_"
-        found.setdefault(key, Line(f"{key} = {value}", words))
+        definitions.setdefault(key, Line(f"{key} = {value}", comment))
         return key
 
     for identifier, variable in model.variables.items():
@@ -162,81 +138,31 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
             look_up.table if look_up.table.lower().endswith("table") else f"{look_up.table}_table"
         )
         if look_up.points is None:
-            arguments = [add(f"GRID_{grid}", _sequence(points)) for grid, points in look_up.grids]
-            arguments.append(_sequence(look_up.values))
+            arguments = [add(f"GRID_{grid}", sequence(points)) for grid, points in look_up.grids]
+            arguments.append(sequence(look_up.values))
             ends = tuple(argument.extrapolate for argument in look_up.arguments)
             if set(ends) != {"neither"}:  # a table for this function
                 arguments.append(f"extrapolate={ends!r}")
                 name = f"{name}_to_{'_'.join(ends)}"
             value = call("table", arguments)
         else:
-            value = call("scattered", map(_sequence, (look_up.points, look_up.values)))
+            value = call("scattered", map(sequence, (look_up.points, look_up.values)))
         functions[identifier] = add(name, value, f"{look_up.name}: {look_up.title}")
-    return list(found.values()), functions
-
-
-def _sequence(values: Any) -> str:
-    """Numbers, however nested, as tuples."""
-    return (
-        str(tuple(map(_sequence, values))).replace("'", "") if np.ndim(values) else number(values)
-    )
+    return list(definitions.values()), functions
 
 
 def _docstring(model: Model) -> str:
     lines = ["The outputs, in the units of the file.", ""]
     for variable in model.inputs:
         sign = f" ({variable.sign})" if variable.sign else ""
-        words = f" - {variable.description}" if variable.description else ""
-        text = f"{variable.key}: {variable.name}, {variable.units}{sign}{words}"
-        lines += textwrap.wrap(text, WIDTH, initial_indent=_INDENT, subsequent_indent=2 * _INDENT)
-    return "\n".join([*lines, _INDENT]) if model.inputs else "The outputs."
-
-
-def _lay_out(docstring: str, statements: Iterable[Line]) -> str:
-    """The text of a module, in lines of at most ``WIDTH`` where that is possible."""
-    lines, before = [f'"""{docstring}\n"""'], ""
-    for text, words, indent in statements:
-        kind = next(
-            (kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name"
-        )
-        broken = [indent + text] if text.startswith('"""') else _break(text, indent)
-        beside = f"{broken[0]}  # {words}" if words else broken[0]
-        above = textwrap.wrap(
-            words, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
-        )
-        if len(broken) == 1 and len(beside) <= WIDTH:
-            broken, above = [beside], []
-        if not indent and kind in ("@", "class", "def"):
-            lines += ["", ""] if before != "@" else []
-        elif not indent and (above or kind != before):
-            lines.append("")
-        lines += above + broken
-        before = indent + kind
-    return "\n".join(lines) + "\n"
-
-
-def _break(text: str, indent: str) -> list[str]:
-    """A statement on lines of its own; one that is too long is broken within its brackets, which its first opens."""
-    if len(indent + text) <= WIDTH:
-        return [indent + text]
-    first, last, inner = text.index("(") + 1, text.rindex(")"), indent + _INDENT
-    parts = text[first:last].replace(", (", ",\n(").split("\n")
-    wrapper = textwrap.TextWrapper(
-        WIDTH,
-        initial_indent=inner,
-        subsequent_indent=inner,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return [
-        indent + text[:first],
-        *(line for part in parts for line in wrapper.wrap(part)),
-        indent + text[last:],
-    ]
+        description = f" - {variable.description}" if variable.description else ""
+        text = f"{variable.key}: {variable.name}, {variable.units}{sign}{description}"
+        lines += textwrap.wrap(text, WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT)
+    return "\n".join([*lines, INDENT]) if model.inputs else "The outputs."
 
 
 def make_function(model: Model) -> Callable[..., Any]:
-    """The written model as a function of its inputs by their Python names; it gives a named tuple of outputs."""
+    """Return the model as a function of its inputs that returns a named tuple of outputs."""
     function: Callable[..., Any] = run_module(
         UserSource(write_module(model), str(model.path))
     ).names[MODEL]
@@ -244,7 +170,10 @@ def make_function(model: Model) -> Callable[..., Any]:
 
 
 def run_shots(model: Model) -> None:
-    """Run every check shot, with what internal values have a tolerance. Raises InputErrors with all that is off."""
+    """Run all check shots, including internal values with a tolerance.
+
+    Raise InputErrors with all differences.
+    """
     checked = {signal.identifier for shot in model.shots for signal in shot.outputs}
     seen = {
         key: replace(v, is_output=v.is_output or key in checked)
@@ -258,19 +187,22 @@ def run_shots(model: Model) -> None:
 def _differences(model: Model) -> Iterator[InputError]:
     function = make_function(model)
     for shot in model.shots:
-        given = {
+        inputs = {
             v.key: shot.inputs[v.identifier] for v in model.inputs if v.identifier in shot.inputs
         }
-        missing = [v.name for v in model.inputs if v.initial is None and v.key not in given]
+        missing = [v.name for v in model.inputs if v.initial is None and v.key not in inputs]
         if missing:
-            found = f"the check shot '{shot.name}' without {', '.join(missing)}"
-            yield InputError(model.path, found, "it", shot.line)
+            problem = f"the check shot '{shot.name}' without {', '.join(missing)}"
+            yield InputError(model.path, problem, "it", shot.line)
             continue
-        found_values = function(**given)
+        found_values = function(**inputs)
         for signal in shot.outputs:
             value = float(getattr(found_values, model.variables[signal.identifier].key))
-            if not abs(value - signal.value) <= signal.tolerance:  # of no number, too
-                found = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
+            if not abs(value - signal.value) <= signal.tolerance:  # also true for NaN
+                problem = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
                 yield InputError(
-                    model.path, found, f"{signal.value!r} within {signal.tolerance!r}", signal.line
+                    model.path,
+                    problem,
+                    f"{signal.value!r} within {signal.tolerance!r}",
+                    signal.line,
                 )

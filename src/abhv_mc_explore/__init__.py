@@ -1,1 +1,1 @@
-"""A campaign's flights in the browser, counted by DuckDB: up to a million of them."""
+"""Interactive view of up to a million flights in the browser, counted by DuckDB."""

@@ -1,4 +1,4 @@
-"""The command ``explore``."""
+"""Command ``explore``."""
 
 from typing import Annotated
 
@@ -17,10 +17,10 @@ def explore(
     browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
     trust_code: TrustCode = False,
 ) -> None:
-    """Look at up to a million flights in the browser: brush, filter, and click a flight to fly it again.
+    """Show up to a million flights in the browser: brush, filter, click to re-run one.
 
-    Serves this machine alone, at an address with a token, until Ctrl-C. Only the campaign's Parquet is read; a click
-    flies a flight again as `replay` does.
+    The server accepts only this machine, at an address with a token, until Ctrl-C. It reads only
+    the campaign's Parquet files; a click re-runs a flight as `replay` does.
     """
     import webbrowser
     from contextlib import suppress
@@ -38,5 +38,5 @@ def explore(
             say(server.url, flush=True)
             if browser:
                 webbrowser.open(server.url)
-            with suppress(KeyboardInterrupt):  # how one ends it
+            with suppress(KeyboardInterrupt):  # Ctrl-C ends the server
                 server.serve_forever()

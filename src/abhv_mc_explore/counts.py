@@ -1,6 +1,6 @@
-"""What the browser's view asks of the flights: counts in bins, a list of them, one of them, and all as CSV.
+"""Queries of the browser view: counts in bins, lists, single flights and CSV.
 
-SQL is made of the table's own column names and of parameters; nothing that the browser sends becomes SQL.
+SQL contains only column names of the table and parameters; no text from the browser becomes SQL.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,19 +29,19 @@ _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
     "ok": "and outcome = 'ok'",
-}  # beside requirements missed
+}  # in addition to missed requirements
 _OWN = (
     "rank",
     "flight",
     "controller",
     "outcome",
-)  # columns of the list that are no numbers of flights
+)  # columns of the list without numeric values
 _RANK, _BY = '"its rank"', "worst in"  # no metric has a name with a space
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is shown: two columns against each other, of the flights within all brushes."""
+class Selection:
+    """Selection shown in the view: two columns of the flights within all brushes."""
 
     x: str
     y: str
@@ -55,7 +55,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class FlightTable:
-    """The flights in memory, and what the view is told of them once."""
+    """Flights in memory, and the description of the view."""
 
     connection: "DuckDBPyConnection"
     ranges: Mapping[str, tuple[float, float]]  # column -> the ends of its axis
@@ -63,18 +63,18 @@ class FlightTable:
     results: FlownCampaign = field(repr=False)
 
     def cursor(self) -> "DuckDBPyConnection":
-        """Another connection to the same tables: each request has a thread."""
+        """Return another connection to the same tables, for the thread of a request."""
         return self.connection.cursor()
 
     @property
     def order(self) -> dict[str, int]:
-        """The place of each controller in the campaign."""
+        """Index of each controller in the campaign."""
         return {entry["name"]: k for k, entry in enumerate(self.view["controllers"])}
 
 
 @contextmanager
 def open_flights(root: Path) -> Iterator[FlightTable]:
-    """The flights of a campaign's folder. Raises InputError where it is none."""
+    """Open the flights of a campaign's folder. Raise InputError if it is none."""
     results = read_flown(root)
     names, columns = results.controllers, [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
@@ -85,9 +85,9 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
         listed = ", ".join(
             f"{_quoted(name)} * {scales.get(name, 1.0)!r} as {_quoted(name)}" for name in columns
         )
-        known = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
+        enum_names = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
         connection.execute(
-            f"create type controllers as enum ({known})"
+            f"create type controllers as enum ({enum_names})"
         )  # thrice as fast, in the campaign's order
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, "
@@ -95,12 +95,13 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             f"ranks.* exclude (controller, flight), {listed} from flights join ranks using (controller, flight)"
         )
         connection.unregister("ranks")
-        found = (
+        extremes = (
             connection.execute(f"select {', '.join(map(_ends, columns))} from shown").fetchone()
             or ()
         )
         ends = {
-            name: (float(found[2 * i]), float(found[2 * i + 1])) for i, name in enumerate(columns)
+            name: (float(extremes[2 * i]), float(extremes[2 * i + 1]))
+            for i, name in enumerate(columns)
         }
         labels, colors = full_labels(results.folder, names), controller_colors(names)
         channels = [channel.name for channel in results.campaign.channels]
@@ -110,15 +111,20 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             "total": total,
             "left": "",
             "histories": False,
-        }  # every flight has one: it is flown again
+        }  # every flight is re-run instead
         yield FlightTable(
-            connection, {each["name"]: each["ends"] for each in view["columns"]}, view, results
+            connection,
+            {column["name"]: column["ends"] for column in view["columns"]},
+            view,
+            results,
         )
 
 
 def _ranks(results: FlownCampaign) -> Any:
-    """Of each flight that was computed, its place among those of all controllers, the worst first, in what it is worst,
-    and whether it misses each requirement."""
+    """Return rank, worst metric and missed requirements of each computed flight.
+
+    Ranks are over all controllers, worst first.
+    """
     import pyarrow as pa
 
     parts, required = [], results.campaign.requirements
@@ -133,91 +139,101 @@ def _ranks(results: FlownCampaign) -> Any:
     return pa.concat_tables(parts)
 
 
-def parse_asked(data: Any, table: FlightTable) -> Asked:
-    """What the browser sent. Raises InputError or ValueError for what the view never sends."""
-    asked = TypeAdapter(Asked).validate_python(data)
-    for name in (asked.x, asked.y, *asked.brushes, *({asked.sort} - set(_OWN))):
+def parse_selection(data: Any, table: FlightTable) -> Selection:
+    """Return the selection that the browser sent. Raise InputError or ValueError."""
+    selection = TypeAdapter(Selection).validate_python(data)
+    for name in (selection.x, selection.y, *selection.brushes, *({selection.sort} - set(_OWN))):
         if name not in table.ranges:
             raise InputError(
                 "request", f"no column {describe(name)}", one_of(list(table.ranges), name)
             )
     shares = [*_SHARES, *(f"missed {k}" for k in range(len(table.view["requirements"])))]
-    if asked.outcome not in shares or not set(asked.controllers) <= set(table.order):
+    if selection.outcome not in shares or not set(selection.controllers) <= set(table.order):
         raise InputError(
             "request",
             "an unknown outcome or controller",
             f"{', '.join(shares)}; {list(table.order)}",
         )
-    return asked
+    return selection
 
 
-def count_flights(table: FlightTable, asked: Asked) -> dict[str, Any]:
-    """How many flights are within all brushes; in which cells (or, where they are few, where each is); the strips.
+def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
+    """Return counts of the flights within all brushes, by cells or points, and strips.
 
-    ``ends``: of both axes; ``cells``: [controller, across, up, flights]; ``points``: [controller, x, y, flight, lost];
-    ``strips``: of each [bar, flights]; ``rows``: [controller, flight, outcome, metrics...].
+    Few flights are returned as points. ``ends``: of both axes; ``cells``: [controller, across, up,
+    flights]; ``points``: [controller, x, y, flight, lost]; ``strips``: [bar, flights] of each;
+    ``rows``: [controller, flight, outcome, metrics...].
     """
     cursor, order = table.cursor(), table.order
-    where, values = _condition(table, asked)
-    both = f"{where} and isfinite({_quoted(asked.x)}) and isfinite({_quoted(asked.y)})"
+    where, values = _condition(table, selection)
+    both = f"{where} and isfinite({_quoted(selection.x)}) and isfinite({_quoted(selection.y)})"
     (count,) = cursor.execute(f"select count(*) from shown where {where}", values).fetchone() or (
         0,
     )
-    ends = [table.ranges[asked.x], table.ranges[asked.y]]
-    if asked.fit:
-        query = f"select {_ends(asked.x)}, {_ends(asked.y)} from shown where {both}"
+    ends = [table.ranges[selection.x], table.ranges[selection.y]]
+    if selection.fit:
+        query = f"select {_ends(selection.x)}, {_ends(selection.y)} from shown where {both}"
         found_ends = cursor.execute(query, values).fetchone() or ()
         ends = [found_ends[:2], found_ends[2:]]
-    found: dict[str, Any] = {"count": count, "ends": ends, "cells": [], "points": []}
+    counts: dict[str, Any] = {"count": count, "ends": ends, "cells": [], "points": []}
     if count <= MOST_POINTS:
         rows = cursor.execute(
-            f"select controller, {_quoted(asked.x)}, {_quoted(asked.y)}, flight, outcome <> 'ok' from shown "
+            f"select controller, {_quoted(selection.x)}, {_quoted(selection.y)}, flight, outcome <> 'ok' from shown "
             f"where {both}",
             values,
         ).fetchall()
-        found["points"] = [[order[name], *rest] for name, *rest in rows]
+        counts["points"] = [[order[name], *fields] for name, *fields in rows]
     else:
-        across, given_x = _bin(ends[0], asked.x, CELLS[0])
-        up, given_y = _bin(ends[1], asked.y, CELLS[1])
+        across, given_x = _bin(ends[0], selection.x, CELLS[0])
+        up, given_y = _bin(ends[1], selection.y, CELLS[1])
         rows = cursor.execute(
             f"select controller, {across}, {up}, count(*) from shown where {both} group by all",
             [*given_x, *given_y, *values],
         ).fetchall()
-        found["cells"] = [[order[name], *rest] for name, *rest in rows]
-    found["strips"] = {}
+        counts["cells"] = [[order[name], *fields] for name, *fields in rows]
+    counts["strips"] = {}
     for name in table.view["strips"]:
-        bar, given = _bin(table.ranges[name], name, BARS)
+        bar, bin_parameters = _bin(table.ranges[name], name, BARS)
         finite = f"{where} and isfinite({_quoted(name)})"
         query = f"select {bar}, count(*) from shown where {finite} group by 1"
-        found["strips"][name] = cursor.execute(query, [*given, *values]).fetchall()
+        counts["strips"][name] = cursor.execute(query, [*bin_parameters, *values]).fetchall()
     headed = "".join(f", {_finite(name)}" for name in table.view["headed"])
     listed = cursor.execute(
-        f"select controller, flight, {_ended(table)}{headed} from shown where {where} {_order(asked)} limit {LISTED}",
+        f"select controller, flight, {_ended(table)}{headed} from shown "
+        f"where {where} {_order(selection)} limit {LISTED}",
         values,
     ).fetchall()
-    found["rows"] = [[order[name], *rest] for name, *rest in listed]
-    return found
+    counts["rows"] = [[order[name], *fields] for name, *fields in listed]
+    return counts
 
 
-def find_nearest(table: FlightTable, asked: Asked, x: float, y: float) -> tuple[int, int] | None:
-    """Controller and number of the flight that lies nearest, in units of the columns' ranges; None without one."""
-    where, values = _condition(table, asked)
-    sizes = [(table.ranges[name][1] - table.ranges[name][0]) or 1.0 for name in (asked.x, asked.y)]
-    one, other = _quoted(asked.x), _quoted(asked.y)
-    found = (
+def find_nearest(
+    table: FlightTable, selection: Selection, x: float, y: float
+) -> tuple[int, int] | None:
+    """Return controller and number of the nearest flight, or None.
+
+    Distances are scaled by the columns' ranges.
+    """
+    where, values = _condition(table, selection)
+    sizes = [
+        (table.ranges[name][1] - table.ranges[name][0]) or 1.0
+        for name in (selection.x, selection.y)
+    ]
+    x_column, y_column = _quoted(selection.x), _quoted(selection.y)
+    nearest = (
         table.cursor()
         .execute(
-            f"select controller, flight from shown where {where} and isfinite({one}) and isfinite({other}) "
-            f"order by (({one} - ?) / ?)^2 + (({other} - ?) / ?)^2, {_RANK} limit 1",
+            f"select controller, flight from shown where {where} and isfinite({x_column}) and isfinite({y_column}) "
+            f"order by (({x_column} - ?) / ?)^2 + (({y_column} - ?) / ?)^2, {_RANK} limit 1",
             [*values, x, sizes[0], y, sizes[1]],
         )
         .fetchone()
     )
-    return None if found is None else (table.order[found[0]], int(found[1]))
+    return None if nearest is None else (table.order[nearest[0]], int(nearest[1]))
 
 
 def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, Any]:
-    """Everything that the table says of one flight. Raises InputError where there is none."""
+    """Return all values of one flight. Raise InputError if it does not exist."""
     query = f"select * replace ({_ended(table)} as outcome) from shown where controller::varchar = ? and flight = ?"
     cursor = table.cursor().execute(query, [controller, flight])
     names = [column[0] for column in cursor.description or ()]
@@ -226,31 +242,31 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
         raise InputError(
             "request", f"no flight {flight} of {describe(controller)}", "one that was computed"
         )
-    held = dict(zip(names, row, strict=True))
-    missed = [held[f"missed {k}"] for k in range(len(table.view["requirements"]))]
-    values = {name: held[name] for name in table.ranges}
-    found = {
+    record = dict(zip(names, row, strict=True))
+    missed = [record[f"missed {k}"] for k in range(len(table.view["requirements"]))]
+    values = {name: record[name] for name in table.ranges}
+    entry = {
         "controller": table.order[controller],
         "flight": flight,
-        "outcome": held["outcome"],
-        "by": held[_BY],
+        "outcome": record["outcome"],
+        "by": record[_BY],
     }
-    return {**found, "missed": missed, "values": values}
+    return {**entry, "missed": missed, "values": values}
 
 
-def list_flights(table: FlightTable, asked: Asked) -> tuple[list[str], Iterator[list[Any]]]:
-    """Heads with units, and rows of every column of the flights within all brushes, in the order of the list."""
-    where, values = _condition(table, asked)
+def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], Iterator[list[Any]]]:
+    """Return heads with units, and rows of all columns of the selected flights, in order."""
+    where, values = _condition(table, selection)
     columns = table.view["columns"]
-    named = ", ".join(_finite(each["name"]) for each in columns)
-    query = f"select controller::varchar, flight, outcome, {named} from shown where {where} {_order(asked)}"
+    named = ", ".join(_finite(column["name"]) for column in columns)
+    query = f"select controller::varchar, flight, outcome, {named} from shown where {where} {_order(selection)}"
     cursor = table.cursor().execute(query, values)
-    heads = ["controller", "flight", "outcome", *(each["head"] for each in columns)]
+    heads = ["controller", "flight", "outcome", *(column["head"] for column in columns)]
     return heads, iter(lambda: cursor.fetchmany(_ROWS), [])
 
 
 def _ended(table: FlightTable) -> str:
-    """Return the SQL of how a flight ended, in the words of `abhv_mc.topics.flights.model.ended_words`."""
+    """Return the SQL of a flight's outcome, as text of `topics.flights.model.ended_words`."""
     required = len(table.view["requirements"])
     missed = " + ".join(f'"missed {k}"::integer' for k in range(required)) or "0"
     return (
@@ -259,28 +275,36 @@ def _ended(table: FlightTable) -> str:
     )
 
 
-def _condition(table: FlightTable, asked: Asked) -> tuple[str, list[Any]]:
-    """The SQL of what is asked, and its parameters."""
-    marks = ", ".join("?" * len(asked.controllers)) or "null"
-    share = _SHARES[asked.outcome] if asked.outcome in _SHARES else f"and {_quoted(asked.outcome)}"
+def _condition(table: FlightTable, selection: Selection) -> tuple[str, list[Any]]:
+    """Return the SQL of a selection, and its parameters."""
+    marks = ", ".join("?" * len(selection.controllers)) or "null"
+    share = (
+        _SHARES[selection.outcome]
+        if selection.outcome in _SHARES
+        else f"and {_quoted(selection.outcome)}"
+    )
     text = f"controller in ({marks}) {share}"
-    parameters: list[Any] = [*asked.controllers]
-    for name, ends in asked.brushes.items():
+    parameters: list[Any] = [*selection.controllers]
+    for name, ends in selection.brushes.items():
         text += f" and {_quoted(name)} between ? and ?"
         parameters += sorted(ends)
     return text, parameters
 
 
-def _order(asked: Asked) -> str:
-    """The SQL of the order in which flights are listed; equal ones the worst first."""
-    by = (
-        _RANK if asked.sort == "rank" else asked.sort if asked.sort in _OWN else _finite(asked.sort)
+def _order(selection: Selection) -> str:
+    """Return the SQL of the order of flights; ties are sorted worst first."""
+    key = (
+        _RANK
+        if selection.sort == "rank"
+        else selection.sort
+        if selection.sort in _OWN
+        else _finite(selection.sort)
     )
-    return f"order by {by} {'desc' if asked.down else 'asc'} nulls last, {_RANK}"
+    return f"order by {key} {'desc' if selection.down else 'asc'} nulls last, {_RANK}"
 
 
 def _bin(ends: Sequence[float], name: str, bins: int) -> tuple[str, list[float]]:
-    """The SQL of a column's bin, 0 to ``bins`` - 1 between two ends, and its parameters."""
+    """Return the SQL of a column's bin, 0 to `bins` - 1 between two ends, and parameters."""
     low, high = ends
     return f"least(floor(({_quoted(name)} - ?) / ?), {bins - 1})::integer", [
         low,
@@ -293,7 +317,7 @@ def _finite(name: str) -> str:
 
 
 def _ends(name: str) -> str:
-    """The SQL of a column's smallest and largest finite value; twice 0 where it has none."""
+    """Return the SQL of a column's smallest and largest finite value; 0 if there is none."""
     return f"coalesce(min({_finite(name)}), 0), coalesce(max({_finite(name)}), 0)"
 
 

@@ -1,4 +1,4 @@
-"""The view's server: on the loopback address alone, and only for who has the token in the address."""
+"""Server of the view, on the loopback address, with a token in the address."""
 
 import gzip
 import hmac
@@ -31,7 +31,7 @@ from abhv_mc_explore.counts import (
     find_flight,
     find_nearest,
     list_flights,
-    parse_asked,
+    parse_selection,
 )
 
 _HOST = "127.0.0.1"
@@ -43,24 +43,24 @@ _POLICY = (
 )
 
 
-def _page(place: str, token: str) -> tuple[str, str] | None:
-    """A page's text and its kind; None where there is none."""
+def _page(path: str, token: str) -> tuple[str, str] | None:
+    """Return a page's text and media type, or None."""
     own = files("abhv_mc_explore")
-    if place == "/":
+    if path == "/":
         frame = make_environment().from_string((own / "explore.html.j2").read_text("utf-8"))
         return frame.render(token=token), "text/html"
-    if place == "/view.js":
+    if path == "/view.js":
         return "".join(map(template_text, SCRIPTS)) + (own / "explore.js").read_text(
             "utf-8"
         ), "text/javascript"
-    if place == "/plotly.js":
+    if path == "/plotly.js":
         packed = files("abhv_mc") / "report/pages/template/plotly-basic.min.js.gz"
         return gzip.decompress(packed.read_bytes()).decode(), "text/javascript"
-    return ("".join(map(template_text, STYLES)), "text/css") if place == "/style.css" else None
+    return ("".join(map(template_text, STYLES)), "text/css") if path == "/style.css" else None
 
 
 class ExploreServer(ThreadingHTTPServer):
-    """Serves one campaign; :attr:`url` opens it."""
+    """Server of one campaign; :attr:`url` is its address."""
 
     daemon_threads = True
 
@@ -79,20 +79,23 @@ class ExploreServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """The address with its token."""
+        """Address with the token."""
         return f"http://{_HOST}:{self.server_port}/?token={self.token}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes away in the middle of a reply is none."""
+        """Ignore clients that disconnect during a response."""
         if not isinstance(sys.exc_info()[1], ConnectionError):
             super().handle_error(request, client_address)
 
     def open_flight(self, controller: str, flight: int) -> dict[str, Any]:
-        """A flight's numbers and its history: flown again, as ``abhv-mc replay`` does, by the trust list, and compared
-        with the stored one; the kept one where it cannot be flown."""
-        found = find_flight(self.table, controller, flight)
+        """Return a flight's values and time history.
+
+        The flight is re-run as by ``abhv-mc replay``, subject to the trust list, and compared with
+        the stored one; if it cannot be re-run, the stored history is returned.
+        """
+        entry = find_flight(self.table, controller, flight)
         if not self.table.results.campaign.can_rerun:
-            return {**found, "note": "", "history": None}
+            return {**entry, "note": "", "history": None}
         try:
             with self.one_flight:
                 again = run_in_thread(
@@ -101,31 +104,34 @@ class ExploreServer(ThreadingHTTPServer):
                     )
                 )
         except InputError as error:
-            kept = read_histories(self.root, controller).get(flight, {})
-            history = {"time": kept.pop("time"), "channels": kept} if kept else None
-            return {**found, "note": str(error), "history": history}
+            stored = read_histories(self.root, controller).get(flight, {})
+            history = {"time": stored.pop("time"), "channels": stored} if stored else None
+            return {**entry, "note": str(error), "history": history}
         same = (
             "equal the stored ones bit for bit."
             if not again.differences
             else "differ from the stored ones!"
         )
         return {
-            **found,
+            **entry,
             "note": f"{again.sentence} Its metrics {same}",
             "history": self._history(again.block),
         }
 
     def _history(self, block: FlightBlock) -> dict[str, Any] | None:
-        """What a flight's record says of each channel, thinned; None without a record."""
+        """Return the recorded channels of a flight, thinned; None without a record."""
         if not block.history.size:
             return None
         every = max(1, -(-block.times.size // _MOST_TIMES))
-        flown, known = block.history[0, ::every].astype(float), self.table.results.campaign.channels
-        channels = {channel.name: flown[:, i] for i, channel in enumerate(known)}
+        flown, records = (
+            block.history[0, ::every].astype(float),
+            self.table.results.campaign.channels,
+        )
+        channels = {channel.name: flown[:, i] for i, channel in enumerate(records)}
         return {"time": block.times[::every], "channels": channels}
 
     def behind(self, controller: str, channel: str) -> dict[str, Any]:
-        """What stands behind a channel of a controller's flights: bands, and the nominal flight."""
+        """Return the background of a channel's plot: envelopes, and the nominal flight."""
         results = self.table.results
         time, curves = channel_curves(results, controller, channel)
         return {"time": time, **dict(zip((*band_names(results), "nominal"), curves, strict=True))}
@@ -135,40 +141,40 @@ class _Handler(BaseHTTPRequestHandler):
     server: ExploreServer
 
     def do_GET(self) -> None:
-        place = urlsplit(self.path)
-        if not self._admitted(place.query):
+        url = urlsplit(self.path)
+        if not self._admitted(url.query):
             return
-        if place.path == "/view":
+        if url.path == "/view":
             self._send_json(self.server.table.view)
-        elif place.path == "/csv":
-            self._send_csv(parse_qs(place.query).get("asked", [""])[0])
-        elif found := _page(place.path, self.server.token):
-            content, kind = found
+        elif url.path == "/csv":
+            self._send_csv(parse_qs(url.query).get("asked", [""])[0])
+        elif page := _page(url.path, self.server.token):
+            content, kind = page
             self._send(content.encode(), f"{kind}; charset=utf-8")
         else:
             self._refuse(HTTPStatus.NOT_FOUND, "no such page")
 
     def do_POST(self) -> None:
-        place = urlsplit(self.path)
-        if not self._admitted(place.query):
+        url = urlsplit(self.path)
+        if not self._admitted(url.query):
             return
         try:
             length = int(self.headers.get("Content-Length", "0"))
             if not 0 < length <= _MOST_BYTES:
                 raise InputError("request", f"{length} bytes", f"1 to {_MOST_BYTES}")
             data = json.loads(self.rfile.read(length))
-            if place.path == "/counts":
+            if url.path == "/counts":
                 self._send_json(
-                    count_flights(self.server.table, parse_asked(data, self.server.table))
+                    count_flights(self.server.table, parse_selection(data, self.server.table))
                 )
-            elif place.path == "/nearest":
-                asked = parse_asked(data, self.server.table)
-                self._send_json(find_nearest(self.server.table, asked, *map(float, data["at"])))
-            elif place.path == "/flight":
+            elif url.path == "/nearest":
+                selection = parse_selection(data, self.server.table)
+                self._send_json(find_nearest(self.server.table, selection, *map(float, data["at"])))
+            elif url.path == "/flight":
                 self._send_json(
                     self.server.open_flight(str(data["controller"]), int(data["flight"]))
                 )
-            elif place.path == "/behind":
+            elif url.path == "/behind":
                 self._send_json(self.server.behind(str(data["controller"]), str(data["channel"])))
             else:
                 self._refuse(HTTPStatus.NOT_FOUND, "no such question")
@@ -176,7 +182,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
 
     def _admitted(self, query: str) -> bool:
-        """Whether the request has the token, and names this server: a page from elsewhere has neither."""
+        """Return whether the request has the token and names this server.
+
+        Pages of other origins have neither.
+        """
         token = parse_qs(query).get("token", [""])[0]
         host = self.headers.get("Host", "")
         if host == f"{_HOST}:{self.server.server_port}" and hmac.compare_digest(
@@ -189,34 +198,34 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_json(self, value: Any) -> None:
         self._send(json.dumps(plain(value), allow_nan=False).encode(), "application/json")
 
-    def _send_csv(self, asked: str) -> None:
-        """The flights of what is asked, as they come: a million of them are more than one would hold in memory."""
+    def _send_csv(self, text: str) -> None:
+        """Stream the selected flights as CSV, because a million of them do not fit in memory."""
         table = self.server.table
         try:
-            heads, flights = list_flights(table, parse_asked(json.loads(asked), table))
+            heads, flights = list_flights(table, parse_selection(json.loads(text), table))
         except (InputError, ValueError, RecursionError) as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
             return
         self._send_head(
             "text/csv; charset=utf-8", {"Content-Disposition": 'attachment; filename="flights.csv"'}
         )
-        for part in chain([[heads]], flights):
-            self.wfile.write(csv_text(part).encode())
+        for rows in chain([[heads]], flights):
+            self.wfile.write(csv_text(rows).encode())
 
-    def _refuse(self, status: HTTPStatus, words: str) -> None:
-        self._send(json.dumps({"error": words}).encode(), "application/json", status)
+    def _refuse(self, status: HTTPStatus, message: str) -> None:
+        self._send(json.dumps({"error": message}).encode(), "application/json", status)
 
     def _send(self, content: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
         self._send_head(kind, {"Content-Length": str(len(content))}, status)
         self.wfile.write(content)
 
     def _send_head(
-        self, kind: str, more: dict[str, str], status: HTTPStatus = HTTPStatus.OK
+        self, kind: str, headers: dict[str, str], status: HTTPStatus = HTTPStatus.OK
     ) -> None:
         self.send_response(status)
         for name, value in {
             "Content-Type": kind,
-            **more,
+            **headers,
             "Content-Security-Policy": _POLICY,
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
@@ -226,4 +235,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
-        """Nothing: requests would fill the terminal, with the token in each line."""
+        """Log nothing: each line would show the token in the terminal."""

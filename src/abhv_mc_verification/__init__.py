@@ -1,1 +1,1 @@
-"""The proof: the product's own plant against check-cases, references and invariants, as rows of one table."""
+"""Verification of the plant against check-cases, reference flights and publications."""

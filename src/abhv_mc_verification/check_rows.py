@@ -1,4 +1,4 @@
-"""A row of the proof: how far something is from what it should be, and how far it may be."""
+"""Rows of the verification: differences and their tolerances."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity of one case; ``difference`` is the worst one."""
+    """Largest difference of one quantity of one case."""
 
     case: str
     simulator: str  # what it is compared with
@@ -23,16 +23,16 @@ class Row:
 
     @property
     def judged(self) -> bool:
-        """Whether there is a tolerance."""
+        """True if there is a tolerance."""
         return math.isfinite(self.tolerance)
 
 
 def all_ok(rows: Sequence[Row]) -> bool:
-    """Whether there is something to show and all of it is within its tolerance."""
+    """Return whether there are rows and all are within their tolerance."""
     return bool(rows) and all(row.ok for row in rows)
 
 
 def rows_record(rows: Sequence[Row]) -> dict[str, Any]:
-    """``{"ok": bool, "rows": [...]}``; a tolerance that there is not is None."""
+    """Return ``{"ok": bool, "rows": [...]}``; a missing tolerance is None."""
     listed = [asdict(row) | ({} if row.judged else {"tolerance": None}) for row in rows]
     return {"ok": all_ok(rows), "rows": listed}

@@ -1,10 +1,9 @@
-"""The commands ``verify nesc``, ``verify ghame6``, ``verify all`` and ``bench``."""
+"""Commands ``verify nesc``, ``verify ghame6`` and ``verify all``."""
 
-import sys
 from collections.abc import Callable
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -30,9 +29,11 @@ def nesc(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Fly NASA's atmospheric check-cases 1 to 16, those that DIR has, and compare with each simulator given.
+    """Simulate NASA's atmospheric check-cases and compare with published simulators.
 
-    Exit code 1 where a difference is outside its tolerance.
+    Those of the cases 1 to 16 that DIR has are compared with each of its simulators.
+
+    Exit code 1 if a difference is outside its tolerance.
     """
     from abhv_mc_verification.nesc import verify_nesc
 
@@ -49,7 +50,7 @@ def ghame6(
 ) -> None:
     """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
 
-    Exit code 1 where a difference is outside its tolerance.
+    Exit code 1 if a difference is outside its tolerance.
     """
     from abhv_mc_verification.ghame6 import verify_ghame6
 
@@ -69,7 +70,7 @@ def everything(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Show all that is held against published data as one table: others' flights, and the numbers of papers."""
+    """Show the comparison with other simulators and papers as one table."""
     from abhv_mc_verification.everything import verify_everything
 
     folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
@@ -79,7 +80,7 @@ def everything(
 def _verify(
     make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None
 ) -> None:
-    """Print one table, write JSON and JUnit XML, and exit 1 where a row is not as it should be."""
+    """Print a table, write JSON and JUnit XML, and exit with 1 if a row fails."""
     from abhv_mc_verification.check_rows import all_ok, rows_record
 
     if not 0.0 < scale < inf:
@@ -129,50 +130,3 @@ def _print_rows(rows: "list[Row]") -> None:
 
 def _tolerance(row: "Row") -> str:
     return f"{row.tolerance:.2e}" if row.judged else "none"
-
-
-def bench(
-    json: Json = None,
-    repetitions: Annotated[
-        int, typer.Option(min=1, help="Of each measurement; medians are shown.")
-    ] = 9,
-) -> None:
-    """Measure flights per second and core, starts and memory, with the default campaign; takes a minute or two."""
-    from abhv_mc_verification.bench.speed import measure_speed, measure_start, read_operations
-
-    announce_compiling()
-    say("flying", file=sys.stderr, flush=True)
-    figures = measure_speed(repetitions)
-    say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
-    figures |= measure_start(min(repetitions, 5))
-    operations = read_operations()
-    answer(figures, json, lambda: _print_figures(figures, operations))
-
-
-def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, float]]) -> None:
-    machine = figures["machine"]
-    peak = figures["peak_gflops_per_core"]
-    say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
-    say(
-        f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers"
-    )
-    say(
-        f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz"
-    )
-    for name, one in figures["controllers"].items():
-        counts = ", ".join(
-            f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items()
-        )
-        rate, floor = one["flights_per_second_per_core"], one["flops_per_flight"] / 1e6
-        say(f"\n{name}")
-        say(f"  {rate:.0f} flights per second and core, {one['ms_per_flight']:.2f} ms each")
-        say(
-            f"  {one['one_at_a_time_ms']:.2f} ms one at a time: batched {one['batched_over_one']:.2f} times as fast"
-        )
-        say(f"  {one['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}")
-    say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
-    say(
-        f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache"
-    )
-    say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
-    say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")

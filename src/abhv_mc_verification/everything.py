@@ -1,4 +1,4 @@
-"""All that is held against published data: the winged cone's of a paper here, others' flights beside it."""
+"""Comparison with all published data: check-cases, recordings and papers."""
 
 import math
 from pathlib import Path
@@ -26,21 +26,21 @@ _CONE_MISSIONS = ("level", "turn", "level_mach15", "turn_mach15")
 
 
 def verify_paper(scale: float = 1.0) -> list[Row]:
-    """Rows of the winged cone's trim at Mach 15 and of its missions under TLC, nominal.
+    """Return rows of the winged cone's trim at Mach 15 and of its nominal missions under TLC.
 
-    ``scale`` multiplies the tolerances. The missions' are what the campaign of the winged cone requires of the tracking
-    errors: the axes of Figure 3 of Zhu and Shen (2014).
+    `scale` multiplies the tolerances. Those of the missions are the campaign's requirements on
+    tracking errors: the axes of Figure 3 of Zhu and Shen (2014).
     """
     campaign = read_campaign(shipped_campaigns() / "winged_cone.yaml")
-    asked = [(campaign.metrics[item.metric], item.limits) for item in campaign.requirements]
+    requirements = [(campaign.metrics[item.metric], item.limits) for item in campaign.requirements]
     configs = shipped_configs()
     vehicle = load_vehicle(configs / "vehicle" / "winged_cone.yaml")
     controller = read_controller(configs / "control" / "tlc.yaml")
     start = read_mission(configs / "mission" / "level_mach15.yaml").start
     point = FlightPoint(start.altitude, start.speed, 0.0, start.latitude, start.heading, 0.0)
-    found = trim(vehicle, WGS84._replace(rotation_rate=0.0), point, None)
+    trimmed = trim(vehicle, WGS84._replace(rotation_rate=0.0), point, None)
     middle = sum(_PUBLISHED_TRIM) / 2.0
-    off = math.inf if found.fault else abs(math.degrees(found.angle_of_attack) - middle)
+    off = math.inf if trimmed.fault else abs(math.degrees(trimmed.angle_of_attack) - middle)
     rows = [
         Row(
             "winged_cone, trim",
@@ -59,7 +59,7 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
             if block.outcome[0] == Outcome.OK
             else np.full(len(METRIC_INDEX), np.inf)
         )
-        for metric, limits in asked:
+        for metric, limits in requirements:
             if metric.group == "tracking":
                 difference, allowed = float(flown[METRIC_INDEX[metric.name]]), scale * limits.limit
                 row = (f"winged_cone, {name}", "tlc, the reference", metric.name, metric.unit)
@@ -68,7 +68,10 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
 
 
 def verify_everything(folder: Path | None, scale: float = 1.0) -> list[Row]:
-    """Rows of references (``nesc``, ``cadac-ghame6``) in a folder and of papers; ``scale``: of tolerances."""
+    """Return rows of the references (``nesc``, ``cadac-ghame6``) in a folder and of papers.
+
+    `scale` multiplies the tolerances.
+    """
     rows: list[Row] = []
     if folder is not None:
         recordings = sorted((folder / "cadac-ghame6").glob("*.csv*"))

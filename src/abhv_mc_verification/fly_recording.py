@@ -1,4 +1,4 @@
-"""Other people's recordings: read, flown with their surfaces and engine through the compiled flight, looked at."""
+"""Recorded flights of other simulators, replayed through the compiled flight."""
 
 import math
 from collections.abc import Sequence
@@ -33,7 +33,10 @@ _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
 
 def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
-    """Columns of a ``.csv`` or ``.csv.gz`` file, ``perhaps`` where there; the first of one name. Raises InputError."""
+    """Return columns of a ``.csv`` or ``.csv.gz`` file. Raise InputError.
+
+    Columns in `perhaps` are optional. Of equal names the first column counts.
+    """
     import pandas as pd
 
     table = read_foreign_table(path)
@@ -49,7 +52,7 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
 
 
 def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
-    """Refuse times that do not rise, or that are not evenly spaced where that is wanted."""
+    """Raise InputError for times that do not rise, or are not evenly spaced if `uniform`."""
     steps = np.diff(times)
     falling = np.flatnonzero(steps <= 0.0)
     if falling.size:
@@ -59,8 +62,8 @@ def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     step = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
     if uniform and off.size:
-        found = f"{steps[off[0]]:g} s since the row before"
-        raise InputError(path, found, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)
+        problem = f"{steps[off[0]]:g} s since the row before"
+        raise InputError(path, problem, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)
 
 
 def make_start(
@@ -69,9 +72,13 @@ def make_start(
     heading: float,
     rates: tuple[float, float, float],
     mass: float,
+    *,
     latitude: float = 0.0,
 ) -> Floats:
-    """A state ``[state]`` level at a heading, longitude 0, SI and radians; inertial body rates."""
+    """Return a level state [state] at a heading and longitude 0, SI and radians.
+
+    `rates` are inertial body rates.
+    """
     x = np.zeros(s.N_STATES)
     x[s.ALTITUDE], x[s.LATITUDE], x[s.MASS] = altitude, latitude, mass
     attitude = from_euler(heading, 0.0, 0.0)
@@ -84,7 +91,10 @@ def make_start(
 def make_replay_plan(
     vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing
 ) -> FlightPlan:
-    """A plan without law or limits; ``controls`` [tick, 4]: surfaces (rad), equivalence ratio, linear between ticks."""
+    """Return a plan without controller or limits.
+
+    `controls` [tick, 4] are the surfaces (rad) and the equivalence ratio, linear between ticks.
+    """
     ticks = timing.ticks + 1
     gains = np.zeros((ticks, len(RECORDED_GAINS)))
     gains[:, :4] = controls
@@ -108,14 +118,14 @@ def make_replay_plan(
 
 
 def replay(plan: FlightPlan, parameters: Floats | None = None) -> Floats:
-    """States ``[tick, state]`` of one flight; ``parameters`` [parameter] are nominal by default."""
+    """Return the states [tick, state] of one flight; `parameters` default to nominal."""
     flown = nominal_parameters() if parameters is None else parameters[np.newaxis]
     return fly(plan, flown, record_every=1, keep_states=True).states[0]
 
 
 @dataclass(frozen=True)
 class Motion:
-    """States in the quantities that other simulators publish, SI and radians; rows are times."""
+    """Motion [time] in the quantities that other simulators publish, SI and radians."""
 
     altitude: Floats  # [time]
     longitude: Floats
@@ -127,7 +137,7 @@ class Motion:
 
 
 def make_motion(states: Floats) -> Motion:
-    """From states ``[time, state]``."""
+    """Return the motion of states [time, state]."""
     from scipy.spatial.transform import Rotation
 
     attitude = Rotation.from_quat(states[:, s.Q0 : s.Q3 + 1], scalar_first=True)
@@ -143,7 +153,7 @@ def make_motion(states: Floats) -> Motion:
 
 
 def at_times(tick: float, states: Floats, times: Floats) -> Floats:
-    """States ``[time, state]`` at any times within the flight, by a cubic spline through the ticks."""
+    """Return states [time, state] at any times, by a cubic spline through the ticks."""
     from scipy.interpolate import CubicSpline
 
     states = states.copy()
@@ -153,5 +163,5 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
 
 
 def wrap_degrees(differences: Floats) -> Floats:
-    """Differences of angles modulo 360 deg, within 180."""
+    """Return differences of angles wrapped to +-180 deg."""
     return np.remainder(differences + 180.0, 360.0) - 180.0

@@ -1,7 +1,7 @@
-"""Replay a flight of Zipfel's CADAC++ GHAME6: its surfaces and throttle through the product's plant.
+"""Replay of a CADAC++ GHAME6 flight (Zipfel): its surfaces and throttle in this plant.
 
-Frames: I is inertial; E turns with the Earth (x through the equator at longitude 0, z through the north pole) and
-coincides with I at time 0; N is local north, east, down.
+Frames: I is inertial; E rotates with the Earth (x through the equator at longitude 0, z through the
+north pole) and coincides with I at time 0; N is local north, east, down.
 """
 
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ _REPLAYED = {
 
 @dataclass(frozen=True)
 class Recording:
-    """A recorded flight in the plant's terms, SI and radians; rows are times."""
+    """Recorded flight in the plant's quantities, SI and radians; rows are times."""
 
     times: Floats
     states: Floats  # [time, state] without surfaces and engine
@@ -78,23 +78,23 @@ def read_recording(path: Path) -> Recording:
     """Read a CADAC++ GHAME6 time history, evenly spaced. Raises :class:`InputError`."""
 
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
-    given = read_columns(path, needed, ["vmass", "fmasse"])
-    if "vmass" not in given and "fmasse" not in given:
+    table = read_columns(path, needed, ["vmass", "fmasse"])
+    if "vmass" not in table and "fmasse" not in table:
         raise InputError(path, "no column vmass", "it, or fmasse, the mass of the fuel burnt")
-    times = np.array(given["time"])
+    times = np.array(table["time"])
     check_times(path, times, uniform=True)
 
     turn = Rotation.from_euler(
         "z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis]
     )  # to E from I
-    position = turn.apply(np.array(given[POSITION]))
+    position = turn.apply(np.array(table[POSITION]))
     carried = np.cross([0.0, 0.0, CADAC_EARTH.rotation_rate], position)
     latitude, longitude, altitude = geodetic_from_ecef(CADAC_EARTH, position)
     ned_from_earth = ned_from_ecef_matrix(latitude, longitude)
     velocity_ned = np.einsum(
-        "tij,tj->ti", ned_from_earth, turn.apply(np.array(given[VELOCITY])) - carried
+        "tij,tj->ti", ned_from_earth, turn.apply(np.array(table[VELOCITY])) - carried
     )
-    inertial_from_body = np.swapaxes(np.array(given[ATTITUDE]).reshape(-1, 3, 3), -1, -2)
+    inertial_from_body = np.swapaxes(np.array(table[ATTITUDE]).reshape(-1, 3, 3), -1, -2)
     ned_from_body = ned_from_earth @ turn.as_matrix() @ inertial_from_body
 
     states = np.zeros((times.size, s.N_STATES))
@@ -107,18 +107,18 @@ def read_recording(path: Path) -> Recording:
     states[:, s.Q0 : s.Q3 + 1] = Rotation.from_matrix(ned_from_body).as_quat(
         canonical=True, scalar_first=True
     )
-    states[:, s.ROLL_RATE : s.YAW_RATE + 1] = given[RATES]
-    states[:, s.MASS] = given["vmass"] if "vmass" in given else FULL_MASS - given["fmasse"]
-    controls = np.array(given[CONTROLS])
+    states[:, s.ROLL_RATE : s.YAW_RATE + 1] = table[RATES]
+    states[:, s.MASS] = table["vmass"] if "vmass" in table else FULL_MASS - table["fmasse"]
+    controls = np.array(table[CONTROLS])
     controls[:, :3] = np.radians(controls[:, :3])
-    return Recording(times, states, controls, {name: np.array(given[name]) for name in COMPARED})
+    return Recording(times, states, controls, {name: np.array(table[name]) for name in COMPARED})
 
 
 def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Geodetic (latitude, longitude, altitude) of a position ``[..., 3]``, m, in E.
+    """Return geodetic latitude, longitude and altitude of a position [..., 3], m, in E.
 
-    Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323), to rounding, a few 1e-9 m
-    near the ground, where a double itself resolves 1e-9 m. On the axis the longitude is 0.
+    Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323), to rounding, a few
+    1e-9 m near the ground, where a double itself resolves 1e-9 m. On the axis the longitude is 0.
     """
     x, y, z = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
     a, f = earth.equatorial_radius, earth.flattening
@@ -138,13 +138,13 @@ def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Float
 
 
 def _unit(y: Floats, x: Floats) -> tuple[Floats, Floats]:
-    """Sine and cosine of the angle of the point (x, y)."""
+    """Return sine and cosine of the angle of the point (x, y)."""
     length = np.hypot(x, y)
     return y / length, x / length
 
 
 def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
-    """C_NE ``[..., 3, 3]``: takes E components of a vector to north, east, down at that place."""
+    """Return C_NE [..., 3, 3], from E components of a vector to local north, east, down."""
     latitude, longitude = np.broadcast_arrays(latitude, longitude)
     sin_lat, cos_lat, sin_lon, cos_lon = (
         np.sin(latitude),
@@ -161,7 +161,7 @@ def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
 
 
 def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
-    """Rows of a recorded flight; ``scale`` multiplies the tolerances. Raises :class:`InputError`."""
+    """Return the rows of a recorded flight; `scale` multiplies tolerances. Raise InputError."""
     recording = read_recording(path)
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "ghame.yaml")
     flown = fly_recording(vehicle, recording)
@@ -175,16 +175,16 @@ def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
     theirs["sideslip"] = published["betax"]
     rows = []
     for name, (unit, difference) in _REPLAYED.items():
-        apart = ours[name] - theirs[name]
+        error = ours[name] - theirs[name]
         if unit == "deg":
-            apart = wrap_degrees(apart)
+            error = wrap_degrees(error)
         rows.append(
             Row(
                 path.name,
                 "CADAC++",
                 name,
                 unit,
-                float(np.abs(apart).max()),
+                float(np.abs(error).max()),
                 3.0 * scale * difference,
             )
         )
@@ -192,7 +192,7 @@ def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
 
 
 def fly_recording(vehicle: Vehicle, recording: Recording) -> Floats:
-    """States ``[time, state]`` of the plant under the recorded controls, from the recording's first row."""
+    """Return states [time, state] under the recorded controls, from the first row on."""
     times = recording.times
     spacing = float(times[-1] - times[0]) / (times.size - 1)
     steps = max(1, int(np.ceil(spacing / LONGEST_STEP - 1e-6)))
@@ -206,7 +206,7 @@ def fly_recording(vehicle: Vehicle, recording: Recording) -> Floats:
 
 
 def _quantities(states: Floats) -> dict[str, Floats]:
-    """What is compared, in degrees, from states ``[time, state]``; no wind."""
+    """Return the compared quantities, in degrees, of states [time, state], without wind."""
 
     motion = make_motion(states)
     north, east, down = motion.velocity_ned.T

@@ -1,4 +1,4 @@
-"""Fly the check-cases that a folder has data for and compare with every simulator given."""
+"""Simulation of NASA's check-cases and comparison with the simulators in a folder."""
 
 import itertools
 import math
@@ -45,26 +45,26 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Files by (case, simulator), a second one of both by its place. Raises :class:`InputError` where there is none."""
+    """Return files by (case, simulator), duplicates with their path. Raise InputError if none."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of check-cases")
-    found: dict[tuple[str, str], Path] = {}
-    known = {*(f"{number:02d}" for number in CASES), *read_aircraft_cases()}
+    files: dict[tuple[str, str], Path] = {}
+    case_names = {*(f"{number:02d}" for number in CASES), *read_aircraft_cases()}
     for path in sorted(folder.rglob("*.csv*")):
         match = _FILE.fullmatch(path.name)
-        if match and match[1] in known:
+        if match and match[1] in case_names:
             key = match[1], match[2]
-            found[key if key not in found else (key[0], f"{key[1]} {path.relative_to(folder)}")] = (
+            files[key if key not in files else (key[0], f"{key[1]} {path.relative_to(folder)}")] = (
                 path
             )
-    if not found:
+    if not files:
         expected = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
         raise InputError(folder, "no check-case", expected)
-    return dict(sorted(found.items()))
+    return dict(sorted(files.items()))
 
 
 def fly_case(case: CheckCase, duration: float, step: float = STEP) -> Floats:
-    """States ``[step, state]`` of a check-case, by the product's plant."""
+    """Return the states [step, state] of a check-case."""
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "nesc" / f"{case.vehicle}.yaml")
     mass = vehicle.constants.mass_start
     start = make_start(case.altitude, case.velocity_ned, case.heading, case.rates, mass)
@@ -77,7 +77,7 @@ def fly_case(case: CheckCase, duration: float, step: float = STEP) -> Floats:
 
 
 def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
-    """Rows of every case and simulator in a folder; ``scale`` multiplies the tolerances."""
+    """Return rows of every case and simulator in a folder; `scale` multiplies tolerances."""
     files = find_files(folder)
     data: dict[tuple[str, str], pd.DataFrame] = {}
     for key, path in files.items():
@@ -85,16 +85,16 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
         times = np.array(data[key]["time"])
         check_times(path, times)
         if times[0] < 0.0 or times[-1] > _LONGEST:
-            found = f"times {times[0]:g} to {times[-1]:g} s"
-            raise InputError(path, found, f"times from 0 to at most {_LONGEST:g} s")
+            problem = f"times {times[0]:g} to {times[-1]:g} s"
+            raise InputError(path, problem, f"times from 0 to at most {_LONGEST:g} s")
     rows: list[Row] = []
     for name in sorted({case for case, _ in data}):
-        given = {simulator: columns for (case, simulator), columns in data.items() if case == name}
-        duration = max(float(columns["time"].iloc[-1]) for columns in given.values())
+        tables = {simulator: columns for (case, simulator), columns in data.items() if case == name}
+        duration = max(float(columns["time"].iloc[-1]) for columns in tables.values())
         if name in read_aircraft_cases():
             step, allowed, states = (
                 1.0 / RATE,
-                allowed_difference(list(given.values())),
+                allowed_difference(list(tables.values())),
                 fly_aircraft(name, duration),
             )
         else:
@@ -103,7 +103,7 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
                 tolerances(int(name)),
                 fly_case(CASES[int(name)], duration),
             )
-        for simulator, columns in given.items():
+        for simulator, columns in tables.items():
             rows.extend(
                 _compare(
                     name,
@@ -111,38 +111,41 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
                     columns,
                     at_times(step, states, np.array(columns["time"])),
                     allowed,
-                    scale,
+                    scale=scale,
                 )
             )
     return rows
 
 
-def allowed_difference(given: "list[pd.DataFrame]") -> tuple[float, ...]:
-    """Tolerances of a case of the F-16: 1.25 times what its simulators differ by at the times that they have in common.
+def allowed_difference(tables: "list[pd.DataFrame]") -> tuple[float, ...]:
+    """Return the tolerances of an F-16 case: 1.25 times the differences of its simulators.
 
-    To that the tolerance is added that the quantity has in the cases of simple bodies. One simulator alone gives none:
-    simulators 04 and 05, both right, differ by far more than those of simple bodies do.
+    The differences are taken at common times. The tolerance of the quantity in the cases of simple
+    bodies is added. A single simulator gives no tolerance: simulators 04 and 05, both correct,
+    differ by far more than those of simple bodies.
     """
-    if len(given) < 2:
+    if len(tables) < 2:
         return (math.inf,) * len(_QUANTITIES)
     largest = np.zeros(len(_QUANTITIES))
-    for one, other in itertools.combinations(given, 2):
-        times, others = np.array(one["time"]), np.array(other["time"])
-        place = np.minimum(np.searchsorted(others, times - 1e-6), others.size - 1)
-        common = np.abs(others[place] - times) < 2e-6
-        apart = _differences(_published(one[common]), _published(other.iloc[place[common]]))
-        largest = np.maximum(largest, [np.abs(difference).max() for difference in apart])
+    for first, second in itertools.combinations(tables, 2):
+        times, second_times = np.array(first["time"]), np.array(second["time"])
+        nearest = np.minimum(np.searchsorted(second_times, times - 1e-6), second_times.size - 1)
+        common = np.abs(second_times[nearest] - times) < 2e-6
+        differences = _differences(
+            _published(first[common]), _published(second.iloc[nearest[common]])
+        )
+        largest = np.maximum(largest, [np.abs(difference).max() for difference in differences])
     return tuple(_NEEDED * largest + tolerances(_LIKE))
 
 
 def _published(columns: "pd.DataFrame") -> list[Floats]:
-    """Altitude, velocity, longitude, latitude, Euler angles and body rates, in the units of the files."""
+    """Return altitude, velocity, longitude, latitude, Euler angles and rates, in file units."""
     names = ("altitudeMsl_ft", VELOCITY, "longitude_deg", "latitude_deg", EULER, RATES)
     return [np.array(columns[name]) for name in names]
 
 
 def _flown(states: Floats) -> list[Floats]:
-    """The same of states ``[time, state]``."""
+    """Return the quantities of :func:`_published` from states [time, state]."""
     motion = make_motion(states)
     return [
         motion.altitude / FOOT,
@@ -165,23 +168,24 @@ _QUANTITIES = (
 _ANGLES = ("longitude", "euler_angles")  # which go round
 
 
-def _differences(one: list[Floats], other: list[Floats]) -> list[Floats]:
-    apart = [a - b for a, b in zip(one, other, strict=True)]
+def _differences(first: list[Floats], second: list[Floats]) -> list[Floats]:
+    differences = [a - b for a, b in zip(first, second, strict=True)]
     return [
         wrap_degrees(difference) if name in _ANGLES else difference
-        for (name, _), difference in zip(_QUANTITIES, apart, strict=True)
+        for (name, _), difference in zip(_QUANTITIES, differences, strict=True)
     ]
 
 
 def _compare(
     case: str,
     simulator: str,
-    given: "pd.DataFrame",
+    recorded: "pd.DataFrame",
     states: Floats,
     allowed: tuple[float, ...],
+    *,
     scale: float,
 ) -> list[Row]:
-    apart = _differences(_flown(states), _published(given))
+    differences = _differences(_flown(states), _published(recorded))
     title = f"nesc {case.replace('p', '.')}"
     return [
         Row(
@@ -192,5 +196,7 @@ def _compare(
             float(np.abs(difference).max()),
             scale * tolerance,
         )
-        for (name, unit), difference, tolerance in zip(_QUANTITIES, apart, allowed, strict=True)
+        for (name, unit), difference, tolerance in zip(
+            _QUANTITIES, differences, allowed, strict=True
+        )
     ]

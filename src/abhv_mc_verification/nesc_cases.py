@@ -1,4 +1,4 @@
-"""The ten atmospheric check-cases of NASA/TM-2015-218675 and what the published simulators differ by."""
+"""Ten atmospheric check-cases of NASA/TM-2015-218675, and differences of its simulators."""
 
 import math
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _LOCAL = 0.004178073 * _DEG  # rad/s: a body that turns with the Earth
 
 @dataclass(frozen=True)
 class CheckCase:
-    """One check-case: latitude 0, longitude 0, level; SI and radians."""
+    """Check-case at latitude 0, longitude 0, level; SI and radians."""
 
     title: str
     earth: Earth = ELLIPSOID
@@ -64,7 +64,10 @@ CASES: dict[int, CheckCase] = {
 
 
 def tolerances(case: int) -> tuple[float, ...]:
-    """By which simulators of a case differ: altitude ft, velocity ft/s, longitude, latitude, Euler deg, rates deg/s."""
+    """Return the differences of the simulators of a case.
+
+    They are altitude ft, velocity ft/s, longitude, latitude and Euler angles deg, rates deg/s.
+    """
     cannonball = case >= 9
     altitude = 2.0 if cannonball else 0.02 if case >= 4 else 0.01
     velocity = 0.1 if cannonball else 0.01 if case == 8 else 2e-3

@@ -1,4 +1,4 @@
-"""The F-16's check-cases 11 to 16 of NASA/TM-2015-218675: trims, and its own autopilot at steps and circles."""
+"""F-16 check-cases 11 to 16 of NASA/TM-2015-218675: trims and autopilot flights."""
 
 import functools
 import math
@@ -37,14 +37,14 @@ _FULL_STICK = math.radians(-25.0)  # elevator of the whole stick, aft
 
 
 class Step(StrictModel):
-    """What a command gains from a time on."""
+    """Increment of a command from a time on."""
 
     at: Time
     by: str | float
 
 
 class AircraftCase(StrictModel):
-    """One case; commands and steps in the law's units where they have none of their own."""
+    """Check-case; commands and steps without units are in those of the controller."""
 
     altitude: Length
     velocity: tuple[Speed, Speed]  # north, east
@@ -57,20 +57,20 @@ class AircraftCase(StrictModel):
 
 
 class AircraftCases(StrictModel):
-    """The cases by number."""
+    """Check-cases by number."""
 
     cases: dict[str, AircraftCase]
 
 
 @functools.cache
 def read_aircraft_cases() -> dict[str, AircraftCase]:
-    """The F-16's cases, 11 to 16, by their numbers in file names."""
+    """Return the F-16's cases 11 to 16, by their numbers in file names."""
     document = read_document(shipped_configs() / "vehicle" / "f16" / "check_cases.yaml")
     return validate(document, AircraftCases).cases
 
 
 def fly_aircraft(name: str, duration: float) -> Floats:
-    """States ``[tick, state]`` of a case, ``RATE`` a second, by the product's plant and the imported law."""
+    """Return the states [tick, state] of a case, at RATE, by the plant and the imported law."""
     case = read_aircraft_cases()[name]
     folder = shipped_configs() / "vehicle"
     vehicle = load_vehicle(folder / "f16.yaml")
@@ -78,7 +78,7 @@ def fly_aircraft(name: str, duration: float) -> Floats:
     law = _read_law(folder / "f16" / f"{case.law}.py")
     timing = Timing(1.0 / RATE, 1, math.ceil(duration * RATE - 1e-6))
     steps = make_steps(law, case, start)
-    plan = make_law_plan(vehicle, start, timing, law, steps, heading_of(case))
+    plan = make_law_plan(vehicle, start, timing, law, steps, heading=heading_of(case))
     return fly(plan, nominal_parameters(), record_every=1, keep_states=True).states[0]
 
 
@@ -88,12 +88,12 @@ def _read_law(path: Path) -> Law:
 
 
 def heading_of(case: AircraftCase) -> float:
-    """Of the velocity at the start, rad."""
+    """Return the heading (rad) of the velocity at the start."""
     return math.atan2(case.velocity[1], case.velocity[0])
 
 
 def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
-    """The trimmed state, without acceleration along, across and in pitch, for which the plant itself is asked."""
+    """Return the trimmed state of the plant, without axial, normal and pitch acceleration."""
     from scipy.optimize import root
 
     north, east = case.velocity
@@ -117,8 +117,10 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
         return x
 
     def accelerations(controls: Floats) -> Floats:
-        held = np.tile([0.0, 0.0, *controls[1:]], (2, 1))
-        plan = make_replay_plan(vehicle, ELLIPSOID, state(controls), held, Timing(_TRIM_STEP, 1, 1))
+        constant_controls = np.tile([0.0, 0.0, *controls[1:]], (2, 1))
+        plan = make_replay_plan(
+            vehicle, ELLIPSOID, state(controls), constant_controls, Timing(_TRIM_STEP, 1, 1)
+        )
         first, second = replay(plan)
         return (second - first)[[s.U, s.W, s.PITCH_RATE]] / _TRIM_STEP
 
@@ -129,16 +131,22 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
 
 
 def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
-    """What the law is commanded: course and airspeed of the start, the case's steps, and solved stick and throttle.
+    """Return the commands: course and airspeed of the start, and the case's steps.
 
-    They are solved with the law off, as its notes ask. In the cases 13 they also take up that the law's own design
-    point is not quite this trim: in the published flights it does not move the elevator at the start.
+    Stick and throttle are solved with the autopilot off, as its notes require. In the cases 13 they
+    also compensate the difference between the autopilot's design point and this trim: in the
+    published flights the elevator does not move at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])
     alpha, heading = math.atan2(start[s.W], start[s.U]), heading_of(case)
-    given = {"keasCmd": equivalent, "altCmd": case.altitude, "baseChiCmd": heading, **case.commands}
-    given |= {
+    command_values = {
+        "keasCmd": equivalent,
+        "altCmd": case.altitude,
+        "baseChiCmd": heading,
+        **case.commands,
+    }
+    command_values |= {
         "throttleTrim": float(start[s.ETA]),
         "longStkTrim": float(start[s.ELEVATOR]) / _FULL_STICK,
     }
@@ -153,27 +161,35 @@ def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
         "longitude": case.longitude,
         "pitch_rate": float(start[s.PITCH_RATE]),
     }
-    asked = law.function(
-        Measured(**seen), law.commands(**{name: given.get(name, 0.0) for name in names})
+    response = law.function(
+        Measured(**seen), law.commands(**{name: command_values.get(name, 0.0) for name in names})
     )
     if case.engaged:
-        given["longStkTrim"] += (float(start[s.ELEVATOR]) - asked.elevator) / _FULL_STICK
-        given["throttleTrim"] += float(start[s.ETA]) - asked.throttle
+        command_values["longStkTrim"] += (
+            float(start[s.ELEVATOR]) - response.elevator
+        ) / _FULL_STICK
+        command_values["throttleTrim"] += float(start[s.ETA]) - response.throttle
     times, values = [], []
     for name in names:
-        value = given.get(name, 0.0)
+        value = command_values.get(name, 0.0)
         step = case.steps.get(name)
-        at = step.at if step else 0.0
+        step_time = step.at if step else 0.0
         gain = parse_in_unit(step.by, law.mark.units.get(name, "-")) if step else 0.0
-        times.append(np.array([0.0, at] if gain else [0.0]))
+        times.append(np.array([0.0, step_time] if gain else [0.0]))
         values.append(np.array([value, value + gain] if gain else [value]))
     return CommandSteps(names, tuple(times), tuple(values))
 
 
 def make_law_plan(
-    vehicle: Vehicle, start: Floats, timing: Timing, law: Law, steps: CommandSteps, heading: float
+    vehicle: Vehicle,
+    start: Floats,
+    timing: Timing,
+    law: Law,
+    steps: CommandSteps,
+    *,
+    heading: float,
 ) -> FlightPlan:
-    """A plan that flies a law without a mission: its reference is the commanded course at the speed of the start."""
+    """Return a plan without a mission, with the commanded course at the initial speed."""
     time = np.arange(timing.ticks + 1, dtype=np.float64) * timing.tick
     speed = float(np.linalg.norm(start[s.U : s.W + 1]))
     commands = steps.columns(time)

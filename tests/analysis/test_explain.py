@@ -1,4 +1,4 @@
-"""Failing flights of a fake campaign are explained, and mapped, by what makes the fake flight fail."""
+"""Explanations and maps of failing flights of a fake campaign."""
 
 import json
 from dataclasses import replace
@@ -43,30 +43,39 @@ def table(flown):
 
 def test_an_early_end_is_explained_by_the_density(flown, table):
     flight = int(table.query("outcome != 'ok'").index[0])
-    found = explain_flight(flown, "two", flight, fly)
-    assert found.causes == ("atmosphere.density",) and found.smallest and not found.others
-    assert found.failure.words == "ended early" and found.samples["atmosphere.density"] < LOST_BELOW
-    nominal, alone, whole = (dict(zip(found.samples, row, strict=True)) for row in found.rows)
+    explanation = explain_flight(flown, "two", flight, fly)
     assert (
-        alone == nominal | {"atmosphere.density": whole["atmosphere.density"]}
-        and whole == found.samples
+        explanation.causes == ("atmosphere.density",)
+        and explanation.smallest
+        and not explanation.others
     )
-    assert found.block.history.shape[0] == 3 and list(found.block.outcome) == [0, 3, 3]
+    assert (
+        explanation.failure.words == "ended early"
+        and explanation.samples["atmosphere.density"] < LOST_BELOW
+    )
+    nominal, alone, dispersed = (
+        dict(zip(explanation.samples, row, strict=True)) for row in explanation.rows
+    )
+    assert (
+        alone == nominal | {"atmosphere.density": dispersed["atmosphere.density"]}
+        and dispersed == explanation.samples
+    )
+    assert explanation.block.history.shape[0] == 3 and list(explanation.block.outcome) == [0, 3, 3]
 
 
 def test_a_missed_requirement_is_explained_by_what_it_takes(flown, table):
     missed = table.query("outcome == 'ok' and altitude_error_max_m >= @LIMIT")
     sizes = set()
     for flight in missed.index[:30]:
-        found = explain_flight(flown, "two", int(flight), fly, "altitude_error_max_m")
-        alone = found.block.metrics[1, METRIC_INDEX["altitude_error_max_m"]]
-        assert alone >= LIMIT > found.block.metrics[0, METRIC_INDEX["altitude_error_max_m"]]
-        sizes.add(len(found.causes))
+        explanation = explain_flight(flown, "two", int(flight), fly, "altitude_error_max_m")
+        alone = explanation.block.metrics[1, METRIC_INDEX["altitude_error_max_m"]]
+        assert alone >= LIMIT > explanation.block.metrics[0, METRIC_INDEX["altitude_error_max_m"]]
+        sizes.add(len(explanation.causes))
     assert sizes == {1, 2}
 
 
 def test_an_unknown_is_a_cause_like_a_dispersion(tmp_path):
-    """It said 'the nominal flight fails, too', of a flight at a point where all others are lost."""
+    """Regression: 'the nominal flight fails, too' at a point where all other flights fail."""
     entries = {
         "unknowns": "{atmosphere.density: {low: 0.88, high: 1.1}}",
         "dispersions": "{aero.lift: {distribution: normal, sigma: 5 %}}",
@@ -77,26 +86,27 @@ def test_an_unknown_is_a_cause_like_a_dispersion(tmp_path):
         .to_pandas()
         .query("controller == 'two' and outcome != 'ok'")
     )
-    found = explain_flight(folder, "two", int(flights["flight"].iloc[0]), fly)
+    explanation = explain_flight(folder, "two", int(flights["flight"].iloc[0]), fly)
     assert (
-        found.causes == ("atmosphere.density",) and found.samples["atmosphere.density"] < LOST_BELOW
+        explanation.causes == ("atmosphere.density",)
+        and explanation.samples["atmosphere.density"] < LOST_BELOW
     )
-    assert list(found.block.outcome) == [0, 3, 3]
+    assert list(explanation.block.outcome) == [0, 3, 3]
 
 
 def test_what_cannot_be_explained_is_refused(flown, table):
     good = int(table.query("outcome == 'ok' and altitude_error_max_m < @LIMIT").index[0])
     lost = int(table.query("outcome != 'ok'").index[0])
-    for words, arguments in {
+    for message, arguments in {
         "did not fail": ("two", good),
         "no flight 300": ("two", 300),
         "no controller 'three'": ("three", 1),
         "no controller '/x'": ("/x", 1),  # no path of a plan
         "no requirement on 'bank_deg'": ("two", lost, fly, "bank_deg"),
     }.items():
-        name, flight, *rest = arguments
-        with pytest.raises(InputError, match=words):
-            explain_flight(flown, name, flight, *(rest or [fly]))
+        name, flight, *options = arguments
+        with pytest.raises(InputError, match=message):
+            explain_flight(flown, name, flight, *(options or [fly]))
 
     def tame(plan, parameters, every=None):
         block = fly(plan, parameters, every)
@@ -109,8 +119,8 @@ def test_what_cannot_be_explained_is_refused(flown, table):
 @pytest.mark.usefixtures("fake_engine")
 def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_path, abhv_mc):
     flight = int(table.query("outcome != 'ok'").index[0])
-    code, said, _ = abhv_mc("explain", flown, "--flight", flight, "--controller", "two")
-    assert code == 0 and "1 of its 2 dispersions alone (no smaller set does" in said
+    code, output, _ = abhv_mc("explain", flown, "--flight", flight, "--controller", "two")
+    assert code == 0 and "1 of its 2 dispersions alone (no smaller set does" in output
     assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
     numbers = json.loads(
         abhv_mc("explain", flown, "--flight", flight, "--json", "-", "-o", tmp_path / "x.png")[1]
@@ -120,7 +130,7 @@ def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_pa
 
 
 def test_a_failure_that_seldom_comes_is_no_usual_dispersion():
-    """It was the most usual one where most flights are without it, with a warning of numpy's."""
+    """Regression: a rare failure was the most usual one, with a warning of numpy."""
     drawn = np.column_stack(
         [np.where(np.arange(100) % 10, np.inf, 5.0), np.linspace(-1.0, 1.0, 100)]
     )
@@ -138,18 +148,20 @@ def mapped(flown):
 
 
 def test_the_worst_failed_flights_are_mapped_each_once(flown, mapped):
-    failed, found = mapped
+    failed, failure_map = mapped
     table = pq.read_table(flown / "flights").to_pandas().set_index(["controller", "flight"])
-    for name, part in found.controllers.items():
+    for name, controller_map in failure_map.controllers.items():
         early = (
             table.loc[name].query("outcome != 'ok'").sort_values("end_time_s", kind="stable").index
         )
         assert list(early) == failed[name][: len(early)]  # as the report ranks them
-        told = [flight for group in part.groups for flight in group.flights]
-        assert sorted([*told, *part.nominal, *part.unexplained]) == sorted(
+        grouped = [flight for group in controller_map.groups for flight in group.flights]
+        assert sorted([*grouped, *controller_map.nominal, *controller_map.unexplained]) == sorted(
             failed[name][:MOST_FLIGHTS]
         )
-        assert part.failed == len(failed[name]) and part.looked_at == min(part.failed, MOST_FLIGHTS)
+        assert controller_map.failed == len(failed[name]) and controller_map.looked_at == min(
+            controller_map.failed, MOST_FLIGHTS
+        )
 
 
 def test_an_early_end_is_the_low_density_and_nothing_else(flown, mapped):
@@ -158,8 +170,8 @@ def test_an_early_end_is_the_low_density_and_nothing_else(flown, mapped):
         .to_pandas()
         .set_index("flight")["atmosphere.density"]
     )
-    for part in mapped[1].controllers.values():
-        (group,) = [group for group in part.groups if group.failure == "ended early"]
+    for controller_map in mapped[1].controllers.values():
+        (group,) = [group for group in controller_map.groups if group.failure == "ended early"]
         (density,) = group.dispersions
         assert density.parameter == "atmosphere.density" and not density.high
         values = samples.loc[list(group.flights)]
@@ -172,8 +184,8 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
     digest = read_manifest(CampaignFolder(flown).manifest).digest
     path = write_map(flown, mapped[1])
     assert read_map(flown, digest) == mapped[1] and read_map(flown, "another") is None
-    held = path.read_text(encoding="utf-8")
-    path.write_text(held.replace('"failed"', '"broken"'), encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('"failed"', '"broken"'), encoding="utf-8")
     with pytest.raises(InputError, match="explain"):
         read_map(flown, digest)
     path.unlink()
@@ -185,9 +197,9 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
 def test_the_command_keeps_it_and_the_report_shows_it(flown, abhv_mc):
     build_page(flown)
     assert is_up_to_date(flown)
-    code, said, _ = abhv_mc("explain", flown, "--all", "--json", "-")
+    code, output, _ = abhv_mc("explain", flown, "--all", "--json", "-")
     assert code == 0 and not is_up_to_date(flown)
-    numbers = json.loads(said)
+    numbers = json.loads(output)
     page = build_page(flown).read_text(encoding="utf-8")
     assert (
         json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"]

@@ -1,4 +1,4 @@
-"""Planted causes among idle inputs are found, all of them and nothing else; a map of failures has them all."""
+"""Smallest sets of planted causes among idle inputs, and maps of failures."""
 
 from itertools import combinations
 
@@ -18,11 +18,11 @@ def shrink_one(test, order=ORDER, budget=4000):
     return shrink(len(order), lambda _, keep: test(keep), [order], budget)[0]
 
 
-def failing(*causes, of=COUNT):
+def failing(*causes, count=COUNT):
     """A test in which any of the sets `causes` suffices, badly by its place in the list."""
 
     def test(keep):
-        assert keep.shape[1] == of
+        assert keep.shape[1] == count
         severity = np.full(len(keep), -np.inf)
         for k, cause in enumerate(causes):
             severity = np.where(keep[:, list(cause)].all(axis=1), np.maximum(severity, k), severity)
@@ -33,28 +33,28 @@ def failing(*causes, of=COUNT):
 
 @pytest.mark.parametrize("cause", [(3,), (2, 19), (0, 11, 24)])
 def test_the_planted_set_is_found_and_proven_smallest(cause):
-    found = shrink_one(failing(cause))
-    assert found.sets == (cause,) and found.smallest
-    assert found.tried == sum(
+    shrunk = shrink_one(failing(cause))
+    assert shrunk.sets == (cause,) and shrunk.smallest
+    assert shrunk.tried == sum(
         1 for size in range(len(cause) + 1) for _ in combinations(range(COUNT), size)
     )
     fewer = shrink_one(
         failing(cause), budget=400
     )  # pairs: a set one larger than all that were tried is the smallest
-    assert fewer.sets == found.sets and fewer.smallest
+    assert fewer.sets == shrunk.sets and fewer.smallest
 
 
 def test_all_sets_of_the_smallest_size_are_told_worst_first():
-    found = shrink_one(failing((1, 2), (4, 5), (3, 7, 8)))
-    assert found.sets == ((4, 5), (1, 2)) and found.smallest
+    shrunk = shrink_one(failing((1, 2), (4, 5), (3, 7, 8)))
+    assert shrunk.sets == ((4, 5), (1, 2)) and shrunk.smallest
 
 
 @given(st.sets(st.integers(0, COUNT - 1), min_size=4, max_size=12), st.permutations(range(COUNT)))
 def test_large_sets_are_shrunk_until_every_member_is_needed(cause, order):
-    found = shrink_one(failing(tuple(cause)), np.array(order), 400)
-    assert found.sets == (tuple(sorted(cause)),)
-    assert not found.smallest  # up to pairs were tried: a set of three was never ruled out
-    assert found.tried < 400 + 60 * COUNT
+    shrunk = shrink_one(failing(tuple(cause)), np.array(order), 400)
+    assert shrunk.sets == (tuple(sorted(cause)),)
+    assert not shrunk.smallest  # up to pairs were tried: a set of three was never ruled out
+    assert shrunk.tried < 400 + 60 * COUNT
 
 
 def test_more_can_be_less():
@@ -85,10 +85,7 @@ def test_failures_together_shrink_as_alone(budget):
 
 
 def is_mapped(seed, count=20, flights=2000):
-    """Whether the map has the causes that made a flight fail, no other, and no flight that its cause did not fail.
-
-    Three inputs beyond a limit on one side, and two pairs of which each is, make 3 % of the flights fail.
-    """
+    """Return whether the map has exactly the planted causes and their flights."""
     rng = np.random.default_rng(seed)
     inputs = rng.choice(count, 7, replace=False).tolist()
     causes = [tuple(sorted(inputs[i:j])) for i, j in ((0, 1), (1, 2), (2, 3), (3, 5), (5, 7))]
@@ -96,7 +93,7 @@ def is_mapped(seed, count=20, flights=2000):
     limits = {1: 0.9876, 2: 1.0 - 2.0 * np.sqrt(0.006)}  # 0.62 % and 0.6 % of the flights
 
     def fails(rows):
-        """By cause, ``[flight, cause]``."""
+        """Return the mask [flight, cause] of failures."""
         return np.stack(
             [np.all(rows[:, list(c)] * signs[list(c)] > limits[len(c)], axis=1) for c in causes],
             axis=1,
@@ -111,14 +108,18 @@ def is_mapped(seed, count=20, flights=2000):
         shrink(count, test, [np.arange(count)] * len(values), 400), values > 0.0
     )
     flown = fails(values)
-    held = {
+    planted = {
         cause: set(np.flatnonzero(flown[:, c]))
         for c, cause in enumerate(causes)
         if flown[:, c].any()
     }
-    told = {group.inputs: set(group.failures) for group in groups}
-    whole = set().union(*told.values()) == set(range(len(values)))
-    return whole and set(told) == set(held) and all(told[cause] <= held[cause] for cause in told)
+    mapped = {group.inputs: set(group.failures) for group in groups}
+    is_complete = set().union(*mapped.values()) == set(range(len(values)))
+    return (
+        is_complete
+        and set(mapped) == set(planted)
+        and all(mapped[cause] <= planted[cause] for cause in mapped)
+    )
 
 
 def test_planted_causes_are_mapped_in_nearly_all_campaigns():
@@ -127,10 +128,12 @@ def test_planted_causes_are_mapped_in_nearly_all_campaigns():
 
 def test_a_failure_goes_to_the_set_that_explains_most_and_too_much_is_another_cause_than_too_little():
     sets = [((1, 2), (3, 4)), ((3, 4),), ((0,),), ((1, 2, 3, 4, 5),), ((0,),)]
-    found = [None, *(Shrunk(each, True, 1) for each in sets)]
+    explanations = [None, *(Shrunk(members, True, 1) for members in sets)]
     high = np.zeros((6, 6), bool)
     high[5, 0] = True
-    causes = [(cause.inputs, cause.high, cause.failures) for cause in group_failures(found, high)]
+    causes = [
+        (cause.inputs, cause.high, cause.failures) for cause in group_failures(explanations, high)
+    ]
     assert causes == [
         ((3, 4), (False, False), (1, 2)),
         ((0,), (False,), (3,)),

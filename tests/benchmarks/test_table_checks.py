@@ -1,4 +1,4 @@
-"""The study of what `adopt` tests runs, and says of a few tables what it says of many."""
+"""The study of what `import flights` tests runs, and says of a few tables what it says of many."""
 
 import re
 

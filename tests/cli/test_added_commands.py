@@ -57,7 +57,7 @@ def test_a_package_adds_commands_and_a_broken_one_costs_one_warning(program):
     assert program("one").returncode == 2
 
 
-@pytest.mark.parametrize("words", [("list", "schemas"), ("bench", "--help"), ("verify", "nesc")])
+@pytest.mark.parametrize("words", [("list", "schemas"), ("explore", "--help"), ("verify", "nesc")])
 def test_a_command_imports_no_package_but_its_own(program, words):
     assert "is imported" not in program(*words).stdout
 

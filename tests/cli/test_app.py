@@ -3,6 +3,7 @@
 import errno
 import io
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -56,7 +57,15 @@ def test_version_and_help() -> None:
     help_ = run_program("--help")
     assert help_.returncode == 0
     for command in app.registered_commands:
-        assert f" {command.name} " in help_.stdout
+        assert (f" {command.name} " in help_.stdout) is not command.hidden
+    panels = re.split(r"╭─ (.+?) ─+╮", help_.stdout)
+    commands = {
+        panel: re.findall(r"^│ (\S+) ", text, re.MULTILINE)
+        for panel, text in zip(panels[1::2], panels[2::2], strict=True)
+        if panel != "Options"
+    }
+    assert len(commands["First day"]) == 6
+    assert sum(map(len, commands.values())) <= 24
 
 
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])
@@ -122,7 +131,7 @@ def test_a_command_that_asks_with_sql_ends_without_a_word():
 
 @pytest.mark.parametrize("ending", ["", "; raise SystemExit(1)"])
 def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
-    """`status DIR | head -1` ended with exit code 1, which says that a requirement failed."""
+    """`runs DIR | head -1` ended with exit code 1, which says that a requirement failed."""
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "wb") as closed:

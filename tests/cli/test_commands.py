@@ -86,6 +86,14 @@ def test_trim_in_degrees_and_the_exit_code_of_a_point_without_one(repository):
     assert result.exit_code == 1
     assert "ghame_x: 20 km, 1400 m/s, Mach 4.745" in result.stdout
     assert "no trim at 89 deg of bank" in result.stdout and "no trim at 0 deg" not in result.stdout
+    for flown in ("s_manoeuvre", "campaigns/s_manoeuvre.yaml"):
+        point = json.loads(
+            run("trim", repository / flown if "/" in flown else flown, "--json", "-").stdout
+        )
+        assert (point["altitude_m"], point["speed_mps"]) == (20e3, 1400.0)
+        assert point["points"][0]["angle_of_attack_deg"] == pytest.approx(2.756, abs=0.001)
+    climb = json.loads(run("trim", "f16_level", "--vehicle", "f16", "--json", "-").stdout)
+    assert climb["altitude_m"] == pytest.approx(3051.96, abs=0.01)
     assert "without surfaces" in str(
         run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
     )
@@ -277,3 +285,9 @@ def test_linearize_along_a_path_is_each_of_its_times(tmp_path):
             assert np.array_equal(path[name][1], one[name]), name
         assert path["plant_A"].shape == (3, *one["plant_A"].shape)
         assert np.array_equal(path["plant_states"], one["plant_states"])
+
+
+def test_linearize_writes_the_gains_of_a_controller_alone(tmp_path):
+    made = run("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
+    assert made.exit_code == 0, made.exception
+    assert scipy.io.loadmat(tmp_path / "gains.mat") and len([*tmp_path.iterdir()]) == 1

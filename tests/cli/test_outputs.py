@@ -12,7 +12,9 @@ from fake_flight import ENGINE, run, write_campaign
 from typer.models import OptionInfo
 
 from abhv_mc.cli.app import app
+from abhv_mc.cli.request_options import takes_options
 from abhv_mc.folder.layout import find_user_place
+from abhv_mc.requests import WorstRequest
 
 # Read, or there for a while.
 NOT_OUTPUTS = {
@@ -33,6 +35,8 @@ def commands(group, words=()):
     for inner in group.registered_groups:
         yield from commands(inner.typer_instance, (*words, inner.name))
     for command in group.registered_commands:
+        if command.hidden:  # another name of one that is listed
+            continue
         yield (*words, command.name or command.callback.__name__), command.callback
 
 
@@ -76,7 +80,7 @@ def call(abhv_mc, flown):
 
 
 def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
-    assert {words[0] for words in OPTIONS} >= {"linearize", "report", "export", "run", "merge"}
+    assert {words[0] for words in OPTIONS} >= {"linearize", "report", "query", "run", "merge"}
     figures = {words[0] for words in OPTIONS if words[-1] == "--json"}
     assert figures == {
         *(
@@ -91,17 +95,17 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
             "explain",
             "whatif",
             "place",
-            "status",
+            "runs",
             "query",
         ),
-        *("adopt", "trim", "margins", "plan", "list", "verify", "bench", "validate", "show"),
+        *("import", "trim", "margins", "list", "verify", "validate", "show"),
     }
 
 
 @pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
 def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, tmp_path, words):
-    if words[0] == "export":  # its argument says what kind of output it is
-        words = ("export", flown, words[-1])
+    if words == ("query", "--csv"):  # without SQL a folder
+        words = ("query", flown, words[-1])
     code, said = call(*words, flown / "flights/x")
     assert code == 2 and "a place of the campaign's own files" in said, said
     if words[-1] != "--json" and words[0] != "run":
@@ -112,15 +116,15 @@ def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, tmp_path, wor
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("export", "FLOWN", "-o", "file.yaml"), "a file"),
-        (("status", "FLOWN", "--json", "."), "a folder"),
-        (("status", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
+        (("query", "FLOWN", "--csv", "file.yaml"), "a file"),
+        (("runs", "FLOWN", "--json", "."), "a folder"),
+        (("runs", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
         (
             ("fly", "level", "-o", "FLOWN"),
             "own files",
         ),  # its nominal flight would be written over the campaign's
-        (("export", "FLOWN", "-o", "FLOWN"), "own files"),
-        (("plan", "file.yaml", "--json", "file.yaml"), "a JSON file"),
+        (("query", "FLOWN", "--csv", "FLOWN"), "own files"),
+        (("validate", "file.yaml", "--json", "file.yaml"), "a JSON file"),
     ],
 )
 def test_what_is_no_place_for_an_output(call, flown, tmp_path, monkeypatch, words, said):
@@ -131,7 +135,7 @@ def test_what_is_no_place_for_an_output(call, flown, tmp_path, monkeypatch, word
     assert (tmp_path / "file.yaml").read_text() == "{}\n"
 
 
-@pytest.mark.parametrize("command", ["plan", "worst", "rare", "tune", "run"])
+@pytest.mark.parametrize("command", ["worst", "rare", "tune", "run"])
 def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     """`worst s_manoeuvre` failed: found no such file."""
     words = {
@@ -141,10 +145,9 @@ def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     words |= {
         "tune": ("-o", tmp_path / "o.yaml"),
         "run": ("--controllers", "x", "-o", tmp_path / "o"),
-        "plan": (),
     }
     code, _, said = abhv_mc(command, "s_manoeuvre", *words[command])
-    assert "no such file" not in said and code == (0 if command == "plan" else 2), said
+    assert "no such file" not in said and code == 2, said
     code, _, said = abhv_mc(command, "s_manoeuvr", *words[command])
     assert code == 2 and "did you mean 's_manoeuvre'?" in said, said
 
@@ -159,8 +162,16 @@ def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypat
     campaign = write_campaign(tmp_path / "f", runs="8")
     code, out, _ = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
     assert code == 0 and json.loads(out)["runs_done"] == 8
-    code, out, _ = abhv_mc("plan", campaign, "--json", "-")
-    assert code == 0 and json.loads(out)["runs"] == 8
+
+
+def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
+    words = ("--dry-run", "--runs", 400, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
+    code, out, err = abhv_mc("validate", "s_manoeuvre", *words)
+    assert code == 0 and "981" in out and err.count("no outcome of 400 flights") == 1
+    (entry,) = json.loads((tmp_path / "p.json").read_text()).values()
+    assert (entry["flights"], entry["plan"]["runs"]) == (400, 400)
+    assert entry["plan"]["requirements"][0]["most_failures_at_runs"] == -1
+    assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_other_places_are_free(flown, tmp_path):
@@ -172,3 +183,18 @@ def test_other_places_are_free(flown, tmp_path):
     (tmp_path / "manifest.json").write_text("{}")  # of a web page
     (tmp_path / "figures").mkdir()
     assert find_user_place(tmp_path / "figures/x.png") is None
+
+
+def test_a_search_has_a_folder_by_default():
+    seen = []
+
+    @takes_options(WorstRequest)
+    def worst(request):
+        seen.append(request)
+
+    worst(campaign="s_manoeuvre", output=None, metric="altitude_error_max_m")
+    worst(campaign="s_manoeuvre", output=Path("mine"), metric="altitude_error_max_m")
+    assert [one.output for one in seen] == [
+        Path("reports/s_manoeuvre_worst_altitude_error_max_m"),
+        Path("mine"),
+    ]

@@ -1,6 +1,7 @@
 """place: test flights beside a campaign, as a user calls it."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from fake_flight import run as run_campaign
 from fake_flight import write_campaign
 from typer.testing import CliRunner
 
-from abhv_mc.analysis.place import find_band
+from abhv_mc.analysis.place import find_band, measure
 from abhv_mc.cli.app import app
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.input_error import InputError
@@ -64,6 +65,46 @@ def test_declared_noise_widens_the_band(folder, tmp_path):
     words = ["--measured", "altitude_m=50"]
     shown = place(noisy, folder, *words).stdout
     assert "stays within the simultaneous band" in shown and "deviation 50 in altitude_m" in shown
+
+
+def test_a_campaign_declares_the_noise(tmp_path):
+    options = {"runs": "60", "controllers": "{one: one.yaml}", "keep": KEEP}
+    path = write_campaign(tmp_path, **options, measured="{altitude_m: 0.05 km}")
+    folder = run_campaign(path, tmp_path / "out").folder
+    history = read_histories(folder, "one")[3]
+    noise = 50.0 * np.random.default_rng(2).standard_normal(history["time"].size)
+    shown = place(write_flight(tmp_path / "noisy.csv", history, noise), folder).stdout
+    assert "stays within the simultaneous band" in shown
+    assert "deviation 50 in altitude_m" in shown
+
+
+def test_other_channels_have_the_errors_of_the_campaigns_sensors():
+    samples = {
+        "sensor.bank_bias": np.radians([0.0, 1.0, 2.0]),
+        "sensor.speed_scale": np.array([1.0, 1.1, 1.2]),
+        "sensor.altitude_noise": np.array([0.0, 0.0, 5.0]),
+    }
+    units = {"bank_deg": "deg", "speed_mps": "m/s", "speed_error_mps": "m/s", "altitude_m": "m"}
+    histories = {k: np.full((4000, 4), 10.0) for k in (0, 2)}
+    found, sensed = measure(
+        SimpleNamespace(samples=samples), histories, list(units), {"bank_deg": 0.0}, units
+    )
+    assert sensed == ("speed_mps", "speed_error_mps", "altitude_m")
+    assert (found[:, :, 0] == 10.0).all()  # declared without noise
+    found, sensed = measure(SimpleNamespace(samples=samples), histories, list(units), {}, units)
+    assert found[1].mean(axis=0) == pytest.approx([12.0, 12.0, 10.0, 10.0], abs=0.4)
+    assert found.std(axis=1)[:, 3] == pytest.approx([0.0, 5.0], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("measured", "words"),
+    [("{altitude: 1 m}", "channel 'altitude'"), ("{altitude_m: 1 s}", "measured")],
+)
+def test_noise_of_no_channel_or_unit_is_rejected(tmp_path, measured, words):
+    path = write_campaign(tmp_path, controllers="{one: one.yaml}", measured=measured)
+    with pytest.raises(InputError, match=r"campaign.yaml:\d+:\d+: ") as refused:
+        run_campaign(path, tmp_path / "out")
+    assert words in str(refused.value) or "1 s" in str(refused.value)
 
 
 def test_rows_of_metrics_are_ranked_without_histories(folder, tmp_path):

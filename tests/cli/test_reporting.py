@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import shutil
 
 import pytest
@@ -11,7 +12,18 @@ from typer.testing import CliRunner
 from abhv_mc.cli.app import app
 from abhv_mc.cli.printing import say
 from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.contrast import (
+    Contrast,
+    ContrastController,
+    ContrastRequirement,
+    SideVerdict,
+)
+from abhv_mc.report.pages.contrast_page import change_sentences
 from abhv_mc.report.pages.pdf import NAMES
+from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.registry import BUILT_IN
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.words import percent
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +68,10 @@ def test_report_on_paper(folder, tmp_path):
         str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")
     ]
     assert (tmp_path / "there/report.pdf").read_bytes().startswith(b"%PDF")
+    made = run("report", folder, "-o", tmp_path / "there", "--brief")
+    assert made.stdout.split()[-1] == str(tmp_path / "there/brief.pdf")
+    brief = (tmp_path / "there/brief.pdf").read_bytes()
+    assert len(re.findall(rb"/Type\s*/Page[^s]", brief)) == 2
 
 
 def test_verdicts_have_colours_on_a_terminal_alone(monkeypatch):
@@ -91,6 +107,52 @@ def test_a_report_by_other_requirements_goes_elsewhere(folder, tmp_path):
     assert numbers["judgement"]["met"] == "no" and made.exit_code == 1
     assert numbers["judgement"]["answer"] in made.stdout and "<failure" in junit.read_text("utf-8")
     assert sorted(path.name for path in folder.iterdir()) == held
+
+
+def test_show_names_every_topic_and_tables_of_convergence(folder):
+    said = " ".join(run("show", "--help").stdout.replace("│", " ").split())
+    assert all(re.search(rf"\b{topic.name}\b", said) for topic in BUILT_IN)
+    table = run("show", "convergence", folder).stdout
+    assert "A quarter" in table and "All flights" in table and "LQR" in table
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_verdicts_of_a_report_are_computed_once(folder, tmp_path):
+    computed = []
+
+    def compute(results):
+        computed.append(results)
+        return compute_verdicts(results)
+
+    compute_verdicts = VERDICTS.compute
+    object.__setattr__(VERDICTS, "compute", compute)
+    try:
+        made = run("report", folder, "-o", tmp_path / "r", "--junit", tmp_path / "j.xml")
+    finally:
+        object.__setattr__(VERDICTS, "compute", compute_verdicts)
+    assert made.exit_code == 0 and len(computed) == 1
+    assert "<testsuite" in (tmp_path / "j.xml").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (("PASS", 0), ("NOT SHOWN", 2), "is no longer shown to meet"),
+        (("PASS", 0), ("FAIL", 30), "newly misses"),
+        (("FAIL", 30), ("NOT SHOWN", 5), "is no longer shown to miss"),
+        (("NOT SHOWN", 3), ("FAIL", 9), "newly misses"),
+        (("FAIL", 30), ("PASS", 0), "newly meets"),
+    ],
+)
+def test_a_comparison_says_how_a_verdict_changed(before, after, words):
+    sides = [SideVerdict(*side, flights=100) for side in (before, after)]
+    interval = Interval(0.0, -0.1, 0.1)
+    item = ContrastRequirement("Error < 1 m", 0.9, *sides, share_difference=interval)
+    contrasted = ContrastController(("a", "a"), (100, 100), (item,), {})
+    (said,) = change_sentences(Contrast((), {}, (contrasted,)), ["A"])
+    shares = " -> ".join(percent(side[1] / 100, 2) for side in (before, after))
+    change = f"({before[0]} -> {after[0]}, {shares} of the flights fail)"
+    assert said == f"A {words} Error < 1 m {change}."
 
 
 @pytest.mark.usefixtures("no_figures")

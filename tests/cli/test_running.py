@@ -60,7 +60,7 @@ def test_what_the_judgement_says_is_next_can_be_run(abhv_mc, tmp_path, probabili
     runs = 20 if met == "yes" else 300
     told = abhv_mc("run", campaign, "--runs", runs)[1]
     (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`\.$", told, re.M)
-    assert told.splitlines()[0] in abhv_mc("status", "reports/fake")[1].splitlines()[0]
+    assert told.splitlines()[0] in abhv_mc("runs", "reports/fake")[1].splitlines()[0]
     code, told, err = abhv_mc(*shlex.split(command))
     if met == "yes":
         assert code == 0 and "meet" in told.partition(".")[0], err
@@ -75,12 +75,12 @@ def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_p
         code, out, err = abhv_mc("run", campaign)
     assert code == 3 and "interrupted" in out and "same command" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
-    assert "interrupted" in abhv_mc("status", "reports/fake")[1]
+    assert "interrupted" in abhv_mc("runs", "reports/fake")[1]
     assert abhv_mc("run", campaign, "--no-report")[0] == 0
 
 
 def test_status_and_list(abhv_mc, flown):
-    code, out, _ = abhv_mc("status", flown, "--json", "-")
+    code, out, _ = abhv_mc("runs", flown, "--json", "-")
     status = json.loads(out)
     assert (
         code == 0
@@ -88,17 +88,16 @@ def test_status_and_list(abhv_mc, flown):
         and status["runs_done"] == 60
         and status["holder"] is None
     )
-    assert "complete, 60 of 60" in abhv_mc("status", flown)[1]
+    assert "complete, 60 of 60" in abhv_mc("runs", flown)[1]
     (flown.parent / "other").mkdir()
     (flown.parent / "other/manifest.json").write_text("{}")
-    listed = json.loads(abhv_mc("list", "campaigns", "--json", "-")[1])
+    listed = json.loads(abhv_mc("runs", "--json", "-")[1])
     assert [entry["name"] for entry in listed] == ["fake"]
-    assert status["digest"][:12] in abhv_mc("list", "campaigns")[1]
-    assert abhv_mc("status", flown.parent)[0] == 2
-    assert abhv_mc("list", "campaigns", flown / "nowhere")[0] == 2
+    assert status["digest"][:12] in abhv_mc("runs")[1]
+    assert abhv_mc("runs", flown / "nowhere")[0] == 2
     manifest = flown / "manifest.json"
     write_manifest(manifest, replace(read_manifest(manifest), state="running"))  # killed
-    assert json.loads(abhv_mc("status", flown, "--json", "-")[1])["state"] == "interrupted"
+    assert json.loads(abhv_mc("runs", flown, "--json", "-")[1])["state"] == "interrupted"
 
 
 def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
@@ -184,7 +183,7 @@ def test_a_query_without_an_end_heeds_an_interrupt(flown, delay):
 
 
 def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
-    code, out, _ = abhv_mc("export", flown, "-o", tmp_path / "csv")
+    code, out, _ = abhv_mc("query", flown, "--csv", tmp_path / "csv")
     assert code == 0 and str(tmp_path / "csv/flights.csv") in out
     with (tmp_path / "csv/flights.csv").open() as file:
         rows = list(csv.DictReader(file))

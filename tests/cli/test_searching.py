@@ -12,8 +12,8 @@ from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, writ
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Cheap flights, in a folder of their own."""
-    for module in ("search.tune", "simulators.vehicle_simulator"):
-        monkeypatch.setattr(f"abhv_mc.{module}.make_engine", lambda: LINE)
+    for module in ("abhv_mc_tune.tuning", "abhv_mc.simulators.vehicle_simulator"):
+        monkeypatch.setattr(f"{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 
 
@@ -101,14 +101,14 @@ def test_rare_gives_an_estimate_or_refuses_with_exit_code_1(abhv_mc, campaign):
 
 def test_tune_writes_the_file_and_a_page_or_says_why_not(abhv_mc, tmp_path, monkeypatch):
     """Interrupted before its page was whole, the new file was there, with which the same command was refused."""
-    monkeypatch.setattr("abhv_mc.search.tune.make_engine", lambda: TUNED)
+    monkeypatch.setattr("abhv_mc_tune.tuning.make_engine", lambda: TUNED)
     words = ("tune", write_tuned(tmp_path).campaign, "--tune", "block.yaml")
 
     def stop(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("abhv_mc.report.pages.page.write_answer", stop)
+        patch.setattr("abhv_mc_tune.api.write_answer", stop)
         code, _, err = abhv_mc(*words, "-o", "new.yaml", "--json", "new.json")
     assert code == 3 and "the same command goes on" in err
     code, out, _ = abhv_mc(*words, "-o", "new.yaml", "--json", "new.json")

@@ -25,6 +25,7 @@ from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files, shipped_folder
 from abhv_mc.simulators.check_inputs import check_inputs
 from abhv_mc.simulators.new_campaign import write_new_campaign, write_new_simulator
+from abhv_mc.topics.names import full_labels
 
 
 @pytest.mark.parametrize("name", ["s_manoeuvre", "failures", "wide"])
@@ -45,6 +46,45 @@ def test_new_folder_stands_alone(name: str, tmp_path: Path) -> None:
         assert file.resolve().is_relative_to(folder)
     assert made.dispersions == shipped.dispersions
     assert "#" in written[0].read_text()
+
+
+def test_a_new_folder_takes_another_vehicle_and_leaves_out_what_was_designed_for_one(
+    tmp_path: Path,
+) -> None:
+    mine = tmp_path / "mine"
+    shutil.copytree(shipped_configs() / "vehicle", mine)
+    (mine / "ghame.yaml").rename(mine / "own.yaml")
+    campaign, *files = write_new_campaign(tmp_path / "study", vehicle=mine / "own.yaml", tune=True)
+    model = read_campaign(campaign).model
+    assert model.vehicle.resolve() == tmp_path / "study/vehicle/own.yaml"
+    assert list(model.controllers) == ["tlc", "lqr"] and model.tune is not None
+    assert tmp_path / "study/vehicle/abhv.yaml" not in files
+    assert not [words for found in check_inputs(campaign) for words in found.warnings]
+    campaign, *_ = write_new_campaign(
+        tmp_path / "shipped", vehicle=shipped_files("vehicle")["ghame_x"]
+    )
+    controllers = read_campaign(campaign).model.controllers
+    assert "tlc_robust_ghame_x" in controllers and "tlc_robust" not in controllers
+
+
+def test_a_vehicle_with_files_elsewhere_leaves_nothing_behind(tmp_path: Path) -> None:
+    shutil.copytree(shipped_configs() / "vehicle/ghame", tmp_path / "deck")
+    text = (shipped_configs() / "vehicle/ghame.yaml").read_text().replace("ghame/", "../deck/")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/own.yaml").write_text(text)
+    with pytest.raises(InputError, match="its own folder"):
+        write_new_campaign(tmp_path / "study", vehicle=tmp_path / "mine/own.yaml")
+    assert not (tmp_path / "study").exists()
+
+
+def test_the_first_validation_of_a_template_gives_no_warning(tmp_path: Path) -> None:
+    for law in (None, "python", "c"):
+        campaign, *_ = write_new_campaign(tmp_path / str(law), law=law)
+        assert not [words for found in check_inputs(campaign) for words in found.warnings]
+    lqr = tmp_path / "flown/inputs/controllers/lqr/lqr.yaml"
+    lqr.parent.mkdir(parents=True)
+    shutil.copy(tmp_path / "None/control/lqr.yaml", lqr)
+    assert full_labels(tmp_path / "flown", ["lqr"]) == {"lqr": "LQR (paper's weights)"}
 
 
 def test_editors_find_the_schema_of_every_file_and_underline_nothing(tmp_path: Path) -> None:

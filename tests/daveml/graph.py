@@ -40,55 +40,55 @@ class Graph:
                 table = node.find("functionDefn/griddedTable")
             if table is None:
                 table = shared[node.find("functionDefn/griddedTableRef").get("gtID")]
-            axes = [grids[part.get("bpID")] for part in table.iter("bpRef")]
+            axes = [grids[reference.get("bpID")] for reference in table.iter("bpRef")]
             values = _numbers(table.find("dataTable")).reshape([axis.size for axis in axes])
             self.tables[name] = RegularGridInterpolator(axes, values)
 
     def evaluate(self, inputs: dict[str, float]) -> dict[str, float]:
-        known: dict[str, float] = {}
-        return {name: self._value(name, inputs, known) for name in self.outputs}
+        computed: dict[str, float] = {}
+        return {name: self._value(name, inputs, computed) for name in self.outputs}
 
-    def _value(self, name: str, inputs: dict[str, float], known: dict[str, float]) -> float:
-        if name not in known:
+    def _value(self, name: str, inputs: dict[str, float], computed: dict[str, float]) -> float:
+        if name not in computed:
             node = self.variables[name]
             calculation = node.find("calculation")
             if calculation is not None:
                 (formula,) = calculation.find("math")
-                value = self._formula(formula, inputs, known)
+                value = self._formula(formula, inputs, computed)
             elif name in self.functions:
-                value = self._look_up(name, inputs, known)
+                value = self._look_up(name, inputs, computed)
             else:
                 value = inputs[name] if name in self.inputs else float(node.get("initialValue"))
             value = max(value, float(node.get("minValue", "-inf")))
-            known[name] = min(value, float(node.get("maxValue", "inf")))
-        return known[name]
+            computed[name] = min(value, float(node.get("maxValue", "inf")))
+        return computed[name]
 
-    def _look_up(self, name: str, inputs, known) -> float:
+    def _look_up(self, name: str, inputs, computed) -> float:
         table, point = self.tables[name], []
         for reference, axis in zip(
             self.functions[name].findall("independentVarRef"), table.grid, strict=True
         ):
             assert reference.get("extrapolate") == "neither"
-            x = self._value(reference.get("varID"), inputs, known)
+            x = self._value(reference.get("varID"), inputs, computed)
             x = np.clip(x, float(reference.get("min")), float(reference.get("max")))
             point.append(np.clip(x, axis[0], axis[-1]))
         return float(table(point)[0])
 
-    def _formula(self, node, inputs, known) -> float:
+    def _formula(self, node, inputs, computed) -> float:
         if node.tag == "cn":
             return float(node.text)
         if node.tag == "ci":
-            return self._value(node.text.strip(), inputs, known)
+            return self._value(node.text.strip(), inputs, computed)
         if node.tag == "piecewise":
             for value, condition in node.findall("piece"):
-                if self._formula(condition, inputs, known):
-                    return self._formula(value, inputs, known)
-            return self._formula(node.find("otherwise")[0], inputs, known)
-        head, *rest = node
+                if self._formula(condition, inputs, computed):
+                    return self._formula(value, inputs, computed)
+            return self._formula(node.find("otherwise")[0], inputs, computed)
+        head, *operands = node
         operator = head.text.strip() if head.tag == "csymbol" else head.tag
         if operator == "piecewise":
-            return self._formula(head, inputs, known)
-        x = [self._formula(part, inputs, known) for part in rest]
+            return self._formula(head, inputs, computed)
+        x = [self._formula(operand, inputs, computed) for operand in operands]
         return {
             "plus": lambda: math.fsum(x),
             "minus": lambda: x[0] - x[1] if len(x) == 2 else -x[0],

@@ -98,9 +98,9 @@ def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
         aileron=np.radians(4.0), rudder=np.radians(3.0), elevator=np.radians(-2.0)
     )
     ours = aero["coefficients"](air, controls, rates, None)
-    there = {"vt": 500.0, "alpha": 5.0, "beta": 2.0, "el": -2.0, "ail": -4.0, "rdr": 3.0}
-    there |= {"p": 0.01 * 2 * 500 / 30, "q": 0.002 * 2 * 500 / 11.32, "r": -0.003 * 2 * 500 / 30}
-    theirs = Graph(of("F16_aero.dml")).evaluate(there)
+    inputs = {"vt": 500.0, "alpha": 5.0, "beta": 2.0, "el": -2.0, "ail": -4.0, "rdr": 3.0}
+    inputs |= {"p": 0.01 * 2 * 500 / 30, "q": 0.002 * 2 * 500 / 11.32, "r": -0.003 * 2 * 500 / 30}
+    theirs = Graph(of("F16_aero.dml")).evaluate(inputs)
     for name, output in (
         ("CX", "cx"),
         ("CY", "cy"),
@@ -170,7 +170,7 @@ def test_answers_are_numbers_and_sums_of_signals_and_effectors(
 
 
 @pytest.mark.parametrize(
-    ("answers", "words"),
+    ("answers", "message"),
     [
         ("small.dml: {DWFL: left}", "import.yaml:1:19: 'left'; expected a number, or a sum"),
         ("small.dml: {DWFL: elevator aileron}", "'elevator aileron'"),
@@ -179,8 +179,10 @@ def test_answers_are_numbers_and_sums_of_signals_and_effectors(
         ("other.dml: {DWFL: 1}", "import.yaml:1:1: 'other.dml'"),
     ],
 )
-def test_answers_that_make_no_sense_are_rejected(answers: str, words: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=re.escape(words)):
+def test_answers_that_make_no_sense_are_rejected(
+    answers: str, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
         imported(tmp_path, answers=answers)
     assert not (tmp_path / "small.py").exists()
 
@@ -275,7 +277,7 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "found"),
+    ("name", "old", "new", "problem"),
     [
         (
             "F16_aero",
@@ -293,10 +295,10 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_refused_with_its_line(
-    tmp_path: Path, name: str, old: str, new: str, found: str
+    tmp_path: Path, name: str, old: str, new: str, problem: str
 ) -> None:
     path = changed(tmp_path, f"{name}.dml", old, new)
-    with pytest.raises(InputError, match=rf"{name}\.dml:\d+:.*{found}"):
+    with pytest.raises(InputError, match=rf"{name}\.dml:\d+:.*{problem}"):
         import_daveml([path], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -370,11 +372,11 @@ def test_formulas_are_what_mathml_says(
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "problem"),
     [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' of 3 operands"), (pieces(2000), "too deep")],
 )
-def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, found: str) -> None:
-    with pytest.raises(InputError, match=found):
+def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
         formula(tmp_path, text)
 
 
@@ -436,9 +438,9 @@ def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(
     ]
     text = path.read_text(encoding="utf-8")
     path.write_text(text[: text.index("\nlimits:")], encoding="utf-8")
-    found = trim(load_vehicle(path), ELLIPSOID, FlightPoint(3051.96, 172.42))
-    assert not found.fault
-    assert 1.0 < np.degrees(found.angle_of_attack) < 4.0
+    trimmed = trim(load_vehicle(path), ELLIPSOID, FlightPoint(3051.96, 172.42))
+    assert not trimmed.fault
+    assert 1.0 < np.degrees(trimmed.angle_of_attack) < 4.0
 
 
 HOSTILE = (
@@ -457,7 +459,7 @@ KEYS = {  # of the files of YAML that are written, by what names them
 def attacked(tree: ElementTree.Element) -> Iterator[ElementTree.Element]:
     """The file with hostile text in place of, and behind, the first attribute or text of each kind in each element."""
     seen = set()
-    for at, element in enumerate(tree.iter()):
+    for index, element in enumerate(tree.iter()):
         for key in [*element.attrib, ""]:
             kind = key, element.tag, *(child.tag for child in element)
             if kind in seen or not (key or (element.text or "").strip()):
@@ -465,11 +467,11 @@ def attacked(tree: ElementTree.Element) -> Iterator[ElementTree.Element]:
             seen.add(kind)
             for before in ("", element.get(key) if key else element.text):
                 changed = copy.deepcopy(tree)
-                place = list(changed.iter())[at]
+                target = list(changed.iter())[index]
                 if key:
-                    place.set(key, before + HOSTILE)
+                    target.set(key, before + HOSTILE)
                 else:
-                    place.text = before + HOSTILE
+                    target.text = before + HOSTILE
                 yield changed
 
 

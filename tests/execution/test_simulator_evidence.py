@@ -194,7 +194,7 @@ def test_noise_is_found_and_what_is_stated_of_it_is_checked(
     assert [entry.verdict == "ESTIMATE" for entry in manifest.requirements] == [is_estimate]
     text = shown_text(build_report(tmp_path / "out"))
     assert ("No verdict is given" in text) == is_estimate
-    status = CliRunner().invoke(app, ["status", str(tmp_path / "out")]).output
+    status = CliRunner().invoke(app, ["runs", str(tmp_path / "out")]).output
     assert f"repeatable   {expected}: " in status
     summary = " ".join(Results(tmp_path / "out").summary)
     assert ("No verdict is given" in summary) == is_estimate

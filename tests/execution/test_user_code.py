@@ -7,7 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
-from execution.test_cluster import Dask
+from remote.test_cluster import Dask
 from report.synthetic import build_page
 from user_code.test_vehicle_functions import write_ghame_x
 
@@ -24,8 +24,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.requests import Request, TuneRequest, WorstRequest
-from abhv_mc.search.tune import tune_controller
+from abhv_mc.requests import Request, WorstRequest
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import find_input
 from abhv_mc.simulators.check_inputs import check_inputs
@@ -34,6 +33,8 @@ from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.user_channels import compile_channels
+from abhv_mc_tune.request import TuneRequest
+from abhv_mc_tune.tuning import tune_controller
 
 CAMPAIGN = """\
 name: own

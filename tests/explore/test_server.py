@@ -30,12 +30,12 @@ def server(tmp_path_factory):
         thread.join()
 
 
-def ask(server, place, data=None, token=None, host=None):
+def ask(server, path, data=None, token=None, host=None):
     connection = http.client.HTTPConnection(*server.server_address)
     token = server.token if token is None else token
     body = None if data is None else json.dumps(data)
     headers = {} if host is None else {"Host": host}
-    connection.request("GET" if data is None else "POST", f"{place}?token={token}", body, headers)
+    connection.request("GET" if data is None else "POST", f"{path}?token={token}", body, headers)
     reply = connection.getresponse()
     content = reply.read()
     connection.close()
@@ -57,7 +57,7 @@ def asked(server):
 
 def test_only_this_machine_and_only_with_the_token_is_answered(server):
     assert server.server_address[0] == "127.0.0.1" and len(server.token) >= 32
-    for place, data in (
+    for path, data in (
         ("/", None),
         ("/view", None),
         ("/plotly.js", None),
@@ -65,16 +65,16 @@ def test_only_this_machine_and_only_with_the_token_is_answered(server):
         ("/flight", {}),
     ):
         for wrong in ({"token": ""}, {"token": server.token[:-1]}, {"host": "example.org"}):
-            assert ask(server, place, data, **wrong)[0] == 403
+            assert ask(server, path, data, **wrong)[0] == 403
     assert ask(server, "/")[0] == 200 and server.token.encode() in ask(server, "/")[1]
     assert ask(server, "/../manifest.json")[0] == 404
 
 
 def test_flights_are_counted_and_the_nearest_is_flown_again(server):
     status, content = ask(server, "/counts", asked(server))
-    found = json.loads(content)
-    assert status == 200 and found["count"] == 200 == len(found["points"])
-    k, x, y, flight, _ = found["points"][30]
+    answer = json.loads(content)
+    assert status == 200 and answer["count"] == 200 == len(answer["points"])
+    k, x, y, flight, _ = answer["points"][30]
     near = json.loads(ask(server, "/nearest", {**asked(server), "at": [x, y]})[1])
     assert near == [k, flight]
     flown = json.loads(
@@ -87,16 +87,18 @@ def test_flights_are_counted_and_the_nearest_is_flown_again(server):
 
 
 def test_what_stands_behind_a_flight_are_the_bands_of_its_controller(server):
-    found = json.loads(ask(server, "/behind", {"controller": "two", "channel": "altitude_m"})[1])
+    answer = json.loads(ask(server, "/behind", {"controller": "two", "channel": "altitude_m"})[1])
     envelope = server.table.results.envelopes["two", "altitude_m"]
-    assert found["time"] == envelope.time.tolist() and found["q5"] == envelope.bands["q5"].tolist()
-    assert len(found["nominal"]) == len(found["time"])
+    assert (
+        answer["time"] == envelope.time.tolist() and answer["q5"] == envelope.bands["q5"].tolist()
+    )
+    assert len(answer["nominal"]) == len(answer["time"])
 
 
 def test_the_chosen_flights_are_saved_as_csv(server):
     connection = http.client.HTTPConnection(*server.server_address)
-    wanted = {**asked(server), "controllers": ["two"], "sort": "flight", "down": True}
-    connection.request("GET", f"/csv?token={server.token}&asked={quote(json.dumps(wanted))}")
+    selection = {**asked(server), "controllers": ["two"], "sort": "flight", "down": True}
+    connection.request("GET", f"/csv?token={server.token}&asked={quote(json.dumps(selection))}")
     reply = connection.getresponse()
     rows = list(csv.DictReader(reply.read().decode().splitlines()))
     connection.close()
@@ -133,7 +135,7 @@ def page(server, tmp_path):
 
 
 def shown(page, action):
-    """How many flights are within all brushes after an action that counts them anew."""
+    """Return the number of flights within all brushes after an action."""
     before = page.ask(DRAWN)
     action()
     page.wait_for(f"{DRAWN} > {before}")
@@ -198,10 +200,10 @@ def test_a_click_flies_the_flight_again_and_draws_it(page, server, way):
         x, y, named = next(find_flights(page))
         page.click(x, y)
     page.wait_for("document.body.dataset.opened !== undefined")
-    found = page.ask(FLOWN)
+    answer = page.ask(FLOWN)
     number = page.ask("document.body.dataset.opened")
-    assert f", flight {number}: " in found["title"] and found["lines"] >= 2
-    assert way == "table" or found["title"].startswith(f"{named}: ")
-    assert found["same"].endswith("Its metrics equal the stored ones bit for bit.")
+    assert f", flight {number}: " in answer["title"] and answer["lines"] >= 2
+    assert way == "table" or answer["title"].startswith(f"{named}: ")
+    assert answer["same"].endswith("Its metrics equal the stored ones bit for bit.")
     if way == "table":
         assert number == page.ask("document.querySelector('#flight-rows button').textContent")

@@ -38,7 +38,7 @@ def declare(plan, **entries):
     errors = []
     models = {name: MetricEntry(**entry) for name, entry in entries.items()}
     document = Document("metrics.yaml", {}, {(): (1, 1)}, {})
-    declared = declare_metrics(models, (), document, (), errors, {})
+    declared = declare_metrics(models, (), document, (), errors, windows={})
     assert not errors
     return dataclasses.replace(plan, declared=pack_metrics(declared))
 

@@ -32,7 +32,7 @@ def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
         0.0,
         (0.0, 0.0, 0.0),
         vehicle.constants.mass_start,
-        math.radians(89.99),
+        latitude=math.radians(89.99),
     )
     timing = Timing(0.01, 1, 3000)
     motion = make_motion(

@@ -91,7 +91,7 @@ def test_other_errors_are_bad_input(path, monkeypatch):
 
 
 def test_a_look_at_the_lock_keeps_nobody_from_taking_it(tmp_path):
-    """`status` or `list` at the moment of a start made `run` reject a folder that nobody held."""
+    """`runs` at the moment of a start made `run` reject a folder that nobody held."""
     (tmp_path / ".lock").touch()
     look = (tmp_path / ".lock").open()
     fcntl.flock(look, fcntl.LOCK_SH)

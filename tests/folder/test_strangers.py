@@ -1,5 +1,5 @@
 """A stranger's folder: no command runs what it holds, SQL over it sees its tables and nothing else of the machine, and
-what it says steers no terminal. See also execution/test_user_code (laws of others) and test_remote (names that lead
+what it says steers no terminal. See also execution/test_user_code (laws of others), remote/test_store (names that lead
 out)."""
 
 import os
@@ -76,9 +76,9 @@ def test_of_the_values_of_envelopes_only_whole_blocks_of_this_campaign_are_taken
 
 def commands(campaign, folder):
     """What people do with a folder that they were given."""
-    yield "status", folder
+    yield "runs", folder
     yield "query", folder, "select * from flights"
-    yield "export", folder, "-o", "csv"
+    yield "query", folder, "--csv", "csv"
     yield "report", folder
     yield "verify", "campaign", folder
     yield "compare", folder, folder

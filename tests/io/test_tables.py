@@ -1,13 +1,11 @@
 """Tables of other programs, with the location of every mistake; columns of pyarrow; atomic writes."""
 
-import contextlib
 import json
 import subprocess
 import sys
 from decimal import Decimal
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -69,7 +67,7 @@ def test_a_table_of_any_dialect_has_the_same_numbers(tmp_path, text):
     assert table.factor(columns["a"], "m") == factor
 
 
-def test_parquet_json_and_excel_have_the_numbers_of_a_csv_file(tmp_path):
+def test_parquet_and_json_have_the_numbers_of_a_csv_file(tmp_path):
     values = {
         "seed": [2**63 + 1025, 3],
         "hit": [True, False],
@@ -97,9 +95,6 @@ def test_parquet_json_and_excel_have_the_numbers_of_a_csv_file(tmp_path):
         read(tmp_path, "\n".join(map(json.dumps, rows)), "table.txt"),
         read_foreign_table(tmp_path / "table.parquet"),
     ]
-    with contextlib.suppress(ImportError):
-        pd.DataFrame(values).to_excel(tmp_path / "table.xlsx", index=False)
-        tables.append(read_foreign_table(tmp_path / "table.xlsx"))
     for table in tables:
         names = ["seed", "hit", "gain", "a.b"]
         indices = [table.heads.index(name) for name in names]
@@ -107,6 +102,28 @@ def test_parquet_json_and_excel_have_the_numbers_of_a_csv_file(tmp_path):
         expected = [[2.0**63 + 2048.0, 1.0, 0.1, 1.0], [3.0, 0.0, 1e-3, np.nan]]
         assert np.array_equal(found, expected, equal_nan=True)
         assert table.words(table.heads.index("system")) == ["v1", "v2"]
+
+
+def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row in (
+        ["flight", "apogee", "hit", "by"],
+        [None, "ft", None, None],
+        [1, 1000.5, True, "A, B"],
+        [2, "2000,5", False, None],
+        [3, "far", False, "C"],
+    ):
+        book.active.append(row)
+    book.create_sheet("notes").append(["not read"])
+    book.save(tmp_path / "flights.xlsx")
+    table = read_foreign_table(tmp_path / "flights.xlsx")
+    assert table.heads == ("flight", "apogee", "hit", "by")
+    assert table.units == ("", "ft", "", "")
+    assert table.numbers([0, 2]).tolist() == [[1.0, 1.0], [2.0, 0.0], [3.0, 0.0]]
+    assert table.words(3) == ["A, B", "", "C"]
+    with pytest.raises(InputError, match=r"flights.xlsx:4: '2000,5' in the column 'apogee'"):
+        table.numbers([1])
 
 
 @pytest.mark.parametrize(

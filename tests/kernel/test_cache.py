@@ -16,7 +16,7 @@ import numba
 import numpy as np
 import pytest
 
-from abhv_mc.kernel import cache, compiler_target, jit
+from abhv_mc.kernel import cache, jit
 from abhv_mc.kernel.compiler_target import code_folder, find_features
 
 WORDS = (
@@ -227,7 +227,7 @@ class Features(dict):
     ],
 )
 def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chosen, found):
-    monkeypatch.setattr(compiler_target.llvm, "get_host_cpu_features", lambda: Features(features))
+    monkeypatch.setattr(llvm, "get_host_cpu_features", lambda: Features(features))
     for name in ("CPU_NAME", "CPU_FEATURES"):
         monkeypatch.setattr(numba.config, name, "haswell" if name == chosen else None)
     assert find_features() == found

@@ -265,3 +265,15 @@ def test_where_numba_has_changed_its_public_interface_compiles(tmp_path, change)
     environment.pop("ABHV_MC_PUBLIC_NUMBA", None)
     expected = ["public", "1", "True", "public"] if change else ["private", "0", "True", "private"]
     assert run(BROKEN.format(change=change), PACKAGE, tmp_path, environment)[:4] == expected
+
+
+def test_numba_is_imported_when_something_compiles():
+    """Reports and campaigns of other simulators compile nothing: the import would be a fifth of their start."""
+    code = (
+        "import sys\n"
+        "import abhv_mc.execution.adopt, abhv_mc.execution.runner, abhv_mc.report.pages.build\n"
+        "assert not {'numba', 'llvmlite', 'scipy.linalg'} & set(sys.modules)\n"
+        "from abhv_mc.kernel.numerics.lane_math import exp\n"
+        "assert exp(0.0) == 1.0 and 'numba' in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

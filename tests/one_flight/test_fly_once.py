@@ -43,9 +43,9 @@ def test_dispersions_and_overrides_change_the_flight_as_their_files_would():
 
 
 def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
-    """As a campaign refuses it; the flight was the nominal one, and nothing said so."""
+    """Regression: a dispersion without effect was ignored silently."""
     short = {"base": "level", "duration": "2 s"}
-    for given, unfelt in (
+    for dispersions, unfelt in (
         ({"aero.drag.elevator": 1.5}, "'aero.drag.elevator', without"),
         (
             {"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0},
@@ -53,11 +53,11 @@ def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
         ),
     ):
         with pytest.raises(InputError, match=unfelt):
-            abhv_mc.fly(short, dispersions=given)
+            abhv_mc.fly(short, dispersions=dispersions)
     felt = {"wind.gust_start": 1.0, "wind.gust_north": 3.0, "aero.drag.elevator": 1.0}
     slack = {"actuator.rate_limit": 1.5, "failure.engine.time": "1 h"}  # felt farther out
-    for given in (felt, slack):
-        assert len(abhv_mc.fly(short, dispersions=given, every=100)) == 3
+    for dispersions in (felt, slack):
+        assert len(abhv_mc.fly(short, dispersions=dispersions, every=100)) == 3
 
 
 def test_trims_are_a_table_by_bank():
@@ -119,9 +119,9 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("call", "arguments", "words"), WRONG)
-def test_what_is_wrong_is_said(call, arguments, words):
-    with pytest.raises(InputError, match=words):
+@pytest.mark.parametrize(("call", "arguments", "message"), WRONG)
+def test_what_is_wrong_is_said(call, arguments, message):
+    with pytest.raises(InputError, match=message):
         call(**({} if call is abhv_mc.trim else {"mission": "level"}) | arguments)
 
 
@@ -146,7 +146,7 @@ def test_margins_are_a_table_by_loop_with_units():
         table.disk_margin["rudder"]
     )  # nothing ends it
     assert table.attrs["stable"] and table.attrs["poles"][0].real < 0.0
-    assert any("near the node 1.0000" in words for words in table.attrs["warnings"])
+    assert any("near the node 1.0000" in warning for warning in table.attrs["warnings"])
 
 
 @pytest.mark.thorough

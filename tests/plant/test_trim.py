@@ -29,32 +29,32 @@ def vehicle(name):
     ],
 )
 def test_published_trims(name, bank, alpha, elevator, eta):
-    found = trim(vehicle(name), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE))
-    assert not found.fault
+    trimmed = trim(vehicle(name), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE))
+    assert not trimmed.fault
     figures = 3 if name != "ghame" else 2
     half = 0.6 * 10.0**-figures
-    angles = math.degrees(found.angle_of_attack), math.degrees(found.elevator)
+    angles = math.degrees(trimmed.angle_of_attack), math.degrees(trimmed.elevator)
     assert angles == pytest.approx((alpha, elevator), abs=half)
-    assert found.equivalence_ratio == pytest.approx(eta, abs=0.1 * half)
-    assert found.mach == pytest.approx(4.744643)  # the deck's own check value at 20 km
-    assert found.dynamic_pressure == pytest.approx(87130.5, rel=2e-5)
+    assert trimmed.equivalence_ratio == pytest.approx(eta, abs=0.1 * half)
+    assert trimmed.mach == pytest.approx(4.744643)  # the deck's own check value at 20 km
+    assert trimmed.dynamic_pressure == pytest.approx(87130.5, rel=2e-5)
 
 
 @pytest.mark.parametrize(("bank", "c_tn"), [(0.0, 0.00626), (50.0, 0.00633)])
 def test_coupled_lift_is_as_chosen(bank, c_tn):
     """Values from the deck's constants file, which leaves the cosine of the angle of attack out."""
-    found = trim(
+    trimmed = trim(
         vehicle("ghame_x_coupled"), STILL, FlightPoint(20e3, 1400.0, math.radians(bank), LATITUDE)
     )
-    assert found.c_tn / math.cos(found.angle_of_attack) == pytest.approx(c_tn, abs=7e-6)
+    assert trimmed.c_tn / math.cos(trimmed.angle_of_attack) == pytest.approx(c_tn, abs=7e-6)
 
 
 def test_winged_cone_trims_near_the_published_angle():
     """Mach 15 at 110,000 ft: 1.7 to 1.8 deg in the open literature on the winged cone (136 t, Earth at rest)."""
-    found = trim(vehicle("winged_cone"), STILL, FlightPoint(33.5e3, 4590.0))
-    assert not found.fault
-    assert found.mach == pytest.approx(15.0, abs=0.1)
-    assert 1.65 < math.degrees(found.angle_of_attack) < 1.8
+    trimmed = trim(vehicle("winged_cone"), STILL, FlightPoint(33.5e3, 4590.0))
+    assert not trimmed.fault
+    assert trimmed.mach == pytest.approx(15.0, abs=0.1)
+    assert 1.65 < math.degrees(trimmed.angle_of_attack) < 1.8
 
 
 @pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
@@ -62,17 +62,17 @@ def test_forces_and_moment_balance(name):
     """Newton's law written out for a banked climb that gathers speed, over an Earth at rest."""
     v, bank, gamma = vehicle(name), math.radians(-30.0), math.radians(1.0)
     point = FlightPoint(22e3, 1500.0, bank, 0.0, math.pi / 2.0, gamma, speed_rate=0.5)
-    found = trim(v, STILL._replace(flattening=0.0, j2=0.0), point)
-    assert not found.fault
-    alpha, mass, c = found.angle_of_attack, v.constants.mass_start, v.constants
+    trimmed = trim(v, STILL._replace(flattening=0.0, j2=0.0), point)
+    assert not trimmed.fault
+    alpha, mass, c = trimmed.angle_of_attack, v.constants.mass_start, v.constants
     radius = STILL.equatorial_radius + 22e3
     g = STILL.gravitational_parameter / radius**2
-    across_thrust = found.lift + found.thrust * (
+    across_thrust = trimmed.lift + trimmed.thrust * (
         c.thrust_cos * math.sin(alpha) + c.thrust_sin * math.cos(alpha)
     )
     along_thrust = (
-        found.thrust * (c.thrust_cos * math.cos(alpha) - c.thrust_sin * math.sin(alpha))
-        - found.drag
+        trimmed.thrust * (c.thrust_cos * math.cos(alpha) - c.thrust_sin * math.sin(alpha))
+        - trimmed.drag
     )
     assert along_thrust == pytest.approx(mass * (0.5 + g * math.sin(gamma)), rel=1e-6)
     relief = 1500.0**2 / radius
@@ -83,20 +83,22 @@ def test_forces_and_moment_balance(name):
     turn = across_thrust / mass * math.sin(bank) ** 2 / 1500.0  # the pitch rate of the turn
     variables = make_variables(
         v,
-        mach=found.mach,
+        mach=trimmed.mach,
         angle_of_attack=alpha,
-        elevator=found.elevator,
-        equivalence_ratio=found.equivalence_ratio,
+        elevator=trimmed.elevator,
+        equivalence_ratio=trimmed.equivalence_ratio,
         altitude=22e3,
         mass=mass,
         pitch_rate_hat=turn * c.chord / 3000.0,
     )
     cg_x = evaluate_fixed(v, variables)["center_of_gravity_x"][0]
     down = (
-        -found.lift * math.cos(alpha) - found.drag * math.sin(alpha) - found.thrust * c.thrust_sin
+        -trimmed.lift * math.cos(alpha)
+        - trimmed.drag * math.sin(alpha)
+        - trimmed.thrust * c.thrust_sin
     )
-    moment = found.dynamic_pressure * c.area * c.chord * evaluate_coefficients(v, variables)[4, 0]
-    moment += found.thrust * c.thrust_cos * c.thrust_offset_z + cg_x * down
+    moment = trimmed.dynamic_pressure * c.area * c.chord * evaluate_coefficients(v, variables)[4, 0]
+    moment += trimmed.thrust * c.thrust_cos * c.thrust_offset_z + cg_x * down
     assert abs(moment) < 1e-6 * mass * g * c.chord
 
 
@@ -104,8 +106,8 @@ def test_the_turning_earth_carries_an_eastbound_flight():
     v = vehicle("ghame")
 
     def lift(earth, heading):
-        found = trim(v, earth, FlightPoint(20e3, 1400.0, 0.0, LATITUDE, math.radians(heading)))
-        return found.lift + found.thrust * math.sin(found.angle_of_attack)
+        trimmed = trim(v, earth, FlightPoint(20e3, 1400.0, 0.0, LATITUDE, math.radians(heading)))
+        return trimmed.lift + trimmed.thrust * math.sin(trimmed.angle_of_attack)
 
     mass = v.constants.mass_start
     coriolis = 2.0 * WGS84.rotation_rate * 1400.0 * math.cos(LATITUDE)
@@ -125,8 +127,8 @@ def test_the_turning_earth_carries_an_eastbound_flight():
     ],
 )
 def test_what_cannot_be_balanced_says_why(point, word):
-    found = trim(vehicle("ghame"), STILL, point)
-    assert word in found.fault
-    assert all(math.isfinite(x) for x in found._replace(fault=0.0))
-    assert found.angle_of_attack <= math.radians(21.0) + 1e-12
-    assert 0.05 <= found.equivalence_ratio <= 2.0
+    trimmed = trim(vehicle("ghame"), STILL, point)
+    assert word in trimmed.fault
+    assert all(math.isfinite(x) for x in trimmed._replace(fault=0.0))
+    assert trimmed.angle_of_attack <= math.radians(21.0) + 1e-12
+    assert 0.05 <= trimmed.equivalence_ratio <= 2.0

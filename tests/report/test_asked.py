@@ -101,7 +101,7 @@ def test_the_folder_says_what_is_bad_and_a_gate_takes_it_on_its_bad_side(low):
     )
     assert b"bad" not in schema.field(END_TIME.name).metadata
     for crossed, shown in ((("two", "one"), True), (("one", "two"), False)):
-        (pair,) = compare(low.out, low.out, crossed, {LOW: 1e-6})["paired"]
+        (pair,) = compare(low.out, low.out, crossed, {LOW: 1e-6}).numbers()["paired"]
         assert pair["not_worse"][LOW]["shown"] is shown
 
 

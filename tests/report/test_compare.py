@@ -18,7 +18,7 @@ from abhv_mc.topics.comparison.model import metric_differences
 
 
 def test_controllers_can_be_crossed(failing_folder, failing_numbers):
-    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"))["paired"]
+    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr")).numbers()["paired"]
     inside = failing_numbers["comparison"]["pairs"]["tlc - lqr"]
     assert pair["requirements"] == inside["requirements"]
     metric = "bank_error_rms_deg"
@@ -30,7 +30,7 @@ def test_controllers_can_be_crossed(failing_folder, failing_numbers):
 
 def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_folder):
     margins = parse_margins(["speed_error_max_mps=900 %"])
-    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"), margins)["paired"]
+    (pair,) = compare(failing_folder, failing_folder, ("tlc", "lqr"), margins).numbers()["paired"]
     gate = pair["not_worse"]["speed_error_max_mps"]
     assert gate["loses_more"] and not gate["shown"]
 
@@ -198,7 +198,7 @@ def versions(tmp_path_factory):
 
 def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, abhv_mc, monkeypatch):
     """Their worst values differ, so their flights had other numbers, and the gate refused them."""
-    monkeypatch.setattr("abhv_mc.execution.name_points.SEARCH_FLIGHTS", 8)
+    monkeypatch.setattr("abhv_mc.statistics.unknowns.FEWEST_SEARCHED", 8)
 
     def fly(new, *words):
         code, _, err = abhv_mc(
@@ -229,7 +229,7 @@ def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, ab
     assert abhv_mc("compare", versions / "out0", versions / "out1", *gate)[0] == 0
     code, told, _ = abhv_mc("compare", versions / "out0", versions / "out2", *gate)
     assert code == 1 and "at a 1 m, b 1 m" in told and "NOT shown" in told
-    lost = compare(versions / "out0", versions / "out2")["paired"][0]["newly_lost"]
+    lost = compare(versions / "out0", versions / "out2").numbers()["paired"][0]["newly_lost"]
     assert lost > 0 and f"loses {lost} flights" in told
     assert (
         abhv_mc("compare", versions / "out0", versions / "out2", "--fail-if-loses", "9999")[0] == 0

@@ -11,7 +11,7 @@ from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, recording_of
 from abhv_mc.interfaces import Engine
-from abhv_mc.requests import TuneRequest
+from abhv_mc_tune.request import TuneRequest
 
 METRIC = "altitude_error_max_m"
 

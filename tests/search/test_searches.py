@@ -25,7 +25,7 @@ from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import RareRequest, WorstRequest
-from abhv_mc.search.rare import find_rare
+from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.worst import find_worst, find_worst_margins
 
 
@@ -42,18 +42,18 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
     tmp_path, line, find, make, flights, last
 ):
     cut = tmp_path / "cut"
-    whole, one, two = (
+    complete, first, second = (
         make(line, folder, METRIC, flights=flights, workers=workers)
         for folder, workers in ((tmp_path / "whole", 1), (cut, 1), (cut, 2))
     )
-    whole = find(whole, LINE)
+    complete = find(complete, LINE)
     with pytest.raises(KeyboardInterrupt):
-        find(one, interrupted_after(last - 1, LINE))
+        find(first, interrupted_after(last - 1, LINE))
     assert read_manifest(cut / "manifest.json").state == "interrupted"
     stored = sorted(path.name for path in (cut / "flights").glob("*.parquet"))
     assert stored
-    again = find(two, LINE)
-    assert again.numbers() == whole.numbers()
+    again = find(second, LINE)
+    assert again.numbers() == complete.numbers()
     assert (
         read_manifest(cut / "manifest.json").digest
         == read_manifest(tmp_path / "whole/manifest.json").digest
@@ -65,8 +65,8 @@ def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
         flown.append(len(parameters))
         return fly_line(plan, parameters, record_every)
 
-    once_more = find(one, Engine(prepare, fly_counted, "line"))
-    assert once_more.numbers() == whole.numbers()
+    once_more = find(first, Engine(prepare, fly_counted, "line"))
+    assert once_more.numbers() == complete.numbers()
     assert (
         sum(flown) <= 4
     )  # of what is complete the nominal flight and the worst, for their histories
@@ -77,33 +77,33 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
     sigma = (1.0 - LOST_BELOW) / stats.norm.isf(0.005)
     lift = "aero.lift: {distribution: normal, sigma: 5 %}"
     dispersions = f"{{atmosphere.density: {{distribution: normal, sigma: {sigma}}}, {lift}}}"
-    for said, probability in (("failure", 0.005), ("as_measured", None)):
-        limit = f"[{{metric: {METRIC}, below: 1000, probability: 0.9, ended_early: {said}}}]"
-        campaign = write_campaign(tmp_path / said, dispersions=dispersions, requirements=limit)
-        found = find_rare(
-            RareRequest(campaign, tmp_path / f"{said}_out", METRIC, flights=8000),
+    for rule, probability in (("failure", 0.005), ("as_measured", None)):
+        limit = f"[{{metric: {METRIC}, below: 1000, probability: 0.9, ended_early: {rule}}}]"
+        campaign = write_campaign(tmp_path / rule, dispersions=dispersions, requirements=limit)
+        result = find_rare(
+            RareRequest(campaign, tmp_path / f"{rule}_out", METRIC, flights=8000),
             ENGINE,
         )
         if probability is None:
-            assert found.estimate.refusal is not None
+            assert result.estimate.refusal is not None
         else:
-            assert found.estimate.low <= probability <= found.estimate.high
+            assert result.estimate.low <= probability <= result.estimate.high
 
 
 def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, line):
-    found = find_worst(WorstRequest(line, tmp_path / "out", METRIC, flights=400, box=2.5), LINE)
-    numbers = found.numbers()
+    result = find_worst(WorstRequest(line, tmp_path / "out", METRIC, flights=400, box=2.5), LINE)
+    numbers = result.numbers()
     assert numbers["value"] == pytest.approx(2.5)
     assert "aero.lift" in numbers["at_bounds"]
     assert numbers["parameters"]["aero.lift"] == pytest.approx(1.125)
     assert numbers["random_worst"] < numbers["value"]
     failures = numbers["requirements"][0]["failures"]
-    values = found.flights.column(METRIC)[: found.searched]
-    assert failures == (values >= found.requirements[0].limits.high).sum()
-    assert found.severities[found.worst] == found.severities[: found.searched].max()
+    values = result.flights.column(METRIC)[: result.searched]
+    assert failures == (values >= result.requirements[0].limits.high).sum()
+    assert result.severities[result.worst] == result.severities[: result.searched].max()
     reader = SampleReader(tmp_path / "out/samples.parquet")
-    assert reader.flights == found.flights.stop
-    np.testing.assert_array_equal(reader.rows(0, reader.flights), found.flights.samples)
+    assert reader.flights == result.flights.stop
+    np.testing.assert_array_equal(reader.rows(0, reader.flights), result.flights.samples)
     smallest = find_worst(
         WorstRequest(line, tmp_path / "low", METRIC, bad="low", flights=400, box=2.5), LINE
     )
@@ -112,9 +112,9 @@ def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, 
 
 def test_an_early_end_is_worse_than_any_value(tmp_path):
     campaign = write_campaign(tmp_path / "files")
-    found = find_worst(WorstRequest(campaign, tmp_path / "out", METRIC, flights=400), ENGINE)
-    assert found.numbers()["outcome"] == Outcome.SIDESLIP_LIMIT.code
-    assert found.numbers()["parameters"]["atmosphere.density"] < LOST_BELOW
+    result = find_worst(WorstRequest(campaign, tmp_path / "out", METRIC, flights=400), ENGINE)
+    assert result.numbers()["outcome"] == Outcome.SIDESLIP_LIMIT.code
+    assert result.numbers()["parameters"]["atmosphere.density"] < LOST_BELOW
 
 
 def test_flights_that_cannot_be_computed_are_flown_again(tmp_path, line):
@@ -148,8 +148,8 @@ def test_all_combinations_of_discrete_parameters_are_tried_at_the_best_point(tmp
         return block
 
     request = WorstRequest(campaign, tmp_path / "out", METRIC, flights=200)
-    found = find_worst(request, Engine(prepare, fly_pair, "pair"))
-    assert found.numbers()["value"] == 50.0 and found.other_seeds is None
+    result = find_worst(request, Engine(prepare, fly_pair, "pair"))
+    assert result.numbers()["value"] == 50.0 and result.other_seeds is None
 
 
 def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
@@ -211,8 +211,8 @@ def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path
         metrics="{swing: {of: bank_deg, statistic: peak_to_peak}}",
         requirements="[{metric: swing, below: 3 deg, probability: 0.9}]",
     )
-    found = find_rare(RareRequest(campaign, tmp_path / "out", "swing", flights=8000), LINE)
-    assert found.estimate.low <= stats.norm.sf(3.0) <= found.estimate.high
+    result = find_rare(RareRequest(campaign, tmp_path / "out", "swing", flights=8000), LINE)
+    assert result.estimate.low <= stats.norm.sf(3.0) <= result.estimate.high
     worst = find_worst(
         WorstRequest(campaign, tmp_path / "worst", "swing", flights=400, box=2.5),
         LINE,
@@ -248,8 +248,8 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
         return np.tile(least[:, None], 4), [""] * len(rows)
 
     monkeypatch.setattr("abhv_mc.search.worst.trim_margins", lambda *_: {"tlc": margins})
-    gain, *others = find_worst_margins(campaign, ("tlc",))
-    assert len(others) == 3
+    gain, *other_margins = find_worst_margins(campaign, ("tlc",))
+    assert len(other_margins) == 3
     assert gain.nominal == pytest.approx(13.6)
     assert gain.found == pytest.approx(8.0, abs=1e-3)
     assert gain.parameters["atmosphere.density"] == pytest.approx(1.1)
@@ -278,8 +278,10 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     assert worst["parameters"]["a"] == pytest.approx(3.0) and abs(
         worst["parameters"]["b"]
     ) == pytest.approx(3.0)
-    found = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
-    assert found.refusal is None and found.low <= paraboloid(2, 7.0, 0.5).probability <= found.high
+    result = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
+    assert (
+        result.refusal is None and result.low <= paraboloid(2, 7.0, 0.5).probability <= result.high
+    )
 
 
 def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, capsys):
@@ -298,7 +300,21 @@ def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, ca
     path = tmp_path / "noise.yaml"
     path.write_text(json.dumps(content))
     find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=160, workers=1))
-    words = "not repeatable: "
-    assert f"warning: {words}" in capsys.readouterr().err
+    prefix = "not repeatable: "
+    assert f"warning: {prefix}" in capsys.readouterr().err
     manifest = json.loads((tmp_path / "worst" / "manifest.json").read_text())
-    assert [text.startswith(words) for text in manifest["warnings"]] == [True]
+    assert [text.startswith(prefix) for text in manifest["warnings"]] == [True]
+
+
+def test_a_requirement_is_named_by_its_id_or_by_its_metric(tmp_path):
+    entry = "{{id: {}, metric: {}, below: {}, probability: 0.9}}"
+    rows = [("R-1", METRIC, 2), ("R-2", METRIC, 3), ("R-3", "sideslip_max_deg", 4)]
+    requirements = f"[{', '.join(entry.format(*row) for row in rows)}]"
+    campaign = read_campaign(write_campaign(tmp_path, requirements=requirements))
+    (controller, *_) = campaign.controllers
+    assert find_requirement(campaign, controller, "R-2").limits.as_entry() == {"below": 3.0}
+    assert find_requirement(campaign, controller, "sideslip_max_deg").traced["id"] == "R-3"
+    with pytest.raises(InputError, match="by its 'id'"):
+        find_requirement(campaign, controller, METRIC)
+    with pytest.raises(InputError, match="no requirement on 'R-4'"):
+        find_requirement(campaign, controller, "R-4")

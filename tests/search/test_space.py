@@ -19,8 +19,8 @@ def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(t
     space = make_space(
         read_campaign(write_campaign(tmp_path, dispersions=DISPERSIONS, requirements="[]"))
     )
-    place = {name: i for i, name in enumerate(space.names)}
-    time, drag = place["failure.aileron.stuck_time"], place["aero.drag"]
+    columns = {name: i for i, name in enumerate(space.names)}
+    time, drag = columns["failure.aileron.stuck_time"], columns["aero.drag"]
     bounds = space.bounds(3.0)
     np.testing.assert_allclose(bounds[time], [10.0, 40.0])
     np.testing.assert_allclose(bounds[drag], [0.94, 1.06], rtol=1e-6)
@@ -78,7 +78,7 @@ SELDOM = [
 
 
 @pytest.mark.parametrize(
-    ("severities", "samples", "number", "apart", "ranked"),
+    ("severities", "samples", "number", "min_distance", "ranked"),
     [
         (
             [0, 5, 5, -np.inf, 2],
@@ -100,9 +100,11 @@ SELDOM = [
         ([1, 2, 3, 4, 5, 6], SELDOM, 6, 0.05, [5, 4, 3, 2]),
     ],
 )
-def test_the_worst_flights_that_lie_apart(severities, samples, number, apart, ranked):
+def test_the_worst_flights_that_lie_apart(severities, samples, number, min_distance, ranked):
     with np.errstate(all="raise"):
         assert (
-            rank_distinct(np.array(severities, float), np.array(samples, float), number, apart)
+            rank_distinct(
+                np.array(severities, float), np.array(samples, float), number, min_distance
+            )
             == ranked
         )

@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,6 @@ from abhv_mc.simulators.user_simulator import (
     working_folder,
 )
 from abhv_mc.simulators.user_simulator.process_pool import end_processes
-from abhv_mc.simulators.user_simulator.user_flights import prove_blocks
 
 LOST = int(Outcome.FAILED_TO_RUN)
 WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it
@@ -392,7 +392,12 @@ def test_no_flight_has_the_numbers_of_another(
     text = UNEVEN.replace("MODE", repr(mode)).replace("ECHOES", repr(echoes))
     (tmp_path / "uneven.py").write_text(text)
     simulator = {"command": [sys.executable, "uneven.py"], "time_limit": "1 s"}
-    campaign = prove_blocks(ready(dive_campaign(tmp_path, simulator=simulator)))
+    campaign = ready(dive_campaign(tmp_path, simulator=simulator))
+    systems = {
+        name: system._replace(plan=campaign.simulator.prove(system.plan))
+        for name, system in campaign.systems.items()
+    }
+    campaign = replace(campaign, systems=systems)
     delays = np.arange(60.0)
     events: Counter[str] = Counter()
     for block in np.split(delays, 2):

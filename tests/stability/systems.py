@@ -35,8 +35,8 @@ def plans_of(file, mission="level", vehicle="ghame_x", seconds=3.0):
     law, code = read_law(file)
     short = course.model_copy(update={"duration": seconds})
     return tuple(
-        make(craft, each, law, "own", user_code=code)
-        for make, each in ((make_plan, short), (make_steady_plan, course))
+        make(craft, flight_mission, law, "own", user_code=code)
+        for make, flight_mission in ((make_plan, short), (make_steady_plan, course))
     )
 
 
@@ -52,18 +52,18 @@ def flight_plan(controller, duration=60.0):
 
 
 def parameters(flights=1, **values):
-    found = nominal_parameters(flights)
+    rows = nominal_parameters(flights)
     for name, value in values.items():
-        found[:, PARAMETER_INDEX[name.replace("__", ".")]] = value
-    return found
+        rows[:, PARAMETER_INDEX[name.replace("__", ".")]] = value
+    return rows
 
 
 @cache
 def linear_at_trim(controller, delay=0.0):
     plan, dispersions = steady_plan(controller), parameters(sensor__delay=delay)
-    found = trim_points(plan, dispersions)
-    assert found.faults == [""]
-    return linearize(plan, found.points)
+    trims = trim_points(plan, dispersions)
+    assert trims.faults == [""]
+    return linearize(plan, trims.points)
 
 
 @cache
@@ -84,7 +84,7 @@ def assert_neutral(linear, margins):
         gains, frequencies = getattr(margins, side)[0], getattr(margins, f"{side}_frequency")[0]
         for i in np.flatnonzero(np.isfinite(frequencies)):
             scale = np.where(np.arange(len(gains)) == i, gains[i], 1.0)
-            ticks = tuple(each._replace(B=each.B * scale) for each in linear.phases or (linear,))
+            ticks = tuple(phase._replace(B=phase.B * scale) for phase in linear.phases or (linear,))
             poles = np.linalg.eigvals(closed_period(ticks[0]._replace(phases=ticks), 0))
             assert np.abs(poles - np.exp(1j * frequencies[i] * span)).min() < 1e-6
 

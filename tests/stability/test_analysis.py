@@ -17,11 +17,15 @@ from abhv_mc.stability.analysis import analyse, make_rows, margins_of_flights
 
 def test_the_least_margin_over_loops_and_times_counts():
     plan, steady = flight_plan("lqr_retuned_ghame_x", 3.0), steady_plan("lqr_retuned_ghame_x")
-    each = [margins_of_flights(plan, steady, parameters(), [time]) for time in ("trim", 1.0)]
+    single_times = [
+        margins_of_flights(plan, steady, parameters(), [time]) for time in ("trim", 1.0)
+    ]
     both = margins_of_flights(plan, steady, parameters(), ["trim", 1.0])
-    np.testing.assert_allclose(both.table, np.minimum(each[0].table, each[1].table), rtol=1e-6)
+    np.testing.assert_allclose(
+        both.table, np.minimum(single_times[0].table, single_times[1].table), rtol=1e-6
+    )
     assert both.faults == [[""], [""]]
-    gain, phase, delay, disk = each[0].table.T
+    gain, phase, delay, disk = single_times[0].table.T
     np.testing.assert_allclose(gain, 2.44, atol=0.01)  # the throttle's
     np.testing.assert_allclose(phase, 9.4, atol=0.06)
     np.testing.assert_allclose(delay, 10.5, atol=0.06)
@@ -45,10 +49,10 @@ def test_flights_without_margins_count_as_zero():
     dispersions = parameters(3)
     dispersions[1] = parameters(control__aileron_effectiveness=0.7)  # unstable
     dispersions[2] = parameters(initial__sideslip=np.deg2rad(20.0))  # ends at once
-    found = margins_of_flights(plan, steady, dispersions, [2.0])
-    assert found.faults == [["", "unstable", "the flight has ended before 2 s"]]
-    assert (found.table[0] > 0.0).all()
-    np.testing.assert_array_equal(found.table[1:], 0.0)
+    margins = margins_of_flights(plan, steady, dispersions, [2.0])
+    assert margins.faults == [["", "unstable", "the flight has ended before 2 s"]]
+    assert (margins.table[0] > 0.0).all()
+    np.testing.assert_array_equal(margins.table[1:], 0.0)
 
 
 def test_a_command_behind_a_limit_counts_as_zero():
@@ -57,20 +61,20 @@ def test_a_command_behind_a_limit_counts_as_zero():
         update={"limits": law.limits.model_copy(update={"angle_of_attack": (0.0, 0.05)})}
     )
     plan = make_plan(vehicle, mission.model_copy(update={"duration": 3.0}), narrow, "tlc")
-    found = margins_of_flights(plan, steady_plan("tlc"), parameters(), [2.0])
-    assert found.faults == [["a command stands at a limit"]]
-    np.testing.assert_array_equal(found.table, 0.0)
+    margins = margins_of_flights(plan, steady_plan("tlc"), parameters(), [2.0])
+    assert margins.faults == [["a command stands at a limit"]]
+    np.testing.assert_array_equal(margins.table, 0.0)
 
 
 def test_a_delay_takes_what_the_delay_margin_says():
     plan = steady_plan("tlc")
-    found = margins_of_flights(
+    margins = margins_of_flights(
         plan, plan, parameters(3, sensor__delay=np.array([0.0, 0.08, 0.09])), ["trim"]
     )
-    assert found.faults == [
+    assert margins.faults == [
         ["", "", "unstable"]
     ]  # 87 ms in all loops at once, which is what a late measurement is
-    assert found.table[1, 2] < found.table[0, 2]
+    assert margins.table[1, 2] < margins.table[0, 2]
 
 
 def test_rows_have_none_for_what_is_infinite():
@@ -98,6 +102,6 @@ def test_rows_have_none_for_what_is_infinite():
 def test_a_loop_that_is_no_numbers_has_no_poles():
     """A density of 1e300 in a file of samples ended a campaign in numpy's LinAlgError after its last flight."""
     linear = linear_at_trim("lqr_retuned_ghame_x")
-    found = analyse(linear._replace(A=np.full_like(linear.A, np.nan)))
-    assert not found.stable.any() and found.poles[0].size == 0
-    assert np.isnan(found.margins.gain_high).all()
+    stability = analyse(linear._replace(A=np.full_like(linear.A, np.nan)))
+    assert not stability.stable.any() and stability.poles[0].size == 0
+    assert np.isnan(stability.margins.gain_high).all()

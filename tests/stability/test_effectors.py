@@ -50,9 +50,9 @@ def trimmed(files, **case):
     plan = make_steady_plan(
         load_vehicle(files[0]), read_mission(files[1]), law, "own", user_code=code
     )
-    found = trim_points(plan, rows_of({name.replace("__", "."): x for name, x in case.items()}))
-    assert found.faults == [""]
-    return linearize(plan, found.points), found.points
+    trims = trim_points(plan, rows_of({name.replace("__", "."): x for name, x in case.items()}))
+    assert trims.faults == [""]
+    return linearize(plan, trims.points), trims.points
 
 
 def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) -> None:

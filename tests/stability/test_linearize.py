@@ -89,29 +89,29 @@ def test_tlcs_throttle_is_the_simulators_with_shorter_cells_of_its_trim_tables(m
 def test_all_loops_at_once_and_poles_are_those_of_an_independent_simulator(
     controller, disk, delay, pole
 ):
-    found = stability_at_trim(controller)
-    assert found.stable.all()
-    np.testing.assert_allclose(found.margins.all_disk, disk, atol=6e-5)
-    np.testing.assert_allclose(1e3 * found.margins.all_delay, delay, atol=0.06)
-    nearest = found.poles[0][np.abs(found.poles[0] - pole).argmin()]
+    analyses = stability_at_trim(controller)
+    assert analyses.stable.all()
+    np.testing.assert_allclose(analyses.margins.all_disk, disk, atol=6e-5)
+    np.testing.assert_allclose(1e3 * analyses.margins.all_delay, delay, atol=0.06)
+    nearest = analyses.poles[0][np.abs(analyses.poles[0] - pole).argmin()]
     assert abs(nearest - pole) < 0.035
     if controller == "tlc":
-        slow = found.poles[0][np.abs(found.poles[0]) > 0.1]
+        slow = analyses.poles[0][np.abs(analyses.poles[0]) > 0.1]
         np.testing.assert_allclose(slow.real.max(), -0.181, atol=6e-4)
 
 
 def test_the_papers_weights_do_not_stabilise_level_flight():
-    found = stability_at_trim("lqr")
-    assert not found.stable[0] and np.isnan(found.margins.phase).all()
-    np.testing.assert_allclose(found.poles[0][0].real, 0.120, atol=6e-4)
-    np.testing.assert_allclose(abs(found.poles[0][0].imag), 2.78, atol=6e-3)
+    stability = stability_at_trim("lqr")
+    assert not stability.stable[0] and np.isnan(stability.margins.phase).all()
+    np.testing.assert_allclose(stability.poles[0][0].real, 0.120, atol=6e-4)
+    np.testing.assert_allclose(abs(stability.poles[0][0].imag), 2.78, atol=6e-3)
 
 
 def test_the_trim_is_at_rest_on_the_turning_earth():
     plan, dispersions = steady_plan("tlc"), parameters(2, aero__lift=np.array([1.0, 0.95]))
-    found = trim_points(plan, dispersions)
-    assert found.faults == ["", ""]
-    p = found.points
+    trims = trim_points(plan, dispersions)
+    assert trims.faults == ["", ""]
+    p = trims.points
     states = path.make_states(p.path, p.controls, p.latitude, p.mass)
     rates = ask_plant(plan, p.lane, 1, np.arange(2), states).rates
     np.testing.assert_allclose(path.path_rates(states, rates), 0.0, atol=1e-9)
@@ -124,12 +124,12 @@ def test_the_trim_is_at_rest_on_the_turning_earth():
 
 def test_a_banked_trim_turns_as_its_reference_does():
     plan = steady_plan("tlc", np.deg2rad(46.0))
-    found = trim_points(plan, parameters())
-    assert found.faults == [""]
+    trims = trim_points(plan, parameters())
+    assert trims.faults == [""]
     assert np.rad2deg(plan.reference[0, 9]) == pytest.approx(46.0, abs=1e-6)
-    states = path.make_states(*found.points[:4])
+    states = path.make_states(*trims.points[:4])
     rates = path.path_rates(
-        states, ask_plant(plan, found.points.lane, 1, np.zeros(1, np.int64), states).rates
+        states, ask_plant(plan, trims.points.lane, 1, np.zeros(1, np.int64), states).rates
     )
     assert plan.reference[0, 7] == pytest.approx(9.8 / 1400.0, rel=0.1)
     np.testing.assert_allclose(rates[0, path.CHI], plan.reference[0, 7], atol=1e-10)
@@ -208,12 +208,12 @@ def test_probes_that_are_lean_to_compile_have_the_same_bits(controller, monkeypa
     plan = flight_plan(controller, 20.0).lean_for({"aero.lift", "aero.drag"})
     assert plan.lean
     dispersions = parameters(3, aero__lift=np.array([0.9, 1.0, 1.1]), aero__drag=0.85)
-    made, found = [], []
+    variants, analyses = [], []
     for lean in (True, False):
         monkeypatch.setattr(
-            probe, "choose_probe", lambda make, _, lean=lean: made.append(lean) or make(lean)
+            probe, "choose_probe", lambda make, _, lean=lean: variants.append(lean) or make(lean)
         )
-        found.append(linearize(plan, flown_points(plan, dispersions, 8.0).points))
-    assert set(made) == {True, False}
-    for name, ours, full in zip(found[0]._fields, *found, strict=True):
+        analyses.append(linearize(plan, flown_points(plan, dispersions, 8.0).points))
+    assert set(variants) == {True, False}
+    for name, ours, full in zip(analyses[0]._fields, *analyses, strict=True):
         assert np.asarray(ours).tobytes() == np.asarray(full).tobytes(), name

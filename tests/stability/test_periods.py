@@ -118,15 +118,20 @@ THREE = "path, throttle = clock % 4.0 == 0.0, clock % 10.0 == 0.0; clock = (cloc
 )
 def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path, throttle):
     plan = plan_of(tmp_path, rates)
-    found = trim_points(plan, parameters())
-    assert found.faults == [""]
+    trims = trim_points(plan, parameters())
+    assert trims.faults == [""]
     assert find_period(plan).ticks == ticks
-    linear = linearize(plan, found.points)
+    linear = linearize(plan, trims.points)
     by_hand = apart(linear, [(k % path == 0, k % throttle == 0) for k in range(ticks)])
-    poles, others = (np.linalg.eigvals(each) for each in (closed_period(linear, 0), by_hand))
-    for pole in others[np.abs(others) > 1e-6]:
+    poles, expected_poles = (
+        np.linalg.eigvals(matrix) for matrix in (closed_period(linear, 0), by_hand)
+    )
+    for pole in expected_poles[np.abs(expected_poles) > 1e-6]:
         assert np.abs(poles - pole).min() < 1e-8
-    slow, stability = others[np.abs(others) > np.exp(-10.0 * 0.01 * ticks)], analyse(linear)
+    slow, stability = (
+        expected_poles[np.abs(expected_poles) > np.exp(-10.0 * 0.01 * ticks)],
+        analyse(linear),
+    )
     assert (
         max(np.abs(stability.poles[0] - np.log(pole) / (0.01 * ticks)).min() for pole in slow)
         < 1e-6
@@ -139,7 +144,7 @@ def test_a_mode_that_stays_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rates", "declared", "words"),
+    ("rates", "declared", "message"),
     [
         (
             "path = throttle = clock == 0.0; clock = (clock + 1.0) % 150.0",
@@ -149,8 +154,8 @@ def test_a_mode_that_stays_is_named(tmp_path):
         (SUM, 10, "after 11 ticks, not 10"),
     ],
 )
-def test_a_law_without_the_period_is_refused(tmp_path, rates, declared, words):
-    with pytest.raises(InputError, match=words):
+def test_a_law_without_the_period_is_refused(tmp_path, rates, declared, message):
+    with pytest.raises(InputError, match=message):
         find_period(plan_of(tmp_path, rates, declared))
 
 
@@ -160,23 +165,25 @@ def test_a_law_that_switches_at_its_rest_has_no_margins(tmp_path):
 
 
 def test_a_law_of_one_rate_has_the_same_margins_over_ten_ticks(tmp_path):
-    found = []
+    stabilities = []
     for declared in (0, 10):
         plan = plan_of(tmp_path, "pass", declared)
         linear = linearize(plan, trim_points(plan, parameters(sensor__delay=0.02)).points)
-        found.append(analyse(linear))
-    for pole in found[0].poles[0][np.abs(found[0].poles[0]) < 10.0]:
-        assert np.abs(found[1].poles[0] - pole).min() < 1e-6
-    one, ten = (each.margins for each in found)
-    assert np.isfinite(one.phase[0, [0, 2, 3]]).all() and len(linear.phases) == 10
+        stabilities.append(analyse(linear))
+    for pole in stabilities[0].poles[0][np.abs(stabilities[0].poles[0]) < 10.0]:
+        assert np.abs(stabilities[1].poles[0] - pole).min() < 1e-6
+    single, lifted = (stability.margins for stability in stabilities)
+    assert np.isfinite(single.phase[0, [0, 2, 3]]).all() and len(linear.phases) == 10
     for name in ("gain_low", "gain_high"):
         np.testing.assert_allclose(
-            decibels(getattr(ten, name)), decibels(getattr(one, name)), atol=0.01
+            decibels(getattr(lifted, name)), decibels(getattr(single, name)), atol=0.01
         )
     for name, unit in (("phase", 180.0 / np.pi), ("delay", 1e3), ("all_delay", 1e3)):
-        np.testing.assert_allclose(getattr(ten, name) * unit, getattr(one, name) * unit, atol=0.01)
+        np.testing.assert_allclose(
+            getattr(lifted, name) * unit, getattr(single, name) * unit, atol=0.01
+        )
     for name in ("sensitivity", "disk", "all_disk", "crossover", "gain_high_frequency"):
-        np.testing.assert_allclose(getattr(ten, name), getattr(one, name), rtol=1e-3)
+        np.testing.assert_allclose(getattr(lifted, name), getattr(single, name), rtol=1e-3)
 
 
 def test_a_period_may_begin_at_any_tick_of_a_flight(tmp_path):
@@ -191,9 +198,9 @@ def test_a_period_may_begin_at_any_tick_of_a_flight(tmp_path):
 
 
 def at_trim(plan, **values):
-    found = trim_points(plan, parameters(**values))
-    assert found.faults == [""]
-    return linearize(plan, found.points), found.points
+    trims = trim_points(plan, parameters(**values))
+    assert trims.faults == [""]
+    return linearize(plan, trims.points), trims.points
 
 
 def of_all(what, value):
@@ -206,13 +213,13 @@ def test_the_linear_models_predict_the_flight():
         "sensor__pitch_rate_lag": 0.02,
         "sensor__bank_lag": 0.004,
     }
-    held = {
+    sampled = {
         "sensor__speed_interval": 0.05,
         "sensor__sideslip_interval": 0.02,
         "sensor__angle_of_attack_interval": 0.03,
     }
-    rest = {"sensor__pitch_rate_scale": 1.3, "sensor__speed_scale": 0.98, "sensor__delay": 0.02}
-    assert_predicted(flight_plan("tlc", 10.0), parameters(**late, **held, **rest), 301, 60)
+    errors = {"sensor__pitch_rate_scale": 1.3, "sensor__speed_scale": 0.98, "sensor__delay": 0.02}
+    assert_predicted(flight_plan("tlc", 10.0), parameters(**late, **sampled, **errors), 301, 60)
 
 
 @pytest.mark.parametrize("lag", [0.004, 0.08])
@@ -230,7 +237,7 @@ def test_one_lag_of_all_that_is_measured_multiplies_every_loop(lag):
         z - stays
     )  # 1 / (lag s + 1) with a first-order hold
     before, after = (
-        loop_gains(make_loops(each), np.zeros(3, int), omega) for each in (without, with_lag)
+        loop_gains(make_loops(matrix), np.zeros(3, int), omega) for matrix in (without, with_lag)
     )
     np.testing.assert_allclose(after, answer[:, None, None] * before, rtol=1e-8)
 
@@ -243,14 +250,16 @@ def test_samples_that_are_held_and_late_are_the_map_computed_apart(late):
     assert len(linear.phases) == 10
     A, B, D = linear.A[0], linear.B[0], at_trim(plan)[0].law_D[0] @ linear.sense[0]
 
-    def held(ticks):
+    def sampled(ticks):
         inputs = [np.linalg.matrix_power(A, k) @ B for k in range(ticks)]
         return np.linalg.matrix_power(A, ticks), sum(inputs, np.zeros_like(B))
 
-    (A_old, B_old), (A_new, B_new) = held(late), held(10 - late)
+    (A_old, B_old), (A_new, B_new) = sampled(late), sampled(10 - late)
     by_hand = np.block([[A_new @ A_old + B_new @ D, A_new @ B_old], [D, np.zeros((4, 4))]])
-    poles, others = (np.linalg.eigvals(each) for each in (closed_period(linear, 0), by_hand))
-    for pole in others[np.abs(others) > 1e-6]:
+    poles, expected_poles = (
+        np.linalg.eigvals(matrix) for matrix in (closed_period(linear, 0), by_hand)
+    )
+    for pole in expected_poles[np.abs(expected_poles) > 1e-6]:
         assert np.abs(poles - pole).min() < 1e-8
 
 

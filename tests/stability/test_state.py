@@ -84,8 +84,8 @@ def test_a_loss_in_flight_grows_as_the_same_loss_at_the_trim():
     expected = growing_pole(analyse(linearize(steady, trim_points(steady, factor).points)))
     assert expected == pytest.approx(4.19, abs=0.01)
     loss = parameters(failure__aileron__loss_time=29.0, failure__aileron__effectiveness=0.5)
-    found = growing_pole(analyse(linearize(plan, flown_points(plan, loss, 30.0).points)))
-    assert found == pytest.approx(expected, rel=0.03)
+    pole = growing_pole(analyse(linearize(plan, flown_points(plan, loss, 30.0).points)))
+    assert pole == pytest.approx(expected, rel=0.03)
 
 
 def test_a_stuck_surface_and_an_engine_that_is_out_have_no_loop():
@@ -112,19 +112,19 @@ def test_the_trim_is_that_of_the_failed_vehicle_in_its_wind():
     cases[1] = parameters(failure__rudder__loss_time=0.0, failure__rudder__effectiveness=0.5)
     cases[2] = parameters(wind__north=20.0)
     cases[3] = parameters(failure__engine__time=0.0)
-    found = trim_points(steady, cases)
-    assert found.faults[:2] == ["", ""]
+    trims = trim_points(steady, cases)
+    assert trims.faults[:2] == ["", ""]
     # 60 m/s of head wind: less angle of attack and more elevator at the same speed over the ground.
     calm = trim_points(steady, parameters())
-    assert found.points.path[0, 4] < calm.points.path[0, 4] - 1e-4
-    assert found.points.controls[0, 2] < calm.points.controls[0, 2] - 1e-3
+    assert trims.points.path[0, 4] < calm.points.path[0, 4] - 1e-4
+    assert trims.points.controls[0, 2] < calm.points.controls[0, 2] - 1e-3
     np.testing.assert_allclose(
-        found.points.controls[1, 1], 2.0 * calm.points.controls[0, 1], rtol=1e-6
+        trims.points.controls[1, 1], 2.0 * calm.points.controls[0, 1], rtol=1e-6
     )
     # The crab angle is a sideslip to the ground, which the law does not leave alone.
-    assert np.rad2deg(found.points.path[2, 5]) == pytest.approx(-0.82, abs=0.01)
+    assert np.rad2deg(trims.points.path[2, 5]) == pytest.approx(-0.82, abs=0.01)
     assert (
-        found.faults[2]
+        trims.faults[2]
         == "tlc finds no equilibrium, as what it integrates goes on growing (it measures -0.818 deg of sideslip)"
     )
-    assert found.faults[3] == "no trim was found"
+    assert trims.faults[3] == "no trim was found"

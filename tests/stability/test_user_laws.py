@@ -63,14 +63,16 @@ def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law,
 
 def test_the_memory_at_a_trim_rests_there(tmp_path):
     _, steady = plans_of(write_law(tmp_path))
-    found = trim_points(steady, parameters(2, aero__drag=np.array([1.0, 1.1])))
-    memory, controls, path = found.points.memory, found.points.controls, found.points.path
+    trims = trim_points(steady, parameters(2, aero__drag=np.array([1.0, 1.1])))
+    memory, controls, path = trims.points.memory, trims.points.controls, trims.points.path
     assert list(law_memory_rows(steady)) == ["speed", "pitch_rate"]
     np.testing.assert_allclose(
         memory[:, 1], path[:, 8], atol=1e-9
     )  # the filter has settled, though no loop asks it to
-    held = steady.reference[0, 10] - 0.001 * memory[:, 0]
-    np.testing.assert_allclose(held, controls[:, 3], rtol=1e-6)  # the integral holds the throttle
+    throttle = steady.reference[0, 10] - 0.001 * memory[:, 0]
+    np.testing.assert_allclose(
+        throttle, controls[:, 3], rtol=1e-6
+    )  # the integral holds the throttle
     assert memory[1, 0] < memory[0, 0] - 10.0
 
 
@@ -91,18 +93,24 @@ def forget(file):
 )
 def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
     """A law without a memory was not called: margins were those of a constant command."""
-    dispersions, found = parameters(), []
+    dispersions, results = parameters(), []
     for compiled in ("", "(compiled=False)"):
         plan, steady = plans_of(write(tmp_path, compiled))
-        for of, points in (
+        for flight_plan, points in (
             (steady, trim_points(steady, dispersions)),
             (plan, flown_points(plan, dispersions, 1.0)),
         ):
-            found.append((points.points.memory, stability(of, points, dispersions).margins))
-    for (memory, margins), (other_memory, others) in zip(found[:2], found[2:], strict=True):
+            results.append(
+                (points.points.memory, stability(flight_plan, points, dispersions).margins)
+            )
+    for (memory, margins), (other_memory, other_margins) in zip(
+        results[:2], results[2:], strict=True
+    ):
         np.testing.assert_array_equal(memory, other_memory)
-        np.testing.assert_array_equal(decibels(margins.gain_high), decibels(others.gain_high))
-        np.testing.assert_array_equal(margins.all_disk, others.all_disk)
+        np.testing.assert_array_equal(
+            decibels(margins.gain_high), decibels(other_margins.gain_high)
+        )
+        np.testing.assert_array_equal(margins.all_disk, other_margins.all_disk)
 
 
 def test_a_memory_that_is_any_object_is_refused(tmp_path):
@@ -124,8 +132,8 @@ def test_a_law_without_slopes_has_no_margins(tmp_path):
     plan, steady = plans_of(
         write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))")
     )
-    found = margins_of_flights(plan, steady, parameters(), ["trim"])
-    assert found.faults == [[NO_SLOPES]] and found.table[0, 0] == 0.0
+    margins = margins_of_flights(plan, steady, parameters(), ["trim"])
+    assert margins.faults == [[NO_SLOPES]] and margins.table[0, 0] == 0.0
 
 
 def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_rest():

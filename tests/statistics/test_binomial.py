@@ -20,7 +20,7 @@ PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
 
 
 @pytest.mark.parametrize(
-    ("found", "expected"),
+    ("compute", "expected"),
     [  # Hanson & Beard, NASA/TP-2010-216447, worked through in exact arithmetic; flights needed at a risk of 10 %
         (lambda: consumer_risk(0, 1000, 0.9973), 0.06696055432972337),
         (lambda: consumer_risk(0, 1000, 0.99865), 0.2590039229282369),
@@ -36,8 +36,8 @@ PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
         ),
     ],
 )
-def test_oracles(found, expected):
-    assert found() == pytest.approx(expected, rel=1e-11)
+def test_oracles(compute, expected):
+    assert compute() == pytest.approx(expected, rel=1e-11)
     assert quantile_upper_rank(1000, 0.99865, 0.90) is None
 
 

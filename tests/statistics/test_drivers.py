@@ -23,12 +23,12 @@ def test_coefficients_are_those_of_least_squares_on_ranks():
     draw = np.random.default_rng(11)
     inputs = draw.normal(size=(200, 3))
     output = inputs @ [2.0, -1.0, 0.0] + draw.normal(size=200)
-    found = rank_drivers(inputs, output[:, None])
+    drivers = rank_drivers(inputs, output[:, None])
     x, y = rankdata(inputs, axis=0), rankdata(output)
     x, y = (x - x.mean(0)) / x.std(0), (y - y.mean()) / y.std()
     slopes = np.linalg.lstsq(x, y, rcond=None)[0]
-    assert found.srrc[:, 0] == pytest.approx(slopes, abs=1e-12)
-    assert found.explained[0] == pytest.approx(1.0 - np.mean((y - x @ slopes) ** 2), abs=1e-12)
+    assert drivers.srrc[:, 0] == pytest.approx(slopes, abs=1e-12)
+    assert drivers.explained[0] == pytest.approx(1.0 - np.mean((y - x @ slopes) ** 2), abs=1e-12)
 
 
 def test_planted_drivers_among_thirty_idle_in_38_of_40_seeds():
@@ -37,9 +37,9 @@ def test_planted_drivers_among_thirty_idle_in_38_of_40_seeds():
         inputs = _inputs(seed)
         noise = np.random.default_rng(1000 + seed).normal(size=FLIGHTS)
         output = np.exp(inputs[:, 3]) - 0.8 * inputs[:, 17] + 0.5 * noise
-        found = np.flatnonzero(rank_drivers(inputs, output[:, None]).found[:, 0])
-        missed += not {3, 17} <= set(found)
-        exact += set(found) == {3, 17}
+        named = np.flatnonzero(rank_drivers(inputs, output[:, None]).found[:, 0])
+        missed += not {3, 17} <= set(named)
+        exact += set(named) == {3, 17}
     assert missed <= 2
     assert exact >= 38
 
@@ -49,13 +49,13 @@ def test_coefficients_and_p_values_are_those_of_openturns_and_scipy():
     inputs = draw.normal(size=(100, 3))
     inputs[:, 1] += 0.8 * inputs[:, 0]
     output = np.exp(inputs @ [1.0, -0.3, 0.1]) + draw.normal(size=100)
-    found = rank_drivers(inputs, output[:, None])
+    drivers = rank_drivers(inputs, output[:, None])
     theirs = openturns.CorrelationAnalysis(inputs, output[:, None])
-    assert found.srrc[:, 0] == pytest.approx(np.array(theirs.computeSRRC()), abs=1e-12)
+    assert drivers.srrc[:, 0] == pytest.approx(np.array(theirs.computeSRRC()), abs=1e-12)
     for j in range(3):  # a coefficient's t-test is that of the partial correlation
         partial = theirs.computePRCC()[j]
         t = partial * np.sqrt(96.0 / (1.0 - partial**2))
-        assert found.p_value[j, 0] == pytest.approx(2.0 * stats.t.sf(abs(t), 96), rel=1e-9)
+        assert drivers.p_value[j, 0] == pytest.approx(2.0 * stats.t.sf(abs(t), 96), rel=1e-9)
 
 
 def test_a_tiny_coefficient_names_no_driver_and_noise_hides_none():
@@ -63,10 +63,10 @@ def test_a_tiny_coefficient_names_no_driver_and_noise_hides_none():
     draw = np.random.default_rng(90)
     inputs = draw.uniform(-1.0, 1.0, (5000, 3))
     outputs = [inputs @ [1.0, 0.02, 0.0], inputs[:, 0] + 1.5 * draw.normal(size=5000)]
-    found = rank_drivers(inputs, np.column_stack(outputs))
-    assert found.p_value[1, 0] < 1e-6 and abs(found.srrc[1, 0]) < 0.05
-    assert found.explained[1] < 0.2
-    assert found.found.T.tolist() == [[True, False, False], [True, False, False]]
+    drivers = rank_drivers(inputs, np.column_stack(outputs))
+    assert drivers.p_value[1, 0] < 1e-6 and abs(drivers.srrc[1, 0]) < 0.05
+    assert drivers.explained[1] < 0.2
+    assert drivers.found.T.tolist() == [[True, False, False], [True, False, False]]
 
 
 @pytest.mark.parametrize("correlated", ["none", "pair", "idle"])
@@ -82,9 +82,12 @@ def test_noise_hides_neither_true_drivers_nor_their_correlation(correlated):
         x = draw.multivariate_normal(np.zeros(5), covariance, 2000)
         noise = draw.normal(size=(2000, 2)) * [1.5, 2.3]
         outputs = x @ np.transpose([[1.0, 0.8, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0, 0.0]]) + noise
-        found = rank_drivers(np.hstack([x, np.abs(x)]), outputs)
-        assert [np.flatnonzero(named).tolist() for named in found.found.T] == [[0, 1], [0, 1, 2, 3]]
-        left = given_data_indices(x, found.residuals)
+        drivers = rank_drivers(np.hstack([x, np.abs(x)]), outputs)
+        assert [np.flatnonzero(named).tolist() for named in drivers.found.T] == [
+            [0, 1],
+            [0, 1, 2, 3],
+        ]
+        left = given_data_indices(x, drivers.residuals)
         assert not left.found.any()
 
 
@@ -98,10 +101,12 @@ def test_an_idle_partner_of_a_driver_is_not_named(together):
         inputs[:, 1] = together * inputs[:, 0] + np.sqrt(1.0 - together**2) * inputs[:, 1]
         curved = inputs[:, 0] ** 2 + inputs[:, 0] + 0.3 * draw.normal(size=5000)
         steady = np.exp(inputs[:, 0]) + inputs[:, 0] ** 3 + 0.3 * draw.normal(size=5000)
-        found = rank_drivers(np.hstack([inputs, np.abs(inputs)]), np.column_stack([curved, steady]))
-        assert found.found[0, 1] and found.found[[0, 4]].any(axis=0).all()
-        named += found.found[[1, 5]].any()
-        marked += found.moves_with[1, 1] == 0
+        drivers = rank_drivers(
+            np.hstack([inputs, np.abs(inputs)]), np.column_stack([curved, steady])
+        )
+        assert drivers.found[0, 1] and drivers.found[[0, 4]].any(axis=0).all()
+        named += drivers.found[[1, 5]].any()
+        marked += drivers.moves_with[1, 1] == 0
     assert named <= 1 and marked >= 11
 
 
@@ -117,17 +122,17 @@ def test_intervals_cover_the_coefficients_of_all_flights():
     truth = rank_drivers(*run(400_000)).srrc
     missed = 0
     for _ in range(200):
-        found = rank_drivers(*run(200))
-        missed += (found.srrc_low > truth) | (found.srrc_high < truth)
+        drivers = rank_drivers(*run(200))
+        missed += (drivers.srrc_low > truth) | (drivers.srrc_high < truth)
     assert missed.mean() <= 0.08 * 200 and missed.max() <= 0.12 * 200
 
 
 def test_constant_output_and_input_are_not_judged():
     inputs = np.column_stack([np.linspace(0.0, 1.0, 50), np.ones(50)])
-    found = rank_drivers(inputs, np.column_stack([np.zeros(50), np.linspace(0.0, 1.0, 50) ** 3]))
-    assert np.isnan(found.srrc[:, 0]).all()
-    assert found.srrc[0, 1] == pytest.approx(1.0)
-    assert not found.found[1].any()
+    drivers = rank_drivers(inputs, np.column_stack([np.zeros(50), np.linspace(0.0, 1.0, 50) ** 3]))
+    assert np.isnan(drivers.srrc[:, 0]).all()
+    assert drivers.srrc[0, 1] == pytest.approx(1.0)
+    assert not drivers.found[1].any()
 
 
 def _corner(inputs, chance, seed):
@@ -137,7 +142,7 @@ def _corner(inputs, chance, seed):
 
 @pytest.mark.thorough
 def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
-    found = 0
+    drivers = 0
     for seed in range(100):
         inputs = _inputs(seed)
         rules = find_rules(
@@ -146,8 +151,8 @@ def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
         best = {(c.input, c.above) for c in rules[0].conditions} if rules else set()
         pairs = {frozenset(c.input for c in rule.conditions) for rule in rules}
         idle = any(not set(pair) <= {4, 9} for pair in pairs)
-        found += frozenset({4, 9}) in pairs and best <= {(4, True), (9, False)} and not idle
-    assert found >= 95
+        drivers += frozenset({4, 9}) in pairs and best <= {(4, True), (9, False)} and not idle
+    assert drivers >= 95
 
 
 def test_both_ends_of_an_input_are_one_rule():

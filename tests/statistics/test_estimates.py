@@ -30,8 +30,8 @@ def test_sorted_quantile_is_numpys_linear(values, probability):
 
 def test_interval_is_the_published_order_statistics():
     # Conover, Practical Nonparametric Statistics: 16 values, median, ranks 4 and 13 give 97.9 %
-    found = quantile(np.arange(1.0, 17.0), 0.5)
-    assert (found.low, found.high) == (4.0, 13.0)
+    interval = quantile(np.arange(1.0, 17.0), 0.5)
+    assert (interval.low, interval.high) == (4.0, 13.0)
 
 
 def test_failed_flights_are_the_worst():
@@ -46,8 +46,8 @@ def test_failed_flights_are_the_worst():
 
 def test_pairs_that_both_failed_are_ties():
     inf = np.inf
-    found = quantile(pair_differences(np.array([inf, inf, 1.0]), np.array([inf, 2.0, 1.0])), 0.5)
-    assert found.value == 0.0
+    interval = quantile(pair_differences(np.array([inf, inf, 1.0]), np.array([inf, 2.0, 1.0])), 0.5)
+    assert interval.value == 0.0
 
 
 def test_the_last_look_is_the_whole_campaign():

@@ -39,18 +39,18 @@ def test_a_little_worse_is_not_worse_by_more():
 
 def test_just_too_much_worse_on_most_flights_is_let_through_as_seldom_as_promised():
     draw = np.random.default_rng(67)
-    shown = 0
+    passed = 0
     for _ in range(1000):
         a = draw.lognormal(size=100)
-        shown += judge(a, 1.05 * a * draw.lognormal(0.0, 0.1, 100)).shown
-    assert 10 <= shown <= 50 + 21
+        passed += judge(a, 1.05 * a * draw.lognormal(0.0, 0.1, 100)).shown
+    assert 10 <= passed <= 50 + 21
 
 
 def test_the_worst_flight_that_is_not_lost():
     a, outlier = np.linspace(1.0, 2.0, 1000), flight == 500
     assert judge(a, np.where(outlier, 3.9, a)).shown
-    found = judge(a, np.where(outlier, 4.1, a))
-    assert found.worst_doubled and not found.shown and not found.worse_tails
+    gate = judge(a, np.where(outlier, 4.1, a))
+    assert gate.worst_doubled and not gate.shown and not gate.worse_tails
     assert judge(
         a, np.where(outlier, np.inf, a), lost=(NONE, outlier)
     ).shown  # one lost flight shows nothing
@@ -59,14 +59,14 @@ def test_the_worst_flight_that_is_not_lost():
     ).worst_doubled  # at least -1 before: small is bad
 
 
-@pytest.mark.parametrize(("only_b", "more"), [(4, ()), (5, (1,))])
-def test_requirements_missed_more_often(only_b, more):
-    """By the one-sided exact McNemar test: 5 of 5 have a chance of 1/32, which is enough beside a sure one."""
+@pytest.mark.parametrize(("only_b", "second"), [(4, ()), (5, (1,))])
+def test_requirements_missed_more_often(only_b, second):
+    """Check the one-sided exact McNemar test: 5 of 5 have a chance of 1/32."""
     a, sure = np.ones(1000), flight < 40
     missed = [(NONE, NONE), (NONE, flight < only_b)]
-    assert judge(a, a, missed=missed[1:]).misses_more == (more and (0,))
+    assert judge(a, a, missed=missed[1:]).misses_more == (second and (0,))
     assert judge(a, a, missed=missed).misses_more == ()  # Holm: two requirements share the risk
-    assert judge(a, a, missed=[(NONE, sure), missed[1]]).misses_more == (0, *more)
+    assert judge(a, a, missed=[(NONE, sure), missed[1]]).misses_more == (0, *second)
     assert judge(a, a, missed=[(sure, NONE)]).shown
 
 
@@ -74,7 +74,7 @@ def test_lost_flights_are_worse():
     a = np.ones(1000)
     many, some = flight < 600, flight < 30
     assert not judge(a, np.where(many, np.inf, 0.5), lost=(NONE, many)).shown
-    found = judge(a, np.where(some, np.inf, 0.5), lost=(NONE, some))
-    assert found.within == 970 and found.loses_more and not found.shown
+    gate = judge(a, np.where(some, np.inf, 0.5), lost=(NONE, some))
+    assert gate.within == 970 and gate.loses_more and not gate.shown
     assert judge(np.where(many, np.inf, a), a, 0.0, lost=(many, NONE)).shown
     assert judge(np.full(1000, np.inf), np.full(1000, np.inf), lost=(~NONE, ~NONE)).shown

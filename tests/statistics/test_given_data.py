@@ -16,20 +16,20 @@ def test_a_wave_is_found_and_a_product_by_its_pair():
     """sin(6x): no rank correlation, all of the variance; x0 x2: neither has a share of its own."""
     for seed in range(20):
         inputs = draw_inputs(seed, 20)
-        found = given_data_indices(
+        indices = given_data_indices(
             inputs, np.column_stack([np.sin(6.0 * inputs[:, 4]), inputs[:, 0] * inputs[:, 2]])
         )
-        assert [np.flatnonzero(each).tolist() for each in found.found.T] == [[4], [0, 2]]
-        assert found.first[4, 0] > 0.9 and found.partner[[0, 2], 1].tolist() == [2, 0]
-        assert found.first[[0, 2], 1].max() < 0.15 and found.total[[0, 2], 1].min() > 0.5
+        assert [np.flatnonzero(column).tolist() for column in indices.found.T] == [[4], [0, 2]]
+        assert indices.first[4, 0] > 0.9 and indices.partner[[0, 2], 1].tolist() == [2, 0]
+        assert indices.first[[0, 2], 1].max() < 0.15 and indices.total[[0, 2], 1].min() > 0.5
 
 
 def test_shares_are_the_analytic_ones():
     """A sum of two uniforms, and one of their products: ranks of a symmetric output change shares little."""
     inputs = draw_inputs(200, 4, 20_000)
-    found = given_data_indices(inputs, (2.0 * inputs[:, 0] + inputs[:, 1])[:, None])
-    assert found.first[:, 0] == pytest.approx([0.8, 0.2, 0.0, 0.0], abs=0.04)
-    assert found.total[:, 0] == pytest.approx(found.first[:, 0], abs=0.03)
+    indices = given_data_indices(inputs, (2.0 * inputs[:, 0] + inputs[:, 1])[:, None])
+    assert indices.first[:, 0] == pytest.approx([0.8, 0.2, 0.0, 0.0], abs=0.04)
+    assert indices.total[:, 0] == pytest.approx(indices.first[:, 0], abs=0.03)
 
 
 def test_nothing_is_named_where_nothing_drives():
@@ -46,10 +46,10 @@ def test_an_idle_partner_of_a_driver_moves_with_it(together):
     for seed in range(25):
         normal = np.random.default_rng(900 + seed).normal(size=(FLIGHTS, 6))
         normal[:, 1] = together * normal[:, 0] + np.sqrt(1.0 - together**2) * normal[:, 1]
-        found = given_data_indices(normal, np.sin(3.0 * normal[:, [0]]) + normal[:, [3]])
-        assert found.found[[0, 3], 0].all()
-        named += found.found[[1, 2, 4, 5], 0].any()
-        marked += found.moves_with[1, 0] == 0
+        indices = given_data_indices(normal, np.sin(3.0 * normal[:, [0]]) + normal[:, [3]])
+        assert indices.found[[0, 3], 0].all()
+        named += indices.found[[1, 2, 4, 5], 0].any()
+        marked += indices.moves_with[1, 0] == 0
     assert named <= 2 and marked == 25
 
 
@@ -57,7 +57,7 @@ def test_lost_flights_are_the_worst_and_constants_are_left_out():
     inputs = draw_inputs(1000, 3)
     inputs[:, 2] = 1.0
     output = np.column_stack([np.where(inputs[:, 0] > 0.5, np.inf, inputs[:, 1]), np.ones(FLIGHTS)])
-    found = given_data_indices(inputs, output)
-    assert found.found[:, 0].tolist() == [True, True, False]
-    assert np.isnan(found.first[:, 1]).all() and not found.found[:, 1].any()
+    indices = given_data_indices(inputs, output)
+    assert indices.found[:, 0].tolist() == [True, True, False]
+    assert np.isnan(indices.first[:, 1]).all() and not indices.found[:, 1].any()
     assert given_data_indices(inputs[:100], output[:100]) is None

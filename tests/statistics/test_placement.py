@@ -23,9 +23,17 @@ def test_the_joint_p_value_is_exact_whatever_the_correlation():
     draw = np.random.default_rng(3)
     common = draw.standard_normal((200, 1))
     pool = np.hstack([common + 0.3 * draw.standard_normal((200, 3)), draw.integers(0, 4, (200, 2))])
-    found = np.array([joint_p_value(np.roll(pool, k, axis=0)) for k in range(len(pool))])
+    p_values = np.array([joint_p_value(np.roll(pool, k, axis=0)) for k in range(len(pool))])
     for p_value in (0.02, 0.05, 0.1, 0.5):
-        assert np.mean(found <= p_value + 1e-12) <= p_value + 1e-12
+        assert np.mean(p_values <= p_value + 1e-12) <= p_value + 1e-12
+
+
+def test_what_is_unusual_only_together_is_found():
+    draw = np.random.default_rng(7)
+    common = draw.standard_normal((300, 1))
+    values = common + 0.1 * draw.standard_normal((300, 2))
+    assert joint_p_value(np.vstack([values, [1.0, 1.0]])) > 0.2
+    assert joint_p_value(np.vstack([values, [1.0, -1.0]])) < 0.01
 
 
 def test_scores_are_deviations_from_all_other_flights():
@@ -35,9 +43,9 @@ def test_scores_are_deviations_from_all_other_flights():
     band = simultaneous_band(histories, 0.8)
     largest = np.nanstd(histories, axis=0, ddof=1).max(axis=0)
     for k in range(15):
-        others = np.delete(histories, k, axis=0)
-        spread = np.maximum(np.nanstd(others, axis=0, ddof=1), 0.05 * largest)
-        score = np.nanmax(np.abs(histories[k] - np.nanmean(others, axis=0)) / spread)
+        remaining = np.delete(histories, k, axis=0)
+        spread = np.maximum(np.nanstd(remaining, axis=0, ddof=1), 0.05 * largest)
+        score = np.nanmax(np.abs(histories[k] - np.nanmean(remaining, axis=0)) / spread)
         assert band.scores[k] == pytest.approx(score, rel=1e-9)
     assert band.factor == np.sort(band.scores)[12]  # the 13th of 15: 0.8 of 16, rounded up
     assert band.deviations(np.full((4, 2), np.nan)).max() == 0.0

@@ -33,11 +33,11 @@ def draw_pairs(law, size, together, seed):
 @pytest.mark.parametrize("size", [30, 100, 1000])
 def test_quantiles_are_covered(law, size):
     values = draw_pairs(law, size, 0.0, 51)[0]
-    found = [quantiles(row, LEVELS) for row in values]
+    rows = [quantiles(row, LEVELS) for row in values]
     for column, level in enumerate(LEVELS):
-        wanted = float(LAWS[law](level))
-        intervals = [row[column] for row in found]
-        assert sum(i.low <= wanted <= i.high for i in intervals) >= FEWEST
+        truth = float(LAWS[law](level))
+        intervals = [row[column] for row in rows]
+        assert sum(i.low <= truth <= i.high for i in intervals) >= FEWEST
         if size * (1.0 - level) < 3.0:
             assert all(np.isinf(i.high) for i in intervals)
 
@@ -56,11 +56,14 @@ def test_differences_of_quantiles_are_covered(law, size, together, scale):
     """With errors on opposite sides 86 % held the truth; at 99.73 % of 30 to 100 flights 8 to 24 %, and were closed."""
     a, b = draw_pairs(law, size, together, 52)
     b = scale * b
-    found = [quantile_differences(one, other, LEVELS) for one, other in zip(a, b, strict=True)]
+    rows = [
+        quantile_differences(values_a, values_b, LEVELS)
+        for values_a, values_b in zip(a, b, strict=True)
+    ]
     for column, level in enumerate(LEVELS):
-        wanted = float(LAWS[law](level)) * (1.0 - scale)
-        intervals = [row[column] for row in found]
-        assert sum(i.low <= wanted <= i.high for i in intervals) >= FEWEST, level
+        truth = float(LAWS[law](level)) * (1.0 - scale)
+        intervals = [row[column] for row in rows]
+        assert sum(i.low <= truth <= i.high for i in intervals) >= FEWEST, level
         closed = sum(np.isfinite(i.low) and np.isfinite(i.high) for i in intervals)
         assert closed == (0 if size * (1.0 - level) < 3.0 else CAMPAIGNS)
 
@@ -68,10 +71,15 @@ def test_differences_of_quantiles_are_covered(law, size, together, scale):
 def test_against_a_constant_it_is_the_interval_of_one_quantile():
     values = np.random.default_rng(53).normal(size=2000)
     for level in (0.1, 0.5, 0.95):
-        one, other = quantile(values, level), quantile_difference(values, np.zeros(2000), level)
-        ranks = [[int(np.sum(values <= end)) for end in (i.low, i.high)] for i in (one, other)]
+        single, difference = (
+            quantile(values, level),
+            quantile_difference(values, np.zeros(2000), level),
+        )
+        ranks = [
+            [int(np.sum(values <= end)) for end in (i.low, i.high)] for i in (single, difference)
+        ]
         assert np.abs(np.diff(ranks, axis=0)).max() <= 3
-        assert other.value == pytest.approx(one.value)
+        assert difference.value == pytest.approx(single.value)
 
 
 def test_lost_flights_are_the_worst():
@@ -89,5 +97,5 @@ def test_the_fewest_flights_that_bound_a_difference(probability):
     flights = flights_to_bound(probability)
     for count, bounds in ((flights, True), (flights - 1, False)):
         values = np.random.default_rng(1).standard_normal((2, count))
-        found = quantile_difference(values[0], values[0] + 0.1 * values[1], probability)
-        assert np.isfinite(found.high) == bounds
+        difference = quantile_difference(values[0], values[0] + 0.1 * values[1], probability)
+        assert np.isfinite(difference.high) == bounds

@@ -26,22 +26,22 @@ LEVELS = (0.5, 0.95, 0.9973)
     st.floats(0.1, 9.0),
 )
 def test_equal_weights_give_numpys_quantile(values, level, weight):
-    found = weighted_quantile(values, np.full(values.size, weight), level)
-    assert found.value == pytest.approx(np.quantile(values, level), rel=1e-9, abs=1e-9)
+    interval = weighted_quantile(values, np.full(values.size, weight), level)
+    assert interval.value == pytest.approx(np.quantile(values, level), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("count", [0, 7, 300])
 def test_equal_weights_give_clopper_pearson(count):
     flags = np.arange(300) < count
-    found = weighted_share(flags, np.full(300, 2.5))
-    assert (found.low, found.high) == pytest.approx(clopper_pearson(count, 300), abs=1e-12)
+    interval = weighted_share(flags, np.full(300, 2.5))
+    assert (interval.low, interval.high) == pytest.approx(clopper_pearson(count, 300), abs=1e-12)
 
 
 def test_integer_weights_are_repetitions():
     draw = np.random.default_rng(2)
     values, weights = draw.normal(size=300), draw.integers(0, 4, 300).astype(float)
-    found = weighted_quantile(values, weights, 0.9).value
-    assert found == pytest.approx(
+    value = weighted_quantile(values, weights, 0.9).value
+    assert value == pytest.approx(
         np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05
     )
     assert weighted_share(values > 1.0, weights).value == pytest.approx(
@@ -62,16 +62,16 @@ def test_intervals_hold_what_a_fresh_campaign_would_find(old, new):
     draw = np.random.default_rng(3)
     truth = {level: new.ppf(level) for level in (0.5, 0.95)}
     limit = new.ppf(0.97)
-    held = {**dict.fromkeys(truth, 0), "share": 0}
+    covered = {**dict.fromkeys(truth, 0), "share": 0}
     for _ in range(400):
         x = old.rvs(500, random_state=draw)
         weights = new.pdf(x) / old.pdf(x)
-        for level, wanted in truth.items():
-            found = weighted_quantile(x, weights, level)
-            held[level] += found.low <= wanted <= found.high
+        for level, true_value in truth.items():
+            interval = weighted_quantile(x, weights, level)
+            covered[level] += interval.low <= true_value <= interval.high
         share = weighted_share(x > limit, weights)
-        held["share"] += share.low <= 0.03 <= share.high
-    assert all(count >= 0.92 * 400 for count in held.values()), held
+        covered["share"] += share.low <= 0.03 <= share.high
+    assert all(count >= 0.92 * 400 for count in covered.values()), covered
 
 
 def test_what_no_flight_reaches_widens_the_interval():
@@ -89,11 +89,11 @@ def test_what_no_flight_reaches_widens_the_interval():
 
 def test_discrete_values_that_no_flight_had_are_unseen():
     """Were ignored: 'worth 300 flights', where the true share of failures was 30 %."""
-    part = unseen_of_values(
+    unseen = unseen_of_values(
         np.array([0.0, 1.0, 2.0]), np.array([0.5, 0.2, 0.3]), np.array([0.0, 1.0, 1.0])
     )
-    assert part == pytest.approx((0.3, 0.3))
-    assert join_unseen([part, (0.004, 0.0)]).joint == pytest.approx(0.3)
+    assert unseen == pytest.approx((0.3, 0.3))
+    assert join_unseen([unseen, (0.004, 0.0)]).joint == pytest.approx(0.3)
     assert join_unseen([]).single == 0.0
 
 

@@ -1,4 +1,4 @@
-"""Whether the rows of a table are independent draws."""
+"""Tests of the check that the rows of a table are independent draws."""
 
 import numpy as np
 import pytest
@@ -27,9 +27,9 @@ def rounded(values, digits):
     )
 
 
-def check(*columns, correlation=None, **more):
+def check(*columns, correlation=None, **options):
     matrix = np.eye(len(columns)) if correlation is None else np.array(correlation)
-    return check_table(columns, matrix, **more)
+    return check_table(columns, matrix, **options)
 
 
 @pytest.mark.parametrize(
@@ -106,8 +106,8 @@ def test_levels_are_counted_exactly():
         return check(column(np.repeat([0.0, 1.0], [rows - ones, ones]), law, atoms, shares)).levels
 
     assert not levels(0) and not levels(5)
-    (found,) = levels(12)[1:]
-    assert (found.value, found.count, found.probability) == (1.0, 12, 0.001)
+    (level,) = levels(12)[1:]
+    assert (level.value, level.count, level.probability) == (1.0, 12, 0.001)
     assert levels(0, rows=20_000)
 
 
@@ -119,9 +119,9 @@ def test_rank_correlations_are_compared_with_the_stated_ones():
     for digits in (None, 2):
         pair = [column(v if digits is None else rounded(v, digits), law) for v in (x, y)]
         assert not check(*pair, correlation=stated).correlations
-        (found,) = check(*pair).correlations
-        assert found.columns == (0, 1) and found.stated == 0.0
-        assert found.found == pytest.approx(stats.spearmanr(x, y).statistic, abs=0.02)
+        (contradiction,) = check(*pair).correlations
+        assert contradiction.columns == (0, 1) and contradiction.stated == 0.0
+        assert contradiction.found == pytest.approx(stats.spearmanr(x, y).statistic, abs=0.02)
     assert check(column(x, law), column(-y, law), correlation=stated).correlations
 
 

@@ -1,4 +1,4 @@
-"""Verdicts over unknowns: the points, the search, the rule, and its risk by a reduced simulation."""
+"""Verdicts over unknowns: points, search, rule, and risk by a reduced simulation."""
 
 from itertools import combinations
 
@@ -11,6 +11,8 @@ from abhv_mc.statistics.unknowns import (
     choose_points,
     corners,
     judge_points,
+    search_flights,
+    search_size,
     search_worst,
     showing_factor,
 )
@@ -22,15 +24,15 @@ AT = 0.9973, 0.10
 
 @pytest.mark.parametrize("unknowns", [1, 4, 7, 8, 11, 64])
 def test_corners_are_full_or_of_resolution_four(unknowns):
-    found = corners(unknowns)
-    assert found.shape == (2 ** min(unknowns, 7), unknowns)
+    points = corners(unknowns)
+    assert points.shape == (2 ** min(unknowns, 7), unknowns)
     assert np.array_equal(
-        found.T @ found, len(found) * np.eye(unknowns)
+        points.T @ points, len(points) * np.eye(unknowns)
     )  # balanced, and no effect hides another
-    rows = set(map(tuple, found))
-    assert len(rows) == len(found) and all(tuple(-row) in rows for row in found)
+    rows = set(map(tuple, points))
+    assert len(rows) == len(points) and all(tuple(-row) in rows for row in points)
     for i, j in combinations(range(unknowns), 2):  # nor does a product of two
-        assert not np.any((found[:, i] * found[:, j]) @ found)
+        assert not np.any((points[:, i] * points[:, j]) @ points)
 
 
 def quadratic(*peaks):
@@ -123,13 +125,13 @@ def test_a_value_shows_where_two_failures_are_expected():
 )
 def test_verdict_over_points(failures, uncomputed, status):
     flights = 1000
-    each = [
+    verdicts = [
         judge(k, flights, *AT, uncomputed=uncomputed if k == max(failures) else 0) for k in failures
     ]
-    found, worst = judge_points(each)
-    assert found.status == status
-    assert worst == (1 if max(failures) else 0) and found.failures == max(failures) + uncomputed
-    assert found.E_fail == pytest.approx(sum(one.E_fail for one in each) / 3)
+    joint, worst = judge_points(verdicts)
+    assert joint.status == status
+    assert worst == (1 if max(failures) else 0) and joint.failures == max(failures) + uncomputed
+    assert joint.E_fail == pytest.approx(sum(verdict.E_fail for verdict in verdicts) / 3)
 
 
 @pytest.mark.parametrize(
@@ -152,3 +154,9 @@ def test_risks_by_simulation(system, passes, fails):
     shares, _ = benchmark.simulate(benchmark.System("", **system), repetitions=30)
     assert passes[0] <= shares["rule PASS"] <= passes[1]
     assert fails[0] <= shares["rule FAIL"] <= fails[1]
+
+
+def test_a_trial_of_few_flights_searches_with_few():
+    assert [search_size(runs) for runs in (8, 32, 64, 256, 2200)] == [32, 32, 64, 256, 256]
+    assert search_flights(3, 2, 64) * 4 == search_flights(3, 2, 2200)
+    assert showing_factor(0.99, 64) == 4 * showing_factor(0.99)

@@ -8,7 +8,7 @@ from abhv_mc.statistics.unpaired import quantile_difference, share_difference
 
 # Newcombe 1998, table II, method 10: 56/70 less 48/80, 9/10 less 3/10, 10/10 less 0/20.
 @pytest.mark.parametrize(
-    ("more", "fewer", "low", "high"),
+    ("counts_b", "counts_a", "low", "high"),
     [
         ((56, 70), (48, 80), 0.0524, 0.3339),
         ((9, 10), (3, 10), 0.1705, 0.8090),
@@ -16,20 +16,20 @@ from abhv_mc.statistics.unpaired import quantile_difference, share_difference
         ((6, 7), (2, 7), 0.0582, 0.8062),
     ],
 )
-def test_published_intervals_of_differences_of_shares(more, fewer, low, high):
-    found = share_difference(*fewer, *more)
-    assert found.value == pytest.approx(more[0] / more[1] - fewer[0] / fewer[1])
-    assert (found.low, found.high) == pytest.approx((low, high), abs=6e-5)
+def test_published_intervals_of_differences_of_shares(counts_b, counts_a, low, high):
+    interval = share_difference(*counts_a, *counts_b)
+    assert interval.value == pytest.approx(counts_b[0] / counts_b[1] - counts_a[0] / counts_a[1])
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=6e-5)
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.95])
 def test_the_interval_of_a_quantile_holds_the_true_difference(probability):
-    generator, held, truth = np.random.default_rng(3), 0, 0.5
+    generator, covered, truth = np.random.default_rng(3), 0, 0.5
     for _ in range(400):
         a, b = generator.normal(0.0, 1.0, 300), generator.normal(truth, 1.0, 400)
-        found = quantile_difference(a, b, probability)
-        held += found.low <= truth <= found.high
-    assert 0.92 <= held / 400 <= 0.98
+        interval = quantile_difference(a, b, probability)
+        covered += interval.low <= truth <= interval.high
+    assert 0.92 <= covered / 400 <= 0.98
 
 
 def test_no_interval_without_flights_beyond_the_quantile():

@@ -22,7 +22,7 @@ AT = 0.9973, 0.10
 
 
 def test_worked_thresholds():
-    """Of the specification: 99.73 % at 10 %. PASS from a number of flights on, FAIL up to one."""
+    """Thresholds of the specification: 99.73 % at 10 %, for PASS and FAIL."""
     assert [flights_to_pass(k, *AT) for k in range(6)] == [981, 2235, 3086, 3831, 4520, 5172]
     assert [flights_to_fail(k, *AT) for k in (2, 3, 5, 10)] == [53, 145, 410, 1318]
     for failures, flights in [(0, 981), (1, 2235), (5, 5172)]:
@@ -32,7 +32,7 @@ def test_worked_thresholds():
         ]
         assert [most_failures(flights - less, *AT) for less in (0, 1)] == [failures, failures - 1]
     for failures, flights in [(2, 53), (10, 1318)]:
-        assert [judge(failures, flights + more, *AT).status for more in (0, 1)] == [
+        assert [judge(failures, flights + added, *AT).status for added in (0, 1)] == [
             "FAIL",
             "NOT SHOWN",
         ]
@@ -63,20 +63,20 @@ def test_the_predicted_chance_is_the_mean_over_the_rates_that_the_flights_leave(
         posterior = stats.beta(failures + 0.5, flights - failures + 0.5)
         share = np.linspace(0.0, 1.0, 20_001)[1:] - 0.5 / 20_000
         truth = np.mean(stats.binom.cdf(most, longer - flights, posterior.ppf(share)))
-        found = predict_pass(judge(failures, flights, *AT), longer)
-        assert found == pytest.approx(truth, abs=1e-4) and found < 1.0
+        chance = predict_pass(judge(failures, flights, *AT), longer)
+        assert chance == pytest.approx(truth, abs=1e-4) and chance < 1.0
     assert predict_pass(judge(1, 1000, *AT), 2234) == 0.0  # too few even if none fails
     assert predict_pass(judge(0, 981, *AT), 981) == 1.0
 
 
 def test_the_advised_number_is_the_smallest_that_is_likely_to_do_for_all():
     verdicts = [judge(0, 800, *AT), judge(1, 1200, *AT)]
-    found = advise(verdicts)
-    chances = [predict_pass(verdict, found.flights) for verdict in verdicts]
-    assert found.chance == pytest.approx(np.prod(chances)) and found.chance >= 0.5
-    assert found.flights > advise(verdicts[:1]).flights
+    extension = advise(verdicts)
+    chances = [predict_pass(verdict, extension.flights) for verdict in verdicts]
+    assert extension.chance == pytest.approx(np.prod(chances)) and extension.chance >= 0.5
+    assert extension.flights > advise(verdicts[:1]).flights
     needed = [flights_to_pass(k, *AT) for k in range(60)]
-    for number in (n for n in needed if 1200 < n < found.flights):
+    for number in (n for n in needed if 1200 < n < extension.flights):
         assert np.prod([predict_pass(verdict, number) for verdict in verdicts]) < 0.5
     assert advise([judge(29, 8000, *AT)]) is None  # more than is allowed
     assert advise([judge(0, 20, *AT)]) is None  # ten times the flights are too few
@@ -196,7 +196,7 @@ def test_fail_stays_and_dependent_flights_get_no_verdict():
 
 
 @pytest.mark.parametrize(
-    ("rate", "status", "runs", "ever", "at"),
+    ("rate", "status", "runs", "ever", "at_runs"),
     [
         (0.2, "PASS", 1000, 0.589, None),
         (0.2, "PASS", 4000, 0.90, 0.82),
@@ -207,22 +207,26 @@ def test_fail_stays_and_dependent_flights_get_no_verdict():
         (1.0, "FAIL", 100_000, 0.043, None),
     ],
 )
-def test_powers_of_the_specification(rate, status, runs, ever, at):
+def test_powers_of_the_specification(rate, status, runs, ever, at_runs):
     rates = np.array([rate * 0.0027])
     assert ever_chance(runs, *AT, rates, status)[0] == pytest.approx(ever, abs=0.01)
-    if at is not None:
-        assert pass_chance(runs, *AT, rates)[0] == pytest.approx(at, abs=0.01)
+    if at_runs is not None:
+        assert pass_chance(runs, *AT, rates)[0] == pytest.approx(at_runs, abs=0.01)
 
 
 def test_chances_are_those_of_flown_campaigns():
     draw = np.random.default_rng(81)
     failures = np.cumsum(draw.random((4000, 1500)) < 0.002, axis=1)
     needed = np.array([flights_to_pass(k, 0.99, 0.10) for k in range(30)])
-    reached = [any(row[n - 1] <= k for k, n in enumerate(needed) if n <= 1500) for row in failures]
+    has_passed = [
+        any(row[n - 1] <= k for k, n in enumerate(needed) if n <= 1500) for row in failures
+    ]
     rates = np.array([0.002])
-    assert ever_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(reached), abs=0.02)
-    at = failures[:, -1] <= np.sum(needed <= 1500) - 1
-    assert pass_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(at), abs=0.02)
+    assert ever_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(np.mean(has_passed), abs=0.02)
+    passes_at_end = failures[:, -1] <= np.sum(needed <= 1500) - 1
+    assert pass_chance(1500, 0.99, 0.10, rates)[0] == pytest.approx(
+        np.mean(passes_at_end), abs=0.02
+    )
     assert (
         pass_chance(400, 0.9999, 0.10, rates).tolist()
         == ever_chance(400, 0.9999, 0.10, rates).tolist()
@@ -231,7 +235,7 @@ def test_chances_are_those_of_flown_campaigns():
 
 
 def test_all_together_lies_between_the_bounds():
-    one, other = np.array([0.9, 0.3]), np.array([0.8, 0.2])
-    low, high = together([one, other])
+    chance_a, chance_b = np.array([0.9, 0.3]), np.array([0.8, 0.2])
+    low, high = together([chance_a, chance_b])
     assert low == pytest.approx([0.7, 0.0]) and high == pytest.approx([0.8, 0.2])
-    assert np.all(low <= one * other) and np.all(one * other <= high)
+    assert np.all(low <= chance_a * chance_b) and np.all(chance_a * chance_b <= high)

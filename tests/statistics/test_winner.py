@@ -39,10 +39,10 @@ def test_the_closer_one_wins(swapped):
     draw = np.random.default_rng(63)
     common = draw.normal(10.0, 3.0, 1000)
     a, b = common, common + 0.5 + draw.normal(0.0, 0.1, 1000)
-    found = decide(b, a, NONE, NONE, 9) if swapped else decide(a, b, NONE, NONE, 9)
-    assert found.closer == found.winner == ("b" if swapped else "a")
-    assert found.uncompared == (0.9973,)  # 1000 flights say nothing about it
-    assert found.worse == () and not found.loses_more
+    decision = decide(b, a, NONE, NONE, 9) if swapped else decide(a, b, NONE, NONE, 9)
+    assert decision.closer == decision.winner == ("b" if swapped else "a")
+    assert decision.uncompared == (0.9973,)  # 1000 flights say nothing about it
+    assert decision.worse == () and not decision.loses_more
 
 
 def test_who_loses_two_hundred_flights_more_does_not_win():
@@ -50,9 +50,9 @@ def test_who_loses_two_hundred_flights_more_does_not_win():
     draw = np.random.default_rng(64)
     lost = np.arange(1000) < 200
     a, b = draw.normal(1.0, 0.1, 1000), draw.normal(2.0, 0.1, 1000)
-    found = decide(lose(a, lost), b, lost, NONE, 9)
-    assert (found.closer, found.winner, found.loses_more) == ("a", "", True)
-    assert 0.95 in found.worse
+    decision = decide(lose(a, lost), b, lost, NONE, 9)
+    assert (decision.closer, decision.winner, decision.loses_more) == ("a", "", True)
+    assert 0.95 in decision.worse
     mirrored = decide(b, lose(a, lost), NONE, lost, 9)
     assert (mirrored.closer, mirrored.winner) == ("b", "")
     # Nor where the metric does not see that the flights were lost.
@@ -66,9 +66,9 @@ def test_who_is_many_times_worse_in_two_per_cent_does_not_win(size):
     draw = np.random.default_rng(65)
     b = draw.normal(1.0, 0.1, size)
     a = np.where(np.arange(size) < 0.02 * size, 6.7 * b, 0.9 * b)
-    found = decide(a, b, np.zeros(size, dtype=bool), np.zeros(size, dtype=bool), 9)
-    assert (found.closer, found.winner) == ("a", "")
-    assert all(level > 0.98 for level in found.worse) and found.worse
+    decision = decide(a, b, np.zeros(size, dtype=bool), np.zeros(size, dtype=bool), 9)
+    assert (decision.closer, decision.winner) == ("a", "")
+    assert all(level > 0.98 for level in decision.worse) and decision.worse
 
 
 def test_ties_are_left_out():
@@ -90,15 +90,17 @@ def test_evidence_of_a_coin_is_the_integral(heads, tails):
 def test_by_how_much():
     draw = np.random.default_rng(8)
     common = draw.normal(10.0, 3.0, 300)
-    found = compare_metric(common, common + 0.5 + draw.normal(0.0, 0.1, 300))
-    assert found.a_better == 300
-    assert found.median_difference.value == pytest.approx(-0.5, abs=0.05)
-    assert found.pairing_gain > 100.0
+    comparison = compare_metric(common, common + 0.5 + draw.normal(0.0, 0.1, 300))
+    assert comparison.a_better == 300
+    assert comparison.median_difference.value == pytest.approx(-0.5, abs=0.05)
+    assert comparison.pairing_gain > 100.0
 
 
 def test_a_failed_flight_loses():
-    found = compare_metric(np.array([np.inf, 1.0, np.inf, 3.0]), np.array([5.0, 2.0, np.inf, 3.0]))
-    assert (found.a_better, found.b_better, found.ties) == (1, 1, 2)
+    comparison = compare_metric(
+        np.array([np.inf, 1.0, np.inf, 3.0]), np.array([5.0, 2.0, np.inf, 3.0])
+    )
+    assert (comparison.a_better, comparison.b_better, comparison.ties) == (1, 1, 2)
 
 
 def test_pairing_gain_is_the_ratio_of_variances():
@@ -111,20 +113,25 @@ def test_pairing_gain_is_the_ratio_of_variances():
 def test_failures_are_cross_counted():
     a = np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool)
     b = np.array([1, 0, 0, 1, 0, 0, 0], dtype=bool)
-    found = compare_failures(a, b)
-    assert (found.both, found.only_a, found.only_b, found.neither) == (1, 2, 1, 3)
-    assert found.p_value == 1.0
+    comparison = compare_failures(a, b)
+    assert (comparison.both, comparison.only_a, comparison.only_b, comparison.neither) == (
+        1,
+        2,
+        1,
+        3,
+    )
+    assert comparison.p_value == 1.0
 
 
 def test_usage_quadrants():
-    found = compare_usage(
+    comparison = compare_usage(
         np.array([1.0, 1.0, 3.0, 3.0, np.inf]),
         np.array([2.0, 2.0, 2.0, 2.0, 2.0]),
         np.array([1.0, 3.0, 1.0, 3.0, 1.0]),
         np.array([2.0, 2.0, 2.0, 2.0, 2.0]),
     )
-    assert found.pairs == 4
-    assert found.less_error_less_usage == found.less_error_more_usage == 1
-    assert found.more_error_less_usage == found.more_error_more_usage == 1
-    assert found.error_ratio.value == 1.0
+    assert comparison.pairs == 4
+    assert comparison.less_error_less_usage == comparison.less_error_more_usage == 1
+    assert comparison.more_error_less_usage == comparison.more_error_more_usage == 1
+    assert comparison.error_ratio.value == 1.0
     assert compare_usage(*np.zeros((4, 5))) is None

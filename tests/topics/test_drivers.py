@@ -10,12 +10,14 @@ from abhv_mc.topics.drivers import (
     Driver,
     MetricDrivers,
     Share,
+    Swing,
     compute_drivers,
     driver_section,
     driver_sentences,
+    find_swing,
     otherwise_words,
 )
-from abhv_mc.topics.drivers.figures import _bars, draw
+from abhv_mc.topics.drivers.figures import draw, make_tornado
 from abhv_mc.topics.section import Table
 from abhv_mc.topics.topic import Models
 
@@ -109,22 +111,58 @@ def test_each_parameter_is_named_once():
     ]
 
 
+def test_a_swing_is_of_the_tenths_of_the_flights_with_the_lowest_and_highest_values(results):
+    """A parabola has both ends on one side of the median; the middle of a tenth lies at 5 and 95 %."""
+    drivers = changed_drivers(results, lambda x: 2.0 + x["aero.lift"] ** 2 + 0.5 * x["aero.drag"])
+    entry = drivers.controllers["tlc"].metrics[METRIC]
+    swings = {swing.parameter: swing for swing in entry.swings}
+    lift = (results.samples["aero.lift"] - 1.0) / 0.1
+    drag = (results.samples["aero.drag"] - 1.0) / 0.1
+    values = 2.0 + lift**2 + 0.5 * drag
+    ends = np.quantile(lift, [0.1, 0.9])
+    for found, chosen in (
+        (swings["aero.lift"].lowest, lift <= ends[0]),
+        (swings["aero.lift"].highest, lift >= ends[1]),
+    ):
+        assert found == pytest.approx(np.median(values[chosen]), abs=0.02)
+        assert found > entry.median
+    assert entry.median == pytest.approx(np.median(values), abs=0.02)
+    assert swings["aero.drag"].lowest < entry.median < swings["aero.drag"].highest
+
+
+def test_a_swing_of_few_values_and_of_lost_flights():
+    failure = np.repeat([0.0, 1.0], [95, 5])
+    assert find_swing("p", failure, 2.0 + failure) == Swing("p", 2.0, 3.0)
+    assert find_swing("p", np.repeat([0.0, 1.0], [97, 3]), failure) is None
+    assert find_swing("p", np.ones(100), failure) is None
+    lost = np.where(np.arange(100) > 92, np.inf, 1.0)
+    assert find_swing("p", np.arange(100.0), lost) is None
+    assert find_swing("p", -np.arange(100.0), lost) is None
+
+
 def test_a_tornado_has_the_largest_drivers_of_any_controller_first(results):
-    """A controller whose error has no monotonic relation shows shares of the variance of ranks."""
     drivers = compute_drivers(results)
     names = Models(results).names
     ((text, figure),) = draw(drivers, names)
-    assert text.name == "drivers" and len(figure.axes) == len(drivers.controllers)
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    for metric in names.asked:
-        assert names.metrics[metric].label in labels
-    entry = MetricDrivers(
-        0.2, (Share("aero.lift", 0.1, 0.9, None), Share("aero.drag", 0.3, 0.4, None)), ()
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    assert text.name == "drivers" and [axes.texts[0].get_text() for axes in panels] == list(
+        "abcdefghij"[: len(panels)]
     )
-    density = Driver("atmosphere.density", True, (-0.95, -1.0, -0.9), 0.0, True, None)
-    bars = _bars([entry, MetricDrivers(0.9, (), (density,)), None])
-    assert [(bar.label, bar.coefficients, bar.shares) for bar in bars] == [
-        ("density, high or low", [None, (-0.95, -1.0, -0.9), None], [None] * 3),
-        ("lift", [None] * 3, [(0.1, 0.9), None, None]),
-        ("drag", [None] * 3, [(0.3, 0.4), None, None]),
-    ]
+    labels = [axes.get_xlabel() for axes in panels]
+    assert set(labels) <= {names.metrics[metric].label_with_unit for metric in names.asked}
+    lift, drag, density = "aero.lift", "aero.drag", "atmosphere.density"
+    swings = {name: Swing(name, 1.0, 2.0) for name in (lift, drag, density)}
+    entry = MetricDrivers(
+        explained=0.2,
+        otherwise=(Share(lift, 0.1, 0.9, None), Share(drag, 0.3, 0.4, None)),
+        parameters=(),
+        median=1.5,
+        swings=(swings[lift], swings[drag]),
+    )
+    driver = Driver(density, True, (-0.95, -1.0, -0.9), 0.0, True, None)
+    other = MetricDrivers(0.9, (), (driver,), median=2.5, swings=(swings[density],))
+    chart = make_tornado("Error (m)", [entry, other, None], (3.0,))
+    assert chart.parameters == ["density", "lift", "drag"]
+    assert chart.swings[0] == [None, swings[density], None]
+    assert chart.swings[1] == [swings[lift], None, None]
+    assert chart.medians[:2] == [1.5, 2.5] and np.isnan(chart.medians[2])

@@ -58,7 +58,7 @@ class Nominal(NamedTuple):
 
 
 class Design(NamedTuple):
-    """What the nominals are drawn for."""
+    """Design for which nominals are drawn."""
 
     vehicle: Vehicle
     reference: Floats  # [tick, column]
@@ -92,8 +92,8 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
     around = make_environment(SPHERE, values["altitude"], values["latitude"])
     speed = values["mach"] * around.sound_speed
     alpha, bank, gamma = values["angle_of_attack"], values["bank"], values["flight_path_angle"]
-    at = [np.array([x]) for x in (speed, alpha, values["equivalence_ratio"])]
-    elevator = float(trim_elevator(vehicle, around, at[0], at[1], at[2])[0])
+    conditions = [np.array([x]) for x in (speed, alpha, values["equivalence_ratio"])]
+    elevator = float(trim_elevator(vehicle, around, conditions[0], conditions[1], conditions[2])[0])
 
     # What the law reads from its tables: forces and their slopes over alpha and beta.
     def forces_of(x: Numbers) -> Numbers:
@@ -112,9 +112,9 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
         thrust = full - idle
         return np.stack([full[0] * sa - full[2] * ca, side, thrust[0] * ca + thrust[2] * sa])
 
-    here = np.array([alpha, 0.0])
-    normal, side, axial = np.real(forces_of(here[:, None] + 0j))[:, 0].tolist()
-    slopes = slope(forces_of, here)
+    angles = np.array([alpha, 0.0])
+    normal, side, axial = np.real(forces_of(angles[:, None] + 0j))[:, 0].tolist()
+    slopes = slope(forces_of, angles)
     attitude = AttitudePoint(
         values["mass"] * speed,
         around.gravity / speed,
@@ -173,10 +173,10 @@ def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
 
 def inertia_of(design: Design, nominal: Nominal) -> Floats:
     """The inertia matrix [3, 3] at the nominal's mass, kg m2."""
-    at = np.array([nominal.values["angle_of_attack"]])
+    angle = np.array([nominal.values["angle_of_attack"]])
     mass, speed = nominal.values["mass"], nominal.values["speed"]
     wrench = wrench_at(
-        design.vehicle, nominal.around, mass, speed, at, 0.0 * at, _STILL, _STILL, 0.0 * at
+        design.vehicle, nominal.around, mass, speed, angle, 0.0 * angle, _STILL, _STILL, 0.0 * angle
     )
     return np.asarray(np.real(wrench.inertia[..., 0]))
 

@@ -9,7 +9,7 @@ def check(rows: Sequence[Row]) -> None:
     """Print every row; fail where there is none, or where one is outside its tolerance."""
     print()
     for row in rows:
-        words = f"{row.case} | {row.simulator} | {row.quantity} | {row.difference:.1e} ({row.tolerance:.1g}) {row.unit}"
-        print(words if row.ok else f"{words}  OUTSIDE")
+        line = f"{row.case} | {row.simulator} | {row.quantity} | {row.difference:.1e} ({row.tolerance:.1g}) {row.unit}"
+        print(line if row.ok else f"{line}  OUTSIDE")
     assert rows
     assert [row for row in rows if not row.ok] == []

@@ -117,7 +117,7 @@ def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "words"),
+    ("text", "line", "message"),
     [
         ("time,b\n0,1\n0.1,2\n0.2,3\n0.4,4\n", 5, "evenly spaced"),
         ("time,b\n0,1\n0.1,2\n0.1,3\n", 4, "times that rise"),
@@ -128,11 +128,11 @@ def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
         (None, None, "No such file"),
     ],
 )
-def test_a_recording_that_is_none_is_refused(tmp_path, text, line, words):
+def test_a_recording_that_is_none_is_refused(tmp_path, text, line, message):
     file = tmp_path / "a.csv"
     if text is not None:
         file.write_text(text)
-    with pytest.raises(InputError, match=words) as refused:
+    with pytest.raises(InputError, match=message) as refused:
         check_times(file, read_columns(file, ["time", "b"])["time"].to_numpy(), uniform=True)
     assert refused.value.line == line
 

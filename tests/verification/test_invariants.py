@@ -1,4 +1,4 @@
-"""What a flight without forces keeps: energy, angular momentum, a unit quaternion."""
+"""Invariants of a flight without forces: energy, angular momentum, unit quaternion."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +51,7 @@ def test_invariants() -> None:
 def fly_in_vacuum(vehicle: Vehicle, step: float, ticks: int) -> Floats:
     """States ``[tick, state]`` without air or engine, from 20 km, 1400 m/s, tumbling."""
     start = make_start(
-        20e3, (600.0, 1200.0, -300.0), 1.0, _RATES, vehicle.constants.mass_start, 0.5
+        20e3, (600.0, 1200.0, -300.0), 1.0, _RATES, vehicle.constants.mass_start, latitude=0.5
     )
     parameters = nominal_parameters()[0]
     parameters[PARAMETER_INDEX["atmosphere.density"]] = 0.0

@@ -80,11 +80,11 @@ def closed_loop(A: Floats, B: Floats, K: Floats) -> Floats:
 def off(J: Floats, K: Floats, spectrum: Spectrum) -> float:
     """Largest difference of ``A - B K`` from A_c of (10), relative to the largest term of the sum."""
     A, B = J[:, :3], J[:, 3:]
-    wanted = closed_loop(
+    expected = closed_loop(
         np.zeros((3, 3)), -np.eye(3), -np.kron(np.eye(3), np.ones((1, 2))) * np.array(spectrum)
     )
     scale = max(np.abs(A).max(), np.abs(B @ K).max())
-    return float(np.abs(closed_loop(A, B, K) - wanted).max() / scale)
+    return float(np.abs(closed_loop(A, B, K) - expected).max() / scale)
 
 
 def outer_gains(design: Design, nominal: Nominal) -> Floats:
@@ -101,7 +101,7 @@ def outer_gains(design: Design, nominal: Nominal) -> Floats:
 
 
 def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
-    """How far each sub-loop, and the moment that (3) is inverted for, is from what was promised."""
+    """Return the deviations of each sub-loop, and of the moment inverted by (3)."""
     tlc, rates, matrix = design.tlc, nominal.rates, inertia_of(design, nominal)
     inertia = Inertia(matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[0, 2])
     channels = (
@@ -111,7 +111,7 @@ def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
         tlc.altitude,
     )
     *velocity, altitude = [
-        [float(a[0]) for a in pd_spectrum(each, np.zeros(2), np.ones(2))] for each in channels
+        [float(a[0]) for a in pd_spectrum(channel, np.zeros(2), np.ones(2))] for channel in channels
     ]
     outer, J = outer_gains(design, nominal), velocity_jacobian(design, nominal)
     attitude = np.array(attitude_gains(nominal.attitude, rates[0], rates[2], _DIFFERENT)).reshape(
@@ -119,7 +119,7 @@ def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
     )
     acceleration = (0.3, -0.2, 0.1)
     moment = moment_inverse(inertia, *rates, *acceleration)
-    found = np.real(body_rate_rates(matrix, np.array(moment), np.array(rates)))
+    rates_of_change = np.real(body_rate_rates(matrix, np.array(moment), np.array(rates)))
     return {
         "1 altitude": float(np.abs(J[0, 1] * outer[TLC_K1 : TLC_K1 + 2] / altitude - 1.0).max()),
         "2 velocity": off(
@@ -133,17 +133,17 @@ def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
             np.array(rate_gains(inertia, *rates, _DIFFERENT)).reshape(3, 6),
             _DIFFERENT,
         ),
-        "(3) inverted": float(np.abs(found - acceleration).max()),
+        "(3) inverted": float(np.abs(rates_of_change - acceleration).max()),
     }
 
 
 def test_the_loops_are_exact() -> None:
     design = make_design()
-    each = [loops_off(design, nominal) for nominal in draw_nominals(design, NOMINALS)]
+    results = [loops_off(design, nominal) for nominal in draw_nominals(design, NOMINALS)]
     case, against = f"TLC, {NOMINALS} nominals", "A_c of (10), complex step"
     rows = [
-        Row(case, against, name, "relative", max(one[name] for one in each), _EXACT)
-        for name in each[0]
+        Row(case, against, name, "relative", max(result[name] for result in results), _EXACT)
+        for name in results[0]
     ]
     check([*rows[:-1], replace(rows[-1], unit="rad/s2", tolerance=1e-12)])
 
@@ -160,12 +160,12 @@ def test_the_differentiator() -> None:
                 u = 1.0 if k == 0 else 0.0
                 response.append(differentiator_output(bandwidth, state, u))
                 state = differentiator_next(decay, state, u)
-            found = np.sum(
+            derivative = np.sum(
                 np.array(response) * np.exp(-1j * omega * tick * np.arange(len(response)))
             )
             expected = bandwidth * 1j * omega / (1j * omega + bandwidth)
             # Holding the input delays the filtered part by half a tick.
-            worst = max(worst, float(abs(found - expected)) / (0.5 * omega * tick * bandwidth))
+            worst = max(worst, float(abs(derivative - expected)) / (0.5 * omega * tick * bandwidth))
     check(
         [
             Row(
@@ -181,11 +181,11 @@ def test_the_differentiator() -> None:
 
 
 def without_damping(vehicle: Vehicle) -> Vehicle:
-    """The same vehicle, whose tables do not feel the body rates."""
+    """Return the vehicle without body-rate terms in its tables."""
     terms = vehicle.build_up
     rates = [VARIABLES.index(name) for name in ("roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat")]
-    kept = ~np.isin(terms.variable, rates)
-    return vehicle._replace(build_up=BuildUp(*(column[kept] for column in terms)))
+    is_unrelated = ~np.isin(terms.variable, rates)
+    return vehicle._replace(build_up=BuildUp(*(column[is_unrelated] for column in terms)))
 
 
 def plant_off(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) -> list[float]:
@@ -201,7 +201,7 @@ def plant_off(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) 
         J[6:, 6:9]
         - rate_jacobian(inertia_of(design, nominal), nominal.rates, (0.0, 0.0, 0.0))[:, :3]
     )
-    return [float(np.abs(each).max()) for each in (velocity, attitude, rates)]
+    return [float(np.abs(block).max()) for block in (velocity, attitude, rates)]
 
 
 def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
@@ -209,11 +209,11 @@ def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
     values = nominal.values | dict(
         zip(("roll_rate", "pitch_rate", "yaw_rate"), nominal.rates, strict=True)
     )
-    at = [values.get(name, 0.0) for name in path.COORDINATES]  # without sideslip
+    point = [values.get(name, 0.0) for name in path.COORDINATES]  # without sideslip
     controls = [0.0, 0.0, nominal.elevator, values["equivalence_ratio"]]
-    points = np.array([*at, *controls]) + np.concatenate([_STEPS, -_STEPS])
+    points = np.array([*point, *controls]) + np.concatenate([_STEPS, -_STEPS])
     latitude, mass = (np.full(len(points), values[name]) for name in ("latitude", "mass"))
-    states = path.make_states(points[:, : len(at)], points[:, len(at) :], latitude, mass)
+    states = path.make_states(points[:, : len(point)], points[:, len(point) :], latitude, mass)
     plan = make_replay_plan(
         vehicle, earth, states[0], np.tile(controls, (2, 1)), Timing(0.01, 1, 1)
     )
@@ -228,8 +228,10 @@ def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
 def trim_slope(vehicle: Vehicle, nominal: Nominal) -> float:
     """Slope of the trimmed elevator over speed."""
     speed = nominal.values["speed"] + np.array([1e-2, -1e-2])
-    others = (np.full(2, nominal.values[name]) for name in ("angle_of_attack", "equivalence_ratio"))
-    elevator = trim_elevator(vehicle, nominal.around, speed, *others)
+    arguments = (
+        np.full(2, nominal.values[name]) for name in ("angle_of_attack", "equivalence_ratio")
+    )
+    elevator = trim_elevator(vehicle, nominal.around, speed, *arguments)
     return float(elevator[0] - elevator[1]) / 2e-2
 
 
@@ -248,10 +250,10 @@ def test_without_damping_on_a_still_sphere_the_plant_is_the_design_model() -> No
         name: np.max([plant_off(design, nominal, *plant) for nominal in nominals], axis=0)
         for name, plant in plants.items()
     }
-    for name, each in worst.items():
+    for name, entries in worst.items():
         print(
             " | ".join(
-                [name, *(f"{loop} {entry:.1e}" for loop, entry in zip(LOOPS, each, strict=True))]
+                [name, *(f"{loop} {entry:.1e}" for loop, entry in zip(LOOPS, entries, strict=True))]
             )
         )
     assert (worst["both"][1:] < 1e-9).all()

@@ -67,7 +67,7 @@ def test_every_published_simulator_is_met(rows):
 
 
 def test_the_f16_is_simulator_5(rows):
-    """Its trims, and its own control law at steps: far within what simulators 04 and 05 differ by."""
+    """Compare trims and autopilot steps: far within the differences of simulators 04 and 05."""
     worst = {(row.case, row.quantity): row.difference for row in rows if row.simulator == "sim 05"}
     for case, altitude in (("11", 0.002), ("12", 0.004), ("13.1", 0.15), ("13.2", 0.01)):
         assert worst[f"nesc {case}", "altitude"] < altitude  # ft
@@ -117,12 +117,12 @@ def test_other_files_are_left_alone(tmp_path, given):
 # Of altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s). The program's law
 # acts 500 times a second, the other one without delay: stops of its stiff roll loop come up to 2 ms later.
 @pytest.mark.parametrize(
-    ("case", "gain", "at"),
+    ("case", "gain", "duration"),
     [("13p3", (15.0, 0.0), 60.0), ("13p4", (0.0, 2000.0), 120.0)],
     ids=["15 deg to the right", "2000 ft to the right"],
 )
-def test_course_and_track_reach_their_steps(case, gain, at) -> None:
-    motion = make_motion(fly_aircraft(case, at))
+def test_course_and_track_reach_their_steps(case, gain, duration) -> None:
+    motion = make_motion(fly_aircraft(case, duration))
     velocity = motion.velocity_ned
     course = np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
     across = (velocity[:, 1] - velocity[:, 0]) / np.sqrt(2.0)  # to the right of 45 deg

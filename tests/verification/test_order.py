@@ -36,7 +36,9 @@ def errors() -> dict[str, Floats]:
     """
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "nesc" / "brick.yaml")
     rates = tuple(np.radians((100.0, 80.0, 120.0)))
-    start = make_start(4000.0, (60.0, 40.0, -30.0), 0.4, rates, vehicle.constants.mass_start, 0.5)
+    start = make_start(
+        4000.0, (60.0, 40.0, -30.0), 0.4, rates, vehicle.constants.mass_start, latitude=0.5
+    )
 
     def fly(step: float) -> Floats:
         ticks = round(DURATION / step)
@@ -55,8 +57,11 @@ def errors() -> dict[str, Floats]:
 
 def test_order() -> None:
     """Least-squares slopes of the errors over the steps, both as logarithms, against 4."""
-    found = errors()
-    slopes = {name: np.polyfit(np.log(STEPS), np.log(error), 1)[0] for name, error in found.items()}
+    errors_by_step = errors()
+    slopes = {
+        name: np.polyfit(np.log(STEPS), np.log(error), 1)[0]
+        for name, error in errors_by_step.items()
+    }
     check(
         [
             Row(
@@ -70,7 +75,7 @@ def test_order() -> None:
             for name, slope in slopes.items()
         ]
     )
-    for error in found.values():
+    for error in errors_by_step.values():
         assert (error[:-1] / error[1:] > 13.0).all()
 
 
@@ -89,10 +94,13 @@ def test_half_the_default_step_moves_every_metric_by_less_than_one_percent_of_it
     fine = make_flight_plan(
         {"base": "s_manoeuvre", "step": f"{0.5 * coarse.timing.step} s"}, "ghame_x"
     )
-    one, other = (fly(plan, parameters) for plan in (coarse, fine))
+    coarse_block, fine_block = (fly(plan, parameters) for plan in (coarse, fine))
     flown = f"tlc, {flights} flights"
-    changed = float((one.outcome != other.outcome).sum())
-    spread, change = np.std(other.metrics, axis=0), np.abs(one.metrics - other.metrics).max(axis=0)
+    changed = float((coarse_block.outcome != fine_block.outcome).sum())
+    spread, change = (
+        np.std(fine_block.metrics, axis=0),
+        np.abs(coarse_block.metrics - fine_block.metrics).max(axis=0),
+    )
     share = np.divide(change, spread, out=change.copy(), where=spread > 0.0)
     check(
         [

@@ -63,10 +63,10 @@ CASES = (
 
 
 def without_sideslip_terms(vehicle: Vehicle) -> Vehicle:
-    """The same vehicle, which does not feel sideslip."""
+    """Return the vehicle without sideslip terms."""
     terms = vehicle.build_up
-    kept = terms.variable != VARIABLES.index("sideslip")
-    return vehicle._replace(build_up=BuildUp(*(column[kept] for column in terms)))
+    is_unrelated = terms.variable != VARIABLES.index("sideslip")
+    return vehicle._replace(build_up=BuildUp(*(column[is_unrelated] for column in terms)))
 
 
 def slowed(loop: str) -> TlcController:
@@ -97,7 +97,7 @@ def response(
 
 
 def promised(damping: float, bandwidth: float, times: Floats) -> Floats:
-    """What the gains promise of an initial error of 1 ``[time]``."""
+    """Return the response [time] that the gains promise for an initial error of 1."""
     l1, l2 = np.roots([1.0, 2.0 * damping * bandwidth, bandwidth**2])
     return np.asarray((l1 * np.exp(l1 * times) - l2 * np.exp(l2 * times)) / (l1 - l2))
 
@@ -109,8 +109,8 @@ def test_the_response_is_the_promised_one(case: Case) -> None:
     damping, bandwidth = DAMPING[case.loop], SLOWED[case.loop]
     fast = float(np.abs(np.roots([1.0, 2.0 * damping * bandwidth, bandwidth**2])).max())
     vehicle = ghame_x if case.weathercock else without_sideslip_terms(ghame_x)
-    times, found = response(vehicle, slowed(case.loop), round(3.0 / fast, 1), case)
-    off = float(np.abs(found - promised(damping, bandwidth, times)).max())
+    times, errors = response(vehicle, slowed(case.loop), round(3.0 / fast, 1), case)
+    off = float(np.abs(errors - promised(damping, bandwidth, times)).max())
     check(
         [Row("response, loops apart", "promised poles", case.name, "of the error", off, _TOLERANCE)]
     )

@@ -1,1 +1,1 @@
-"""What is asked of a flown campaign: replay, explanation, other distributions."""
+"""Analyses of a simulated campaign: replay, explanation, other distributions."""

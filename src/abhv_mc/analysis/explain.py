@@ -92,9 +92,11 @@ def explain_flight(
     (row,) = find_rows(folder, controller, [flight])
     failure = find_failure(root, campaign, row, requirement)
     campaign, margins = with_margins(campaign, controller, [failure])
-    (found,) = smallest_sets(folder, campaign, controller, row.samples, [failure], fly, margins)
+    (found,) = smallest_sets(
+        folder, campaign, controller, row.samples, [failure], fly=fly, margins=margins
+    )
     if found is None:
-        again = simulate(campaign, controller, row.samples, None, fly, margins)
+        again = simulate(campaign, controller, row.samples, None, fly, margins=margins)
         if again.outcome[0] == Outcome.FAILED_TO_RUN:
             reason = again.reasons.get(0, "no reason is known")
             raise InputError(root, f"flight {flight} failed to run: {reason}", "a flight that runs")
@@ -126,7 +128,7 @@ def explain_flight(
             np.column_stack([rows, np.tile(seeds, (3, 1))]),
             every,
             fly,
-            margins,
+            margins=margins,
         ),
         campaign.parameters,
     )
@@ -147,6 +149,7 @@ def smallest_sets(
     controller: str,
     samples: Floats,
     failures: Sequence[Failure],
+    *,
     fly: Fly | None,
     margins: bool,
     budget: int = BUDGET,
@@ -162,7 +165,7 @@ def smallest_sets(
         rows = np.column_stack(
             [np.where(keep, values[owners], nominal), seeds[owners]]
         )  # the noise is as it was flown
-        block = simulate(campaign, controller, rows, None, fly, margins)
+        block = simulate(campaign, controller, rows, None, fly, margins=margins)
         found = np.full(owners.size, -np.inf)
         for who in np.unique(owners).tolist():
             its = owners == who

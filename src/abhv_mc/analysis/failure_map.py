@@ -129,7 +129,7 @@ def map_failures(
     campaign = open_flown(folder, failed, trust_code)
     found = {}
     with open_executor(
-        engine or campaign.simulator.engine, campaign.model.execution, None, None
+        engine or campaign.simulator.engine, campaign.model.execution, None
     ) as executor:
         for name, flights in failed.items():
             found[name] = _map_controller(
@@ -153,9 +153,11 @@ def _map_controller(
         return ControllerFailures(0, (), (), (), 0)
     campaign, margins = with_margins(campaign, controller, failures)
     samples = np.concatenate([row.samples for row in rows])
-    found = smallest_sets(folder, campaign, controller, samples, failures, fly, margins, _BUDGET)
+    found = smallest_sets(
+        folder, campaign, controller, samples, failures, fly=fly, margins=margins, budget=_BUDGET
+    )
     values = samples[:, : len(names)]
-    groups, told = _group(names, flights, failures, values, values > nominal, found)
+    groups, told = _group(names, flights, failures, values, values > nominal, found=found)
     bare = tuple(
         flight
         for flight, each in zip(flights, found, strict=True)
@@ -173,6 +175,7 @@ def _group(
     failures: Sequence[Failure],
     values: Floats,
     high: Mask,
+    *,
     found: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
     """Groups for each way to fail by itself, and the flights in them."""

@@ -1,4 +1,4 @@
-"""Compare test flights with the simulated flights of a campaign: does the dispersed model cover them?"""
+"""Comparison of test flights with the simulated flights of a campaign."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +10,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
 from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.units import parse_in_any_unit, parse_unit
+from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS
 from abhv_mc.statistics.placement import (
     Band,
     joint_p_value,
@@ -20,13 +22,13 @@ from abhv_mc.statistics.placement import (
 
 CONFIDENCE = 0.95
 FEWEST_FLIGHTS = 39  # simulated: with fewer no two-sided rank has a p-value of 5 %
-_MOST_TIMES = 500  # of a history that are compared
+_MOST_TIMES = 500  # compared times of a history
 _SUMMARIES = ("largest", "smallest", "mean", "last")
 
 
 @dataclass(frozen=True)
 class RankedMetric:
-    """A number of a test flight among those of the simulated flights."""
+    """Metric of a test flight, ranked among the simulated flights."""
 
     metric: str
     value: float
@@ -39,7 +41,7 @@ class RankedMetric:
 
 @dataclass(frozen=True)
 class Departure:
-    """Where a history first leaves the simultaneous band."""
+    """First time at which a history leaves the simultaneous band."""
 
     channel: str
     time_s: float
@@ -47,7 +49,7 @@ class Departure:
 
 @dataclass(frozen=True)
 class PlacedFlight:
-    """One test flight among the simulated ones."""
+    """Comparison of one test flight with the simulated ones."""
 
     name: str
     metrics: tuple[RankedMetric, ...]  # smallest p-value first
@@ -68,11 +70,12 @@ class ChannelBands:
 
 @dataclass(frozen=True)
 class Placement:
-    """Test flights among the simulated flights of one controller."""
+    """Comparison of test flights with the simulated flights of one controller."""
 
     controller: str
     simulated: int
     noise: Mapping[str, float]  # standard deviations added to simulated channels
+    sensed: tuple[str, ...]  # channels to which the errors of the campaign's sensors were added
     ignored: tuple[str, ...]  # columns of the files that the campaign does not record
     flights: tuple[PlacedFlight, ...]
     together_p_value: float | None  # of several flights
@@ -87,9 +90,11 @@ def place_flights(
 ) -> Placement:
     """Compare test flights with those of a campaign.
 
-    A file with a column `time` is a history; of each channel the largest, smallest, mean and last values are ranked,
-    and the history is compared with the simultaneous band. Any other file has a row for each flight and metrics of the
-    campaign as columns. `noise` are standard deviations of measurements by channel. Raises InputError.
+    A file with a column `time` is a history: the largest, smallest, mean and last value of each
+    channel are ranked, and the history is compared with the simultaneous band. Any other file has a
+    row for each flight, with metrics of the campaign as columns. `noise` are standard deviations of
+    measurements by channel; for other channels those of the campaign file apply, or the errors of
+    its sensors. Raise InputError.
     """
     results = read_flown(root)
     controller = controller or results.controllers[0]
@@ -107,11 +112,23 @@ def place_flights(
     if any(timed) and not all(timed):
         raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
     labels = [table.table.path.name for table in tables]
+    sensed: tuple[str, ...] = ()
     if all(timed):
-        simulated, tests, times, channels = _read_histories(
-            results, controller, tables, dict(noise or {})
-        )
-        names = [f"{channel}, {words}" for words in _SUMMARIES for channel in channels]
+        histories, tests, times, channels = _read_histories(results, controller, tables)
+        for channel in noise or {}:
+            if channel not in channels:
+                raise InputError("--measured", f"'{channel}'", one_of(channels, channel))
+        declared = results.campaign.model.measured.items()
+        noise = {
+            channel: sigma
+            for channel, sigma in (
+                *((name, parse_in_any_unit(value, units[name])) for name, value in declared),
+                *(noise or {}).items(),
+            )
+            if channel in channels
+        }
+        simulated, sensed = measure(results, histories, channels, noise, units)
+        names = [f"{channel}, {summary}" for summary in _SUMMARIES for channel in channels]
         values, own = summarize(simulated), summarize(tests)
     else:
         if noise:
@@ -123,8 +140,8 @@ def place_flights(
         own = np.vstack([_columns(table, names) for table in tables])
         labels = [f"{t.table.path.name}:{line}" for t in tables for line in t.table.lines]
     if len(values) < FEWEST_FLIGHTS:
-        found = f"{len(values)} simulated flights to compare with"
-        raise InputError(root, found, f"at least {FEWEST_FLIGHTS}")
+        problem = f"{len(values)} simulated flights to compare with"
+        raise InputError(root, problem, f"at least {FEWEST_FLIGHTS}")
     placed, bands = (
         [_place(label, names, values, row) for label, row in zip(labels, own, strict=True)],
         {},
@@ -145,7 +162,8 @@ def place_flights(
         controller=controller,
         simulated=len(values),
         noise=dict(noise or {}),
-        ignored=tuple(dict.fromkeys(head for each in tables for head in _unused(each, compared))),
+        sensed=sensed,
+        ignored=tuple(dict.fromkeys(head for table in tables for head in _unused(table, compared))),
         flights=tuple(placed),
         together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
         bands=bands,
@@ -153,7 +171,7 @@ def place_flights(
 
 
 def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
-    """Read the columns of a file that a campaign knows, in its units. Raise InputError."""
+    """Read the columns of a file that the campaign records, in its units. Raise InputError."""
     table = read_foreign_table(file)
     columns = table.find(units)
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
@@ -167,11 +185,11 @@ def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
     return [head for i, head in enumerate(table.table.heads) if i not in used]
 
 
-def _shared_columns(tables: Sequence[NumberTable], known: Sequence[str]) -> list[str]:
-    """Return the columns of the first file that the campaign knows; all files have to have them."""
-    names = [name for name in tables[0].names if name in known]
+def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> list[str]:
+    """Return the recorded columns of the first file, which all files must have."""
+    names = [name for name in tables[0].names if name in recorded]
     for table in tables:
-        missing = [name for name in names or known[:1] if name not in table.names]
+        missing = [name for name in names or recorded[:1] if name not in table.names]
         if missing:
             expected = f"columns of the campaign, such as {missing[0]}"
             raise table.table.error(None, None, f"no column {missing[0]}", expected)
@@ -186,68 +204,110 @@ def _read_histories(
     results: FlownCampaign,
     controller: str,
     tables: Sequence[NumberTable],
-    noise: Mapping[str, float],
-) -> tuple[Floats, Floats, Floats, list[str]]:
-    """Return simulated and test histories [flight, time, channel], the times of the first test flight, the channels."""
+) -> tuple[dict[int, Floats], Floats, Floats, list[str]]:
+    """Return simulated and test histories, times and channels.
+
+    Simulated histories are [time, channel] by flight, test histories [flight, time, channel].
+    """
     histories = _random_histories(results, controller)
     if not histories:
         expected = (
             "'keep: {histories: {flights: all}}', or 'every N': chosen flights are no random ones"
         )
         raise InputError(results.folder, "no histories of random flights", expected)
-    channels = _shared_columns(tables, [name for name in histories[0] if name != "time"])
-    for channel in noise:
-        if channel not in channels:
-            raise InputError("--measured", f"'{channel}'", one_of(channels, channel))
+    channels = _shared_columns(
+        tables, [name for name in next(iter(histories.values())) if name != "time"]
+    )
     for table in tables:
         table.check_rising("time", "s")
-    end = max(history["time"][-1] for history in histories)
+    end = max(history["time"][-1] for history in histories.values())
     times = _columns(tables[0], ["time"])[:, 0]
     times = times[(times >= 0.0) & (times <= end)]
     if not times.size:
         raise tables[0].error(0, "time", "no time of the simulated flights", f"0 to {end:g} s")
     times = times[:: max(1, times.size // _MOST_TIMES)]
-    sigma = np.array([noise.get(name, 0.0) for name in channels])
-    draw = np.random.default_rng(0)
-
-    simulated = np.stack([_sample(history, channels, times) for history in histories])
-    simulated += sigma * draw.standard_normal(simulated.shape)
+    sampled = ((k, _sample(history, channels, times)) for k, history in histories.items())
+    simulated = {k: values for k, values in sampled if np.isfinite(values).any()}
     tests = np.stack(
         [_sample(dict(zip(t.names, t.values.T, strict=True)), channels, times) for t in tables]
     )
     for table, test in zip(tables, tests, strict=True):
         if not np.isfinite(test).any():
             raise table.error(0, "time", "no time of the first test flight", "times in common")
-    return simulated[np.isfinite(simulated).any(axis=(1, 2))], tests, times, channels
+    return simulated, tests, times, channels
+
+
+def measure(
+    results: FlownCampaign,
+    histories: Mapping[int, Floats],
+    channels: Sequence[str],
+    noise: Mapping[str, float],
+    units: Mapping[str, str],
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return histories [flight, time, channel] with sensor errors, and the sensed channels.
+
+    A sensor has the scale, bias and white noise that the campaign draws for each flight, without
+    its lag.
+    """
+    flights, simulated = list(histories), np.stack(list(histories.values()))
+    sigma = np.tile([noise.get(name, 0.0) for name in channels], (len(flights), 1))
+    sensed = []
+    for c, channel in enumerate(channels):
+        sensor = _sensor_of(channel)
+        drawn = {
+            error: results.samples[f"sensor.{sensor}_{error}"][flights]
+            for error in ("scale", "bias", "noise")
+            if f"sensor.{sensor}_{error}" in results.samples
+        }
+        if channel in noise or not drawn:
+            continue
+        unit = parse_unit(units[channel])[0]
+        if "scale" in drawn and not channel.rpartition("_")[0].endswith("_error"):
+            simulated[:, :, c] *= drawn["scale"][:, np.newaxis]
+        simulated[:, :, c] += np.reshape(drawn.get("bias", 0.0) / unit, (-1, 1))
+        sigma[:, c] = np.abs(drawn.get("noise", 0.0)) / unit
+        sensed.append(channel)
+    draw = np.random.default_rng(0)
+    simulated += sigma[:, np.newaxis] * draw.standard_normal(simulated.shape)
+    return simulated, tuple(sensed)
+
+
+def _sensor_of(channel: str) -> str | None:
+    """Return the sensor's quantity of a channel, or None."""
+    stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
+    stem = stem.removesuffix("_error")
+    return stem if stem in ALL_SENSORS else None
 
 
 def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
-    """Return channels [time, channel] at these times; NaN outside the history."""
-    at = history["time"]
-    return np.column_stack([np.interp(times, at, history[c], np.nan, np.nan) for c in channels])
+    """Return channels [time, channel] at `times`; NaN outside the history."""
+    history_times = history["time"]
+    return np.column_stack(
+        [np.interp(times, history_times, history[c], np.nan, np.nan) for c in channels]
+    )
 
 
-def _random_histories(results: FlownCampaign, controller: str) -> list[dict[str, Floats]]:
-    """Return the histories that are kept whatever became of their flights."""
+def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
+    """Return the histories by flight that are stored independently of the outcome."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
         if str(item) == "all" or str(item).startswith("every ")
     ]
-    kept = read_histories(results.folder, controller) if steps else {}
-    return [kept[k] for k in sorted(kept) if any(k % step == 0 for step in steps)]
+    stored = read_histories(results.folder, controller) if steps else {}
+    return {k: stored[k] for k in sorted(stored) if any(k % step == 0 for step in steps)}
 
 
 def find_band(
     results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
 ) -> tuple[list[str], Band] | None:
-    """Return the simultaneous band of a campaign's histories and those of the channels that they have.
+    """Return the channels with histories and their simultaneous band.
 
-    None without enough random histories, or a channel.
+    None without a channel or enough random histories.
     """
     if not results.campaign.independent:
         return None
-    histories = _random_histories(results, controller)
+    histories = list(_random_histories(results, controller).values())
     shared = [name for name in channels if histories and name in histories[0]]
     if len(histories) < FEWEST_FLIGHTS or not shared:
         return None
@@ -296,7 +356,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight with where its history leaves the band."""
+    """Return the flight with the point at which its history leaves the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():

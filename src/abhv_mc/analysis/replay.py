@@ -1,4 +1,4 @@
-"""Fly one flight of a campaign again at full rate, and prove that it is the same flight."""
+"""Re-run of one flight of a campaign at full rate, and comparison with the stored flight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from abhv_mc.simulators.stored_plans import open_flown
 
 @dataclass(frozen=True)
 class Replay:
-    """A flight flown again."""
+    """Result of a re-run flight."""
 
     controller: str
     flight: int
@@ -38,7 +38,7 @@ class Replay:
 
     @property
     def outcome(self) -> str:
-        """The code of how it ended."""
+        """Code of the flight's outcome."""
         return self.ends.codes[int(self.block.outcome[0])]
 
 
@@ -48,11 +48,12 @@ def replay_flight(
     flight: int,
     fly: Fly | None = None,
     every: int = 1,
+    *,
     trust_code: bool = False,
 ) -> Replay:
-    """Fly flight ``flight`` of the campaign in ``root`` with its stored plan, recording every ``every``-th tick.
+    """Re-run a flight with its stored plan, recording every `every`-th tick.
 
-    ``fly``: what flies it in place of the campaign's simulator.
+    `root` is the campaign's folder. `fly` replaces the campaign's simulator.
     """
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
@@ -92,10 +93,10 @@ def replay_flight(
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
-    """The stored row of each flight, in their order. Raises InputError where one is not there."""
+    """Return the stored rows of flights, in their order. Raise InputError if one is missing."""
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
-    found: dict[int, FlightRows] = {}
+    stored: dict[int, FlightRows] = {}
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)
@@ -107,17 +108,17 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
                 for rows, _ in read_pieces(path, names):
                     for flight in expected:
                         if rows.first <= flight < rows.stop:
-                            at = slice(flight - rows.first, flight - rows.first + 1)
+                            row_slice = slice(flight - rows.first, flight - rows.first + 1)
                             parts = {
-                                part: getattr(rows, part)[at]
-                                for part in ("samples", "outcome", "values", "reasons")
+                                field: getattr(rows, field)[row_slice]
+                                for field in ("samples", "outcome", "values", "reasons")
                             }
-                            found[flight] = replace(rows, first=flight, **parts)
+                            stored[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:
             raise InputError(path, str(error), "a whole file: run the campaign again") from None
     for flight in flights:
-        if flight not in found:
+        if flight not in stored:
             raise InputError(
                 folder.root, f"no flight {flight} of '{controller}'", "the number of a flown flight"
             )
-    return [found[flight] for flight in flights]
+    return [stored[flight] for flight in flights]

@@ -1,4 +1,4 @@
-"""Other distributions for the dispersions of flown flights: the ratio of densities by which each flight counts then."""
+"""Other distributions of the dispersions of a simulated campaign, by density ratios."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ _SLACK = 1e-9  # of a distribution's width, for ends that are the same but for r
 
 @dataclass(frozen=True)
 class Change:
-    """Other distributions for some parameters of a campaign."""
+    """Changed distributions of some parameters of a campaign."""
 
     before: dict[str, dict[str, Any]]  # entries of the campaign file, by parameter
     after: dict[str, dict[str, Any]]
@@ -35,7 +35,7 @@ class Change:
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """``PARAMETER.KEY=VALUE`` as values by parameter and key. Raises InputError."""
+    """Return ``PARAMETER.KEY=VALUE`` texts as values by parameter and key. Raise InputError."""
     settings: dict[str, dict[str, Any]] = {}
     for text in texts:
         key, sign, value = text.partition("=")
@@ -52,22 +52,27 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]]) -> Change:
-    """Check other settings of a campaign's dispersions. Raises InputError for what cannot be asked of its flights."""
+    """Return changed distributions, after checking that the flights support them.
+
+    Raise InputError if they do not.
+    """
     if not campaign.independent:
-        found = "flights that are no evidence: " + campaign.dependence
-        found = "flights at points of unknowns" if campaign.unknowns.names else found
-        raise InputError(campaign.document.path, found, f"a campaign with sampling: {INDEPENDENT}")
-    data: Any = campaign.document.data
+        problem = "flights that are no evidence: " + campaign.dependence
+        problem = "flights at points of unknowns" if campaign.unknowns.names else problem
+        raise InputError(
+            campaign.document.path, problem, f"a campaign with sampling: {INDEPENDENT}"
+        )
+    data = campaign.document.entries
     entries = dict(data["dispersions"] or {})
     after = {}
     for name, keys in settings.items():
-        if name not in entries and (whole := f"{name}.{next(iter(keys))}") in entries:
-            sizes = [key for key in entries[whole] if key not in ("distribution", "probability")]
-            found = f"'{whole}' without the key of its distribution that is set"
-            raise InputError(_SET, found, " or ".join(f"{whole}.{key}=VALUE" for key in sizes))
+        if name not in entries and (dotted := f"{name}.{next(iter(keys))}") in entries:
+            sizes = [key for key in entries[dotted] if key not in ("distribution", "probability")]
+            problem = f"'{dotted}' without the key of its distribution that is set"
+            raise InputError(_SET, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes))
         if name not in entries:
-            found = f"'{name}', which the campaign did not disperse"
-            raise InputError(_SET, found, one_of(entries, name) if entries else "a dispersion")
+            problem = f"'{name}', which the campaign did not disperse"
+            raise InputError(_SET, problem, one_of(entries, name) if entries else "a dispersion")
         after[name] = {**({} if "distribution" in keys else entries[name]), **keys}
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
     try:
@@ -82,8 +87,8 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
         if fault := _unsupported(name, campaign.marginals[name], marginal):
             raise InputError(_SET, *fault)
         if name in mixed and any(map(_has_choice, (campaign.marginals[other] for other in mixed))):
-            found = f"'{name}', correlated with a discrete choice"
-            raise InputError(_SET, found, "a parameter without such a correlation")
+            problem = f"'{name}', correlated with a discrete choice"
+            raise InputError(_SET, problem, "a parameter without such a correlation")
     return Change({name: dict(entries[name]) for name in after}, after, marginals)
 
 
@@ -92,24 +97,27 @@ def _parts(marginal: Marginal) -> tuple[Marginal, ...]:
 
 
 def _has_choice(marginal: Marginal) -> bool:
-    return any(isinstance(part, DiscreteMarginal) for part in _parts(marginal))
+    return any(isinstance(component, DiscreteMarginal) for component in _parts(marginal))
 
 
 def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | None:
-    """What is wrong, and what is wanted, where the new distribution has weight and no flights exist."""
+    """Return what is wrong and what is expected, or None.
+
+    The new distribution must not have probability where no flights exist.
+    """
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        found = f"{name} with a probability in one case and always in the other"
-        return found, "a probability below 1 in both, or in none"
+        problem = f"{name} with a probability in one case and always in the other"
+        return problem, "a probability below 1 in both, or in none"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
             return (
                 f"{name} as a mixture with a discrete choice",
                 "continuous parts, or a fresh campaign",
             )
-        for part in _parts(new):  # each within what one part has flown
-            faults = [_unsupported(name, flown, part) for flown in _parts(old)]
+        for component in _parts(new):  # each within what one part has flown
+            faults = [_unsupported(name, flown, component) for flown in _parts(old)]
             if all(faults):
                 return faults[-1]
         return None
@@ -122,18 +130,21 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
             else None
         )
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
-        found = f"a change of {name} between a discrete choice and a continuous distribution"
-        return found, "a distribution of the same kind"
+        problem = f"a change of {name} between a discrete choice and a continuous distribution"
+        return problem, "a distribution of the same kind"
     (low, high), (first, last) = old.frozen.support(), new.frozen.support()
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
     if low - slack <= first and last <= high + slack:
         return None
-    found = f"{name} from {first:g} to {last:g}, beyond what was flown"
-    return found, f"a distribution within {low:g} .. {high:g}, or a fresh campaign"
+    problem = f"{name} from {first:g} to {last:g}, beyond what was flown"
+    return problem, f"a distribution within {low:g} .. {high:g}, or a fresh campaign"
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
-    """By how much each flight ``[flight, parameter]`` counts under the changed distributions, mean about 1."""
+    """Return the density ratio of each flight [flight], with mean about 1.
+
+    `samples` is [flight, parameter].
+    """
     weights = np.ones(len(samples))
     with np.errstate(divide="ignore", invalid="ignore"):
         for name, marginal in change.marginals.items():
@@ -153,7 +164,7 @@ def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floa
 
 
 def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) -> Floats:
-    """Logarithm of the Gaussian copula's density ``[flight]``, but for a constant."""
+    """Return the log density [flight] of the Gaussian copula, without a constant."""
     from scipy.linalg import solve_triangular
     from scipy.special import ndtri
 
@@ -166,7 +177,10 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
-    """Probability, under the changed distributions, of values that no flight ``[flight, parameter]`` stands for."""
+    """Return the probability of values that no flight represents.
+
+    It belongs to the changed distributions; `samples` is [flight, parameter].
+    """
     parts = []
     for name, marginal in change.marginals.items():
         values, share, drawn, before = (

@@ -1,7 +1,8 @@
-"""The smallest set of causes: which of many inputs, kept while the others go back to nominal, still make a failure.
+"""Smallest set of inputs that still causes a failure with all others nominal.
 
-Sets are tried in order of size as long as there are few enough of them; beyond, the whole set is shrunk until every
-member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), many candidates at a time.
+Sets are tried in order of size while there are few; beyond, the full set is reduced until every
+member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), many candidates at a
+time.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -21,7 +22,7 @@ BUDGET = 4000  # candidates to try in order of size
 
 @dataclass(frozen=True)
 class Shrunk:
-    """Sets of inputs that suffice, the one that fails worst first."""
+    """Sets of inputs that cause the failure, the most severe first."""
 
     sets: tuple[tuple[int, ...], ...]
     smallest: bool  # every smaller set was tried and does not fail; else: no member can be left out
@@ -37,29 +38,30 @@ def shrink(
     mildest_first: Sequence[NDArray[np.intp]],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """The smallest sets among ``count`` inputs of several failures, None where all inputs together do not fail.
+    """Return the smallest sets among `count` inputs of several failures.
 
-    ``test`` takes which failure each candidate belongs to and the inputs that it keeps ``[candidate, input]``; it gives
-    how badly each fails, -inf where it does not. What is asked about all failures at a time comes in one call.
-    ``mildest_first`` orders the inputs for removal, for each failure.
+    The result is None for a failure that does not occur with all inputs. `test` takes the failure
+    index of each candidate and the mask of its inputs [candidate, input], and returns the severity
+    of each, -inf without failure. Candidates of all failures are tested in one call.
+    `mildest_first` is the order of removal for each failure.
     """
-    found: list[Shrunk | None] = [None] * len(mildest_first)
+    results: list[Shrunk | None] = [None] * len(mildest_first)
     searches = [_shrink(count, order, budget) for order in mildest_first]
-    asked = {who: next(search) for who, search in enumerate(searches)}
-    while asked:
-        turn, asked = asked, {}
+    pending = {index: next(search) for index, search in enumerate(searches)}
+    while pending:
+        turn, pending = pending, {}
         owners = np.repeat(
             np.array(list(turn), dtype=np.intp), [len(sets) for sets in turn.values()]
         )
         severity = test(
             owners, _masks([members for sets in turn.values() for members in sets], count)
         )
-        for who in turn:
+        for index in turn:
             try:
-                asked[who] = searches[who].send(severity[owners == who])
+                pending[index] = searches[index].send(severity[owners == index])
             except StopIteration as end:
-                found[who] = end.value
-    return found
+                results[index] = end.value
+    return results
 
 
 def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
@@ -76,25 +78,25 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
         size += 1
     if size > count:
         return None
-    kept = [int(i) for i in order]
-    if not (yield [tuple(kept)])[0] > -np.inf:
+    inputs = [int(i) for i in order]
+    if not (yield [tuple(inputs)])[0] > -np.inf:
         return None
     tried += 1
-    while kept:
-        without = [tuple(k for k in kept if k != i) for i in kept]
+    while inputs:
+        without = [tuple(k for k in inputs if k != i) for i in inputs]
         severity = yield without
         tried += len(without)
-        spare = [i for i, bad in zip(kept, severity, strict=True) if bad > -np.inf]
+        spare = [i for i, bad in zip(inputs, severity, strict=True) if bad > -np.inf]
         if not spare:
             break
-        # All that can leave alone, leaving together: one, two, ... of them, the mildest first.
-        fewer = [tuple(k for k in kept if k not in spare[: n + 1]) for n in range(len(spare))]
+        # Remove jointly one, two, ... of the inputs that can be removed alone, mildest first.
+        fewer = [tuple(k for k in inputs if k not in spare[: n + 1]) for n in range(len(spare))]
         severity = yield fewer
         tried += len(fewer)
-        kept = list(
+        inputs = list(
             fewer[int(np.flatnonzero(severity > -np.inf).max())]
-        )  # the first fails: it left alone
-    return Shrunk((tuple(sorted(kept)),), len(kept) == size, tried)
+        )  # the first one fails: it was removed alone
+    return Shrunk((tuple(sorted(inputs)),), len(inputs) == size, tried)
 
 
 def _masks(sets: Sets, count: int) -> Mask:

@@ -1,3 +1,3 @@
-"""Campaigns: the file, read and checked, and the samples drawn for it."""
+"""Campaigns: reading and checking the campaign file, and drawing its samples."""
 
 MOST_WORKERS = 1024  # flights in parallel on one machine

@@ -1,25 +1,17 @@
 """Commands that packages add, by entry points of the group ``abhv_mc.commands``.
 
-The name of an entry point is that of the command, after its group's and a dot where it has one: ``bench``,
+The name of an entry point is that of the command, after its group's and a dot where it has one: ``explore``,
 ``verify.nesc``. Its object is a function, annotated as typer wants it, or a ``typer.Typer``. A package is imported when
 one of its commands is run or listed; one that cannot be imported costs a warning and its own commands.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from functools import cached_property
-from importlib.metadata import EntryPoint, distributions
+from importlib.metadata import EntryPoint
 from typing import Any
 
 from abhv_mc.cli.printing import announce_warnings
-
-GROUP = "abhv_mc.commands"
-
-
-def _entry_points() -> Iterator[EntryPoint]:
-    """As importlib's ``entry_points``, which parses those of all distributions and takes four times as long."""
-    for distribution in distributions():
-        if GROUP in (distribution.read_text("entry_points.txt") or ""):
-            yield from distribution.entry_points.select(group=GROUP)
+from abhv_mc.entry_points import COMMANDS, find_entry_points
 
 
 class Commands(MutableMapping[str, Any]):
@@ -39,9 +31,9 @@ class Commands(MutableMapping[str, Any]):
     @cached_property
     def _added(self) -> dict[str, EntryPoint]:
         entries = {
-            entry.name.removeprefix(self._family): entry
-            for entry in _entry_points()
-            if entry.name.startswith(self._family)
+            name.removeprefix(self._family): entry
+            for name, entry in find_entry_points(COMMANDS).items()
+            if name.startswith(self._family)
         }
         return {name: entry for name, entry in entries.items() if "." not in name}
 

@@ -33,7 +33,7 @@ from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
 
-_SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
+_SHORT: dict[str, Any] = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
@@ -41,7 +41,8 @@ class _Short:
 
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters, an option's type by ``_SHORT``."""
-        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        base: Any = super()
+        parameters: list[Any] = base.get_params(ctx)
         for each in parameters:
             if (
                 each.param_type_name == "option"
@@ -67,25 +68,23 @@ class Command(_Short, TyperCommand):
 
 
 _PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
-    "Start": (
-        *(starting.new, starting.imports, starting.validate, starting.plan),
-        *(starting.samples, querying.lists),
+    "First day": (
+        *(starting.new, starting.validate, running.run),
+        *(reporting.report, reporting.compare, reporting.runs),
     ),
-    "Fly": (running.run, running.adopt, running.merge, flying.fly, replaying.replay),
-    "Search": (searching.worst, searching.rare, searching.tune),
+    "Run": (starting.imports, running.merge, flying.fly, replaying.replay),
+    "Search": (searching.worst, searching.rare, "tune"),
     "Look": (
-        *(reporting.report, reporting.show, "explore", reporting.compare, replaying.explain),
-        *(
-            reporting.whatif,
-            reporting.place,
-            reporting.status,
-            querying.query,
-            querying.export,
-            flying.trim,
-        ),
+        *(reporting.show, "explore", replaying.explain, reporting.whatif),
+        *(reporting.place, querying.query, querying.lists),
     ),
-    "Analyse": (linearizing.margins, linearizing.linearize),
-    "Prove": (proving.verify, "bench"),
+    "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
+    "Prove": (proving.verify,),
+}
+_HIDDEN: dict[str, Any] = {  # other names of commands, for scripts; --help does not list them
+    "adopt": running.flights,
+    "samples": starting.samples,
+    "status": reporting.runs,
 }
 _OTHERS = "Extensions"  # the panel of other packages' commands
 _PROGRAM = "abhv-mc"
@@ -120,13 +119,15 @@ class Group(_Short, TyperGroup):
         return list(self.commands)
 
 
-def _add_command(parent: typer.Typer, name: str, command: Any, panel: str | None) -> None:
+def _add_command(
+    parent: typer.Typer, name: str, command: Any, panel: str | None, hidden: bool = False
+) -> None:
     if isinstance(command, typer.Typer):
         for inner in command.registered_commands:
             inner.cls = Command
         parent.add_typer(command, name=name, cls=Group, rich_help_panel=panel)
     else:
-        parent.command(name, cls=Command, rich_help_panel=panel)(command)
+        parent.command(name, cls=Command, rich_help_panel=panel, hidden=hidden)(command)
 
 
 def _make_command(name: str, command: Any, panel: str | None) -> Any:
@@ -197,6 +198,8 @@ for _panel, _commands in _PANELS.items():
     for _command in _commands:
         if not isinstance(_command, str):
             _add_command(app, _name(_command), _command, _panel)
+for _short, _former in _HIDDEN.items():
+    _add_command(app, _short, _former, None, hidden=True)
 
 
 def main() -> None:

@@ -8,10 +8,10 @@ import typer
 
 from abhv_mc.cli.options import (
     ControllerFiles,
+    FlownFile,
     Json,
     MissionFile,
     Vehicle,
-    VehicleFile,
     find_controllers,
     parse_option,
 )
@@ -117,42 +117,63 @@ _TRIM_ROWS = (
 )
 
 
+_START = "as the mission starts"
+
+
 def trim(
-    vehicle: VehicleFile,
-    altitude: Annotated[str, typer.Option(help="Geodetic altitude, m or with a unit.")] = "20 km",
-    speed: Annotated[str, typer.Option(help="Speed, m/s or with a unit.")] = "1400 m/s",
+    flown: FlownFile,
+    vehicle: Vehicle = None,
+    altitude: Annotated[
+        str | None,
+        typer.Option(help="Geodetic altitude, m or with a unit.", show_default=_START),
+    ] = None,
+    speed: Annotated[
+        str | None, typer.Option(help="Speed, m/s or with a unit.", show_default=_START)
+    ] = None,
     bank: Annotated[str, typer.Option(help="Bank angles, deg, separated by commas.")] = "0",
-    flight_path_angle: Annotated[str, typer.Option(help="Climb angle, deg.")] = "0",
+    flight_path_angle: Annotated[
+        str | None, typer.Option(help="Climb angle, deg.", show_default=_START)
+    ] = None,
     mass: Annotated[
         str | None, typer.Option(help="Mass, kg or with a unit.", show_default="at the start")
     ] = None,
-    latitude: Annotated[str, typer.Option(help="Geodetic latitude, deg.")] = "29.3",
-    heading: Annotated[str, typer.Option(help="Heading clockwise from north, deg.")] = "90",
+    latitude: Annotated[
+        str | None, typer.Option(help="Geodetic latitude, deg.", show_default=_START)
+    ] = None,
+    heading: Annotated[
+        str | None,
+        typer.Option(help="Heading clockwise from north, deg.", show_default=_START),
+    ] = None,
     rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
     json: Json = None,
 ) -> None:
     """Print controls, forces and flying qualities of steady flight at each bank angle.
 
-    No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank angle has no trim.
+    Where and how fast: at the start of the mission or of the campaign's; of a vehicle at 20 km, 1400 m/s, heading 90
+    deg and latitude 29.3 deg. No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank
+    angle has no trim.
     """
     from abhv_mc.api import trim
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
 
-    def in_degrees(name: str, text: str) -> float:
-        return parse_option(f"--{name}", text, ANGLE, "deg")
+    vehicle, start = _find_start(flown, vehicle)
 
-    height, pace = (
-        parse_option("--altitude", altitude, LENGTH, "m"),
-        parse_option("--speed", speed, SPEED, "m/s"),
-    )
+    def read(name: str, text: str | None, dimension: Any, unit: str) -> float:
+        return (
+            start[name]
+            if text is None
+            else parse_option(f"--{name.replace('_', '-')}", text, dimension, unit)
+        )
+
+    height, pace = read("altitude", altitude, LENGTH, "m"), read("speed", speed, SPEED, "m/s")
     table = trim(
         vehicle,
         height,
         pace,
-        [in_degrees("bank", text) for text in bank.split(",")],
-        flight_path_angle=in_degrees("flight-path-angle", flight_path_angle),
-        latitude=in_degrees("latitude", latitude),
-        heading=in_degrees("heading", heading),
+        [parse_option("--bank", text, ANGLE, "deg") for text in bank.split(",")],
+        flight_path_angle=read("flight_path_angle", flight_path_angle, ANGLE, "deg"),
+        latitude=read("latitude", latitude, ANGLE, "deg"),
+        heading=read("heading", heading, ANGLE, "deg"),
         mass=None if mass is None else parse_option("--mass", mass, MASS, "kg"),
         rotating=rotating,
     )
@@ -167,6 +188,33 @@ def trim(
     answer(head | {"points": points}, json, lambda: _print_trims(vehicle, height, pace, points))
     if not table["trimmed"].all():
         raise typer.Exit(1)
+
+
+_LEVEL = {"altitude": 20e3, "speed": 1400.0, "flight_path_angle": 0.0}
+_LEVEL |= {"latitude": math.radians(29.3), "heading": math.radians(90.0)}
+
+
+def _find_start(flown: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
+    """Return the vehicle, and the start of the mission or of the campaign's (SI); of a vehicle alone level flight."""
+    from abhv_mc.campaign.file.kinds import find_kind
+    from abhv_mc.control.mission import read_mission
+
+    kind = find_kind(flown)
+    if kind == "vehicle":
+        return vehicle or flown, _LEVEL
+    if kind == "campaign":
+        from abhv_mc.campaign.file.check import read_campaign
+
+        campaign = read_campaign(flown)
+        campaign.simulator.check("a trim")
+        vehicle, flown = vehicle or Path(campaign.model.vehicle), Path(campaign.model.mission)
+    elif kind != "mission":
+        raise InputError(flown, f"a {kind} file", "a mission, campaign or vehicle file")
+    start = read_mission(flown).start
+    return (
+        vehicle or find_input(DEFAULT_VEHICLE, "vehicle"),
+        {name: float(getattr(start, name)) for name in _LEVEL},
+    )
 
 
 def _print_trims(

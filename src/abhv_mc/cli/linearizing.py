@@ -273,9 +273,18 @@ def linearize(
     bank: Annotated[
         str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")
     ] = "0",
+    gains: Annotated[
+        Path | None,
+        typer.Option(
+            "--gains",
+            callback=output_file,
+            metavar="FILE",
+            help="Write the controller's gains over time; ends in .mat, .csv or .h.",
+        ),
+    ] = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Write plant, law, open and closed loop about the trim or a time of the nominal flight.
+    """Write plant, law, open and closed loop about the trim or a time of the nominal flight; or a controller's gains.
 
     Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file. Over several times
     (first:last:step) each matrix is an array [time, row, column], with time_s.
@@ -291,9 +300,20 @@ def linearize(
     craft, flight, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
         raise InputError("--controller", ", ".join(files), "one controller")
-    if out is None:
-        raise InputError("--output", "no file", "one that ends in .npz, .mat or .json (-o FILE)")
     (file,) = files.values()
+    if gains is not None:
+        from abhv_mc.one_flight.given import make_flight_plan
+        from abhv_mc.simulators.export_gains import check_gain_format, write_gains
+
+        check_gain_format(gains)
+        write_gains(gains, make_flight_plan(flight, craft, file))
+        say(gains)
+        if out is None:
+            return
+    if out is None:
+        raise InputError(
+            "--output", "no file", "one that ends in .npz, .mat or .json (-o FILE), or --gains FILE"
+        )
     models = []
     for time in times:
         plan, points, _ = _take(flight, craft, file, time, bank, times)

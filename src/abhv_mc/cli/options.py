@@ -29,7 +29,8 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
             require_kind(path, kinds[0])
         return path
 
-    words = f"{' or '.join(kinds).capitalize()} file, or the name of a shipped one."
+    words = f"{', '.join(kinds[:-1])}{' or ' * (len(kinds) > 1)}{kinds[-1]}".capitalize()
+    words = f"{words} file, or the name of a shipped one."
     return {"parser": find, "autocompletion": complete, "help": words}
 
 
@@ -75,10 +76,16 @@ MissionFile = Annotated[Path, typer.Argument(metavar="MISSION", **_of_kinds("mis
 MissionOrCampaign = Annotated[
     Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign"))
 ]
-VehicleFile = Annotated[Path, typer.Argument(metavar="VEHICLE", **_of_kinds("vehicle"))]
+FlownFile = Annotated[
+    Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign", "vehicle"))
+]
 _DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's"
 Vehicle = Annotated[
     Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))
+]
+NewVehicle = Annotated[
+    Path | None,
+    typer.Option("--vehicle", metavar="V", show_default="the campaign's", **_of_kinds("vehicle")),
 ]
 ControllerFiles = Annotated[
     str | None,

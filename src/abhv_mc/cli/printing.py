@@ -49,7 +49,8 @@ def say(*words: Any, sep: str = " ", folds: bool = True, **options: Any) -> None
 
 def _fold(line: str, width: int) -> str:
     """Break a sentence that is wider than a terminal between words, but not within a command; leave rows of tables."""
-    label, text = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL).groups()  # type: ignore[union-attr]
+    match: Any = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL)
+    label, text = match.groups()
     if len(line) <= width or "  " in text:
         return line
     whole = re.sub(r"`[^`]*`", lambda command: command[0].replace(" ", "\0"), text)
@@ -89,7 +90,7 @@ def new_table(
     from rich.table import Table
 
     is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    table = Table(title=title, box=SIMPLE if is_unicode else ASCII, **options)
+    table = Table(title=title, **{"box": SIMPLE if is_unicode else ASCII, **options})
     for heading in left:
         table.add_column(heading, no_wrap=True)
     for heading in right:
@@ -97,8 +98,11 @@ def new_table(
     return table
 
 
-def print_table(table: "Table", **options: Any) -> None:
-    """Print a table; columns of words are folded if it is wider than the terminal, numbers are never cut."""
+def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
+    """Print a table; one wider than the terminal has its words folded, then its columns in several tables.
+
+    Numbers are never cut; the first ``keys`` columns are repeated.
+    """
     import io
 
     from rich.console import Console
@@ -107,18 +111,61 @@ def print_table(table: "Table", **options: Any) -> None:
     console = Console()
     wide = console.options.update(width=1000)
     width = Measurement.get(console, wide, table).maximum
-    if sys.stdout.isatty() and width > (terminal := shutil.get_terminal_size().columns):
-        for column in table.columns:
-            cells = (str(column.header), *map(str, column.cells))
-            natural = max(len(part) for cell in cells for part in cell.split("\n"))
-            column.no_wrap, column.overflow = column.justify == "right", "fold"
-            column.min_width = natural if column.no_wrap else min(_NARROWEST, natural)
-        width = max(terminal, Measurement.get(console, wide, table).minimum)
+    terminal = shutil.get_terminal_size().columns
+    tables = [(table, width)]
+    if (sys.stdout.isatty() or "COLUMNS" in os.environ) and width > terminal:
+        tables = list(_fit_table(table, terminal, keys))
     text = io.StringIO()
-    Console(
-        width=width, file=text, color_system=None, markup=False, emoji=False, highlight=False
-    ).print(table)
+    for part, columns in tables:
+        Console(
+            width=columns,
+            file=text,
+            color_system=None,
+            markup=False,
+            emoji=False,
+            highlight=False,
+        ).print(part)
     say(text.getvalue(), end="", folds=False, **options)
+
+
+def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:
+    """Yield the table with folded columns and its width; if too wide, in parts that repeat its first columns."""
+    from dataclasses import replace
+
+    widths = []
+    for column in table.columns:
+        cells = [part for cell in column.cells for part in str(cell).split("\n")]
+        natural = max(map(len, cells), default=0)
+        words = max(map(len, str(column.header).split()), default=0)
+        column.no_wrap = column.justify == "right" or natural <= _NARROWEST
+        column.min_width = max(natural if column.no_wrap else _NARROWEST, words)
+        if column.no_wrap:
+            lines = str(column.header).split("\n")
+            column.header = "\n".join(fill(line, column.min_width) for line in lines)
+        column.overflow = "fold"
+        widths.append(column.min_width + 2)
+    repeated, first = [*range(keys)], sum(widths[:keys]) + 2
+    parts, used, needed = [[*repeated]], first, terminal
+    for k, width in enumerate(widths[keys:], start=keys):
+        if used + width > terminal and len(parts[-1]) > keys:
+            parts.append([*repeated])
+            used = first
+        parts[-1].append(k)
+        used += width
+        needed = max(needed, used)
+    if len(parts) == 1:
+        yield table, needed
+        return
+    for part, chosen in enumerate(parts):
+        columns = [table.columns[k] for k in chosen]
+        shown = new_table((), (), box=table.box)
+        shown.title = None if part else table.title
+        shown.columns = [
+            replace(column, _index=at, _cells=list(column.cells))
+            for at, column in enumerate(columns)
+        ]
+        shown.rows = list(table.rows)
+        yield shown, needed
 
 
 def print_section_table(table: "SectionTable") -> None:
@@ -131,12 +178,21 @@ def print_section_table(table: "SectionTable") -> None:
     ]
     drawn = new_table([table.heads[k] for k in kept], (), table.caption or table.title)
     notes = []  # rows of one cell over several columns
-    for row, cells in zip(rows, (row for group in table.groups for row in group), strict=True):
-        if any(cell.columns > 1 for cell in cells):
-            notes.append(": ".join(dict.fromkeys(row)))
-        else:
-            drawn.add_row(*(row[k].strip("`") for k in kept))
-    print_table(drawn)
+    lines = iter(rows)
+    for group in table.groups:
+        for number, cells in enumerate(group):
+            row = next(lines)
+            if any(cell.columns > 1 for cell in cells):
+                notes.append(": ".join(dict.fromkeys(row)))
+                continue
+            shown = [row[k].strip("`") for k in kept]
+            if (
+                number and group[0][0].rows > number
+            ):  # the group's first cell stands in its first row
+                shown[0] = ""
+            drawn.add_row(*shown)
+    is_grouped = any(group[0][0].rows > 1 for group in table.groups if group)
+    print_table(drawn, keys=1 + (is_grouped and len(kept) > 2))
     say(*notes, sep="\n", end="\n" * bool(notes))
 
 

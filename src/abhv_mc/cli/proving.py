@@ -20,21 +20,27 @@ def campaign(folder: Folder) -> None:
     Numbers are computed anew from the flights. Nothing is flown again: replay does that with one flight.
     """
     from abhv_mc.folder.manifest import read_manifest
-    from abhv_mc.folder.remote import fetched
+    from abhv_mc.folder.stores import open_store
     from abhv_mc.report.pages.build import search_command
     from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 
-    with fetched(folder) as source:
+    with open_store(folder).reading() as source:
         for difference in verify_campaign(source):
             say(difference)
             raise typer.Exit(1)
         manifest = read_manifest(CampaignFolder(source).manifest)
         skipped = skipped_topics(source)
+        has_report = (source / "report.json").is_file()
     if manifest.search:
         say(
             f"{folder}: every file is as the search wrote it; this makes its page again from its flights:"
         )
         say(search_command(folder, manifest))
+        return
+    if not has_report:
+        say(
+            f"{folder}: every file is as it was written; no report to check: abhv-mc report {folder}"
+        )
         return
     say(
         f"{folder}: every file is as it was written, and every number of the report follows from the flights"

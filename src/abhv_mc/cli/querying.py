@@ -1,63 +1,71 @@
-"""``list``, ``query``, ``export``: what there is, and tables in other forms."""
+"""``list``, ``query``: what ships, and a campaign's tables in other forms."""
 
 import io
+import re
 import sys
 from contextlib import redirect_stdout
-from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import Folder, Json, controller_option, folder_argument
-from abhv_mc.cli.outputs import output_file, output_file_or_stream, output_folder
+from abhv_mc.cli.options import Json, folder_argument
+from abhv_mc.cli.outputs import output_file_or_stream, output_folder
 from abhv_mc.cli.printing import answer, new_table, print_table, say
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
+from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
 lists = typer.Typer(
     name="list",
-    help="List campaigns, parameters, channels, metrics or schemas.",
+    help="List what ships: campaigns, vehicles, missions, controllers, parameters, channels, metrics, schemas.",
     no_args_is_help=True,
 )
-_DEFAULT = Path("reports")
 
 
 @lists.command()
-def campaigns(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder that holds campaigns' folders.")
-    ] = _DEFAULT,
-    json: Json = None,
-) -> None:
-    """List the campaigns in a folder: state, flights, controllers, when, and the digest's first digits."""
-    from abhv_mc.folder.remote import fetched_manifests
-    from abhv_mc.folder.status import find_campaigns
+def campaigns(json: Json = None) -> None:
+    """List the shipped campaigns with their questions; `runs` lists those that were run."""
+    _list_shipped("campaign", json)
 
-    address = read_address(folder)
-    if address is None and not folder.is_dir() and folder != _DEFAULT:
-        raise InputError(folder, "no such folder", "one that holds campaigns' folders")
-    with fetched_manifests(folder, "*/manifest.json") as (here, describe):
-        found = find_campaigns(here, describe)
-    if address is not None:
-        found = [replace(one, folder=Path(one.folder).name) for one in found]
 
-    def in_words() -> None:
-        table = new_table(("folder", "state", "flights", "controllers", "started", "digest"), ())
-        for one in found:
-            held = one.manifest
-            flights, names = f"{held.runs_done}/{held.runs_planned}", ",".join(held.controllers)
-            table.add_row(
-                one.folder, held.state, flights, names, held.started, str(held.digest)[:12]
-            )
-        print_table(table) if found else say(f"no campaigns in {folder}")
+@lists.command()
+def vehicles(json: Json = None) -> None:
+    """List the shipped vehicles."""
+    _list_shipped("vehicle", json)
 
-    answer([one.as_entries() for one in found], json, in_words)
+
+@lists.command()
+def missions(json: Json = None) -> None:
+    """List the shipped missions."""
+    _list_shipped("mission", json)
+
+
+@lists.command()
+def controllers(json: Json = None) -> None:
+    """List the shipped controllers."""
+    _list_shipped("control", json)
+
+
+def _list_shipped(kind: str, json: Path | None) -> None:
+    """List shipped files with their question or description, or the first sentence of the comment above them."""
+    from abhv_mc.io.documents import read_document
+    from abhv_mc.shipped import shipped_files
+
+    records = []
+    for name, path in shipped_files(kind).items():
+        data: Any = read_document(path).data
+        comment = takewhile(lambda line: line.startswith("#"), path.read_text("utf-8").splitlines())
+        first = " ".join(line.removeprefix("#").strip() for line in comment)
+        sentence = re.split(r"(?<=[.?]) (?=[A-Z])", first)[0]
+        records.append(
+            {"name": name, "doc": data.get("question") or data.get("description") or sentence}
+        )
+    _show_records(records, json)
 
 
 @lists.command()
@@ -171,27 +179,37 @@ def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
 def query(
     folder: Annotated[Path, folder_argument("A campaign's folder, or its address.")],
     sql: Annotated[
-        str, typer.Argument(metavar="SQL", help="For example: select count(*) from flights")
-    ],
+        str | None,
+        typer.Argument(metavar="[SQL]", help="For example: select count(*) from flights"),
+    ] = None,
     json: Json = None,
     csv: Annotated[
         Path | None,
         typer.Option(
             "--csv",
-            callback=output_file_or_stream,
-            metavar="FILE",
-            help="Write CSV; - for standard output.",
+            metavar="PATH",
+            help="Write CSV: a file, or - for standard output; without SQL a folder.",
         ),
     ] = None,
 ) -> None:
     """Ask with SQL (duckdb); tables: flights, samples, histories, envelopes, nominal, reference.
 
+    Without SQL, --csv writes every table as a CSV file into a folder; numbers read back to the same bits.
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
-    from abhv_mc.folder.remote import fetched
-    from abhv_mc.folder.tables import ask
+    from abhv_mc.folder.stores import open_store
+    from abhv_mc.folder.tables import ask, export_csv
 
-    with fetched(folder) as source:
+    if sql is None:
+        if csv is None or csv == Path("-") or json is not None:
+            raise InputError("query", "no SQL", "SQL, or --csv DIR for every table as CSV")
+        tables = output_folder(csv) or csv
+        with open_store(folder).reading() as source:
+            for path in export_csv(source, tables):
+                say(path)
+        return
+    csv = output_file_or_stream(csv)
+    with open_store(folder).reading() as source:
         if json is None and csv is None:
             say(ask(source, sql, _draw) or "", end="")
             return
@@ -231,59 +249,3 @@ def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict
         found = f"several columns named {', '.join(twice)}"
         raise InputError("query", found, "names of their own: select ... as ..., or --csv")
     return [dict(zip(columns, row, strict=True)) for row in rows]
-
-
-def export(
-    folder: Folder,
-    mission: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[MISSION]", help="After gains: mission file, or a shipped one's name."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="PATH",
-            help="Where to: a folder; of gains, a .mat, .csv or .h file.",
-        ),
-    ] = None,
-    controller: Annotated[str, controller_option("Of gains: file or shipped name.")] = "tlc",
-    vehicle: Annotated[
-        str, typer.Option(metavar="V", help="Of gains: file or shipped name.")
-    ] = DEFAULT_VEHICLE,
-) -> None:
-    """Write every table as a CSV file; numbers read back to the same bits.
-
-    ``export gains MISSION --controller lqr -o gains.mat`` writes a controller's gains over time instead.
-    """
-    if str(folder) == "gains" and mission is not None:
-        from abhv_mc.one_flight.given import make_flight_plan
-        from abhv_mc.simulators.export_gains import check_gain_format, write_gains
-
-        if out is None:
-            raise InputError("--output", "no file", "a file that ends in .mat, .csv or .h")
-        check_gain_format(out)
-        files = (
-            find_input(mission, "mission"),
-            find_input(vehicle, "vehicle"),
-            find_input(controller, "control"),
-        )
-        write_gains(output_file(out) or out, make_flight_plan(*files))
-        say(out)
-        return
-    from abhv_mc.folder.remote import fetched, local_path
-    from abhv_mc.folder.tables import export_csv
-
-    if mission is not None:
-        raise InputError(
-            mission, "a second argument", "nothing after the folder, or 'gains' before it"
-        )
-    out = output_folder(out)
-    if out is None and local_path(folder) is None:
-        raise InputError("--output", "nothing, for a campaign at an address", "-o DIR: where to")
-    with fetched(folder) as source:
-        for path in export_csv(source, out or folder / "csv"):
-            say(path)

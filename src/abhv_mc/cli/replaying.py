@@ -47,7 +47,13 @@ def replay(
     if out is not None:
         names = [channel.name for channel in replay.channels]
         write_histories(
-            out, controller, [flight], block.times, block.history, names, known=replay.channels
+            out,
+            controller,
+            [flight],
+            block.times,
+            block.history,
+            channels=names,
+            known=replay.channels,
         )
 
     def in_words() -> None:

@@ -1,4 +1,4 @@
-"""``report``, ``show``, ``compare``, ``whatif``, ``status``: what a flown campaign says."""
+"""``report``, ``show``, ``runs``, ``compare``, ``whatif``: what campaigns say."""
 
 from dataclasses import replace
 from math import inf
@@ -11,7 +11,6 @@ from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
     Baseline,
     Controller,
-    Folder,
     Json,
     Junit,
     Requirements,
@@ -19,7 +18,7 @@ from abhv_mc.cli.options import (
     folder_argument,
     parse_names,
 )
-from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     answer,
     beside,
@@ -36,10 +35,13 @@ from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from abhv_mc.folder.status import Status
+    from abhv_mc.report.numbers.runs import CampaignRun
     from abhv_mc.report.numbers.whatif import Whatif
+
+_REPORTS = Path("reports")
 
 
 def report(
@@ -52,6 +54,9 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")
     ] = False,
+    brief: Annotated[
+        bool, typer.Option("--brief", help="Print brief.pdf, two pages of it, in its place.")
+    ] = False,
     letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
     requirements: Requirements = None,
     junit: Junit = None,
@@ -62,34 +67,34 @@ def report(
     """
     import json
 
-    from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.manifest import read_manifest
-    from abhv_mc.folder.remote import fetched, local_path
+    from abhv_mc.folder.stores import open_store
     from abhv_mc.report.pages.build import build_report
-    from abhv_mc.report.pages.matrix import judged_cases, make_junit
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
-    from abhv_mc.topics.topic import Models
-    from abhv_mc.topics.verdicts import VERDICTS
 
     if requirements is not None and out is None:
         raise InputError("--requirements", "no -o OUT", "-o OUT: DIR keeps the report of its own")
-    browser = find_browser() if pdf or letter else None
+    browser = find_browser() if pdf or letter or brief else None
 
-    with fetched(folder) as source:
-        if out is None and local_path(folder) is None:
+    store = open_store(folder)
+    with store.reading() as source:
+        if out is None and store.local is None:
             out = output_folder(
                 Path("reports") / read_manifest(CampaignFolder(source).manifest).name
             )
         page = build_report(
-            source, baseline, svg, stage=Waiting, out=out, requirements=requirements
+            source,
+            baseline,
+            svg,
+            stage=Waiting,
+            out=out,
+            requirements=requirements,
+            junit=junit,
         )
         say(page)
-        if junit is not None:
-            judged = Models(read_flown(source, requirements))[VERDICTS]
-            junit.write_text(make_junit(page.parent.name, judged_cases(judged)), "utf-8")
         if browser is not None:
             with Waiting("report: PDF"):
-                printed = print_pdf(page, browser, letter)
+                printed = print_pdf(page, browser, letter, brief)
             say(printed)
     if requirements is not None:
         judgement = json.loads(page.with_suffix(".json").read_text("utf-8"))["judgement"]
@@ -105,7 +110,11 @@ def show(
     folder: Annotated[Path, folder_argument("Folder of a campaign.")],
     json: Json = None,
 ) -> None:
-    """Print what the report says of a topic: its sentences and tables, or its numbers with --json."""
+    """Print what the report says of a topic: its sentences and tables, or its numbers with --json.
+
+    Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes, margins, simulator,
+    convergence, provenance, and those of installed packages.
+    """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.plain import plain
     from abhv_mc.topics.registry import find_topic
@@ -164,7 +173,7 @@ def compare(
     from abhv_mc.report.pages.compare_page import compare_folders
 
     margins = parse_margins(fail_if_worse or [])
-    found, section, page = compare_folders(
+    comparison = compare_folders(
         folder_a,
         folder_b,
         parse_names(controllers) or (),
@@ -173,9 +182,10 @@ def compare(
         requirements,
         bool(fail_if_loses),
     )
-    answer(found, json, lambda: print_section(section))
-    if page is not None:
-        say(f"report    {page}", file=beside(json))
+    found = comparison.found
+    answer(found, json, lambda: print_section(comparison.section))
+    if comparison.page is not None:
+        say(f"report    {comparison.page}", file=beside(json))
     paired = found.paired if isinstance(found, Compared) else ()
     gates = [gate for pair in paired for gate in pair.not_worse.values()]
     newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
@@ -295,16 +305,56 @@ def _entry(entry: "Mapping[str, object]") -> str:
     return ", ".join(f"{key} {value}" for key, value in entry.items())
 
 
-def status(folder: Folder, json: Json = None) -> None:
-    """Say how far a campaign is, who flies it, and what was found so far."""
-    from abhv_mc.folder.remote import fetched_manifests
-    from abhv_mc.folder.status import read_status
+def runs(
+    folder: Annotated[
+        Path, folder_argument("Folder that holds campaigns' folders; or one campaign's.")
+    ] = _REPORTS,
+    out: Annotated[
+        Path | None, output(output_file, "FILE.html", "The page.", "index.html in the folder")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """List the campaigns below a folder with their answers, and write a page that sorts, filters and compares them.
 
-    with fetched_manifests(folder, "*.json") as (here, describe):
-        found = replace(
-            read_status(here, describe and describe("")), folder=str(read_address(folder) or folder)
-        )
-        answer(found.as_entries(), json, lambda: _print_status(found, here))
+    Of one campaign's folder, say how far it is, who runs it, and what was found so far. Nothing but manifests and
+    report.json is read.
+    """
+    from abhv_mc.folder.status import read_status
+    from abhv_mc.folder.stores import open_store
+    from abhv_mc.report.numbers.runs import find_runs
+    from abhv_mc.report.pages.runs_page import write_runs_page
+
+    address = read_address(folder)
+    if address is None and not folder.is_dir() and folder != _REPORTS:
+        raise InputError(folder, "no such folder", "one that holds campaigns' folders")
+    store = open_store(folder)
+    with store.reading("*.json") as here:
+        if CampaignFolder(here).manifest.is_file():
+            found = replace(read_status(here, store), folder=str(address or folder))
+            answer(found.as_entries(), json, lambda: _print_status(found, here))
+            return
+        campaigns = find_runs(here, store)
+        answer(campaigns.runs, json, lambda: _print_runs(campaigns.runs, folder))
+        file = out or (folder / "index.html" if address is None else None)
+        if file is not None and campaigns.runs:
+            say(f"page      {write_runs_page(campaigns, here, file)}", file=beside(json))
+
+
+def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
+    from abhv_mc.folder.manifest import COMPLETE
+    from abhv_mc.report.pages.runs_page import verdict_counts
+
+    table = new_table(("Campaign", "Run", "Verdicts", "Question and answer"), ())
+    for run in runs:
+        if run.problem:
+            table.add_row(run.folder, "", "", f"Not read: {run.problem}")
+            continue
+        origin = f"{run.version} {run.commit[:9]}".strip()
+        count = f"{run.flights} flights" if run.state == COMPLETE else run.state
+        facts = "\n".join(filter(None, (run.started[:10], count, origin, run.digest[:12])))
+        words = "\n".join(filter(None, (run.question, run.answer))) or "No report of these flights."
+        table.add_row(run.folder, facts, verdict_counts(run).replace(", ", "\n"), words)
+    print_table(table) if runs else say(f"no campaigns in {folder}")
 
 
 def _print_status(found: "Status", here: Path) -> None:

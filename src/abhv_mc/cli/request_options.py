@@ -34,9 +34,10 @@ _KINDS: dict[str, tuple[Any, Callable[[Option], Any]]] = {
     "controllers": (str, lambda o: controllers_option(o.help)),
     "count": (int, lambda o: _option(o, min=o.low, max=o.high)),
     "file": (Path, lambda o: _option(o, "--tune", metavar="FILE")),
-    "folder": (Path, lambda o: output(campaign_folder, "DIR", o.help)),
+    "folder": (Path | None, lambda o: output(campaign_folder, "DIR", o.help, o.default or "")),
     "metric": (str, lambda o: metric_option(o.help)),
     "new file": (Path, lambda o: output(output_file, "NEW.yaml", o.help)),
+    "requirement": (str, lambda o: _option(o, metavar="ID")),
     "number": (float, lambda o: _option(o, min=o.low, max=o.high)),
     "results": (Path, lambda o: _option(o, metavar="DIR")),
     "scheduler": (str, lambda o: _option(o, metavar="ADDRESS")),
@@ -65,6 +66,10 @@ def takes_options(request: type) -> Callable[[Callable[..., None]], Callable[...
             for name, value in fields.items():
                 if value is not None and options[name].kind in _PARSERS:
                     fields[name] = _PARSERS[options[name].kind](value)
+            if fields.get("output", ...) is None and options["output"].kind == "folder":
+                subject = fields.get("metric") or fields["requirement"]
+                name = f"{Path(fields['campaign']).stem}_{function.__name__}_{subject}"
+                fields["output"] = campaign_folder(Path("reports") / name)
             function(request(**fields), **values)
 
         _, *further = inspect.signature(function).parameters.values()
@@ -91,4 +96,6 @@ def _make_parameter(parameter: inspect.Parameter, option: Option) -> inspect.Par
     kind, make = _KINDS.get(option.kind, (bool, lambda option: _option(option, flag)))
     if parameter.default is None:
         kind = kind | None
+    elif option.kind == "folder":
+        parameter = parameter.replace(default=None)
     return parameter.replace(annotation=Annotated[kind, make(option)])

@@ -1,4 +1,4 @@
-"""``run``, ``adopt``, ``merge``: campaigns that are flown, adopted or joined."""
+"""``run``, ``import flights``, ``merge``: campaigns that are run, imported or joined."""
 
 import shlex
 import sys
@@ -29,6 +29,7 @@ from abhv_mc.cli.printing import (
     say,
 )
 from abhv_mc.cli.request_options import takes_options
+from abhv_mc.cli.starting import imports
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
@@ -66,7 +67,7 @@ def run(
     """
     announce_compiling()
     from abhv_mc.execution.runner import run_campaign
-    from abhv_mc.folder.remote import mirrored
+    from abhv_mc.folder.stores import open_store
 
     baseline = None if request.baseline is None else Path(request.baseline)
     if baseline is not None:
@@ -78,7 +79,7 @@ def run(
         asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(asked, baseline)
     out = None if request.output is None else Path(request.output)
-    with mirrored(out, staging) if out else nullcontext() as folder:
+    with open_store(out).writing(staging) if out else nullcontext() as folder:
         result = run_campaign(replace(request, output=folder))
         finish(result, no_report or request.shard is not None, json, out, junit, baseline)
 
@@ -222,7 +223,8 @@ def describe_verdicts(manifest: "Manifest") -> str:
     return f"{'; '.join(parts)}. The exit code follows {follows}."
 
 
-def adopt(
+@imports.command()
+def flights(
     tables: Annotated[
         list[Path],
         typer.Argument(
@@ -247,10 +249,10 @@ def adopt(
     """Import flights computed by another simulator and create their report.
 
     TABLE has a row per flight and a column for each dispersed input and metric, and if wanted system, outcome and
-    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'samples') and results may be two tables,
-    paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and rows that
-    pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes are those of
-    'run'.
+    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'validate --samples') and results may be two
+    tables, paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and
+    rows that pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes
+    are those of 'run'.
     """
     from abhv_mc.execution.adopt import adopt_tables
 
@@ -277,10 +279,10 @@ def merge(
     """
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.manifest import read_manifest
-    from abhv_mc.folder.remote import fetched
+    from abhv_mc.folder.stores import open_store
 
     with ExitStack() as stack:
-        here = [stack.enter_context(fetched(part)) for part in parts]
+        here = [stack.enter_context(open_store(part).reading()) for part in parts]
         manifest = read_manifest(CampaignFolder(here[0]).manifest)
         merged = merge_campaign(
             here,

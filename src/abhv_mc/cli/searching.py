@@ -1,20 +1,15 @@
-"""``worst``, ``rare``, ``tune``: the worst case, a rare failure, better numbers."""
+"""``worst`` and ``rare``: the worst case and a rare failure."""
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json
-from abhv_mc.cli.outputs import output_file
 from abhv_mc.cli.printing import announce_compiling, answer, beside, print_section, say
 from abhv_mc.cli.request_options import takes_options
-from abhv_mc.requests import RareRequest, TuneRequest, WorstRequest
-
-if TYPE_CHECKING:
-    from abhv_mc.search.tune import TuneFound
+from abhv_mc.requests import RareRequest, WorstRequest
 
 
 @takes_options(WorstRequest)
@@ -56,34 +51,3 @@ def rare(request: RareRequest, json: Json = None) -> None:
         raise typer.Exit(ExitCode.INCOMPLETE)
     if refusal is not None:
         raise typer.Exit(ExitCode.FAILED)
-
-
-@takes_options(TuneRequest)
-def tune(request: TuneRequest, json: Json = None) -> None:
-    """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
-
-    The new file is written if the paired interval shows a gain within all limits. If not, the best candidate is kept as
-    NEW.rejected.yaml, and the exit code is 1. A page beside it shows either. Ctrl-C keeps completed flights.
-    """
-    page = Path(request.output).with_suffix(".html")
-    output_file(page)
-    announce_compiling()
-    from abhv_mc.api import tune
-    from abhv_mc.report.pages.tune_page import make_tune_answer
-    from abhv_mc.search.tune import rejected_file
-
-    def tell(found: "TuneFound") -> None:
-        answer(found.as_json(), json, lambda: print_section(make_tune_answer(found).section))
-
-    found = tune(**vars(request) | {"tell": tell})
-    told = beside(json)
-    say(f"report    {page}", file=told)
-    if not found.shown:
-        out = Path(request.output)
-        rejected = rejected_file(out)
-        kept = f"; the best candidate is kept in {rejected}" if rejected.exists() else ""
-        say(
-            f"not shown to be better within the limits: {out} is not written{kept}", file=sys.stderr
-        )
-        raise typer.Exit(ExitCode.FAILED)
-    say(f"controller {request.output}", file=told)

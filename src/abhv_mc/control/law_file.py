@@ -137,8 +137,9 @@ class FmuController(ControllerModel):
 
     law: Literal["fmu"] = Field(description="the control law")
     file: File = Field(description="the FMU, of FMI 2.0 or 3.0")
-    inputs: dict[str, str] = Field(
-        description="its inputs: measured.NAME, reference.NAME, onboard.NAME, gains.NAME or time"
+    inputs: dict[str, bool | float | str] = Field(
+        description="its inputs: measured.NAME, reference.NAME, onboard.NAME, gains.NAME or time; or a constant, "
+        "such as true, 3 or 20 deg"
     )
     outputs: dict[str, str] = Field(
         description="the command's fields, such as elevator, or the vehicle's effectors, and the outputs that give them"
@@ -155,11 +156,34 @@ class FmuController(ControllerModel):
 
     @model_validator(mode="after")
     def _check(self) -> "FmuController":
-        for name, value in self.params.items():
-            with _placed("params", name):
+        for name, value in self.starts.items():
+            with _placed("inputs" if name in self.constants else "params", name):
                 parse_any(value)
         find_files(self)
         return self
+
+    @property
+    def wired(self) -> dict[str, str]:
+        """The inputs that have a source."""
+        return {
+            name: source
+            for name, source in self.inputs.items()
+            if isinstance(source, str) and source[:1].isalpha()
+        }
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The inputs that keep a value."""
+        return tuple(name for name in self.inputs if name not in self.wired)
+
+    @property
+    def starts(self) -> dict[str, Any]:
+        """Start values of parameters and constant inputs; what is true is 1."""
+        values = self.params | {name: self.inputs[name] for name in self.constants}
+        return {
+            name: float(value) if isinstance(value, bool) else value
+            for name, value in values.items()
+        }
 
 
 def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:

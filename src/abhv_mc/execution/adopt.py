@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import Executor
+from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.execution.flight_tables import read_flight_tables
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.execution.runner import RunResult, fly_opened
@@ -78,12 +77,12 @@ def adopt_tables(
             _write_blocks(folder, files, campaign, blocks, name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
-        return fly_opened(opened, Executor(campaign.simulator.engine.fly, 1))
+        return fly_opened(opened, FlightRunner(campaign.simulator.engine.fly, 1))
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:
     """Return the campaign as one whose flights are no independent draws."""
-    data: Any = campaign.document.data
+    data = campaign.document.entries
     document = replace(campaign.document, data={**data, "independent": False})
     model = campaign.model.model_copy(update={"independent": False})
     return replace(campaign, document=document, model=model)

@@ -43,6 +43,11 @@ class Estimate:
     warnings: tuple[str, ...]  # about the mission
 
     @property
+    def search_s(self) -> float:
+        """Wall time of the search for the worst values of the unknowns, which is part of ``flying_s``."""
+        return self.controllers * self.flight_s * self.searched / self.workers
+
+    @property
     def disk_bytes(self) -> int:
         """Peak on disk."""
         return self.rows_bytes + self.histories_bytes + self.envelope_bytes
@@ -92,7 +97,7 @@ def estimate_campaign(
             block = simulate(campaign, name, values[:16], history_every)
             path = Path(folder) / "history.parquet"
             of = path, name, range(len(block.outcome)), block.times, block.history
-            write_histories(*of, campaign.kept_channels, known=campaign.channels)
+            write_histories(*of, channels=campaign.kept_channels, known=campaign.channels)
             if first.timing is None and campaign.has_bands:
                 cells = round(
                     block.times.size * model.keep.envelopes.rate / model.keep.histories.rate
@@ -101,7 +106,9 @@ def estimate_campaign(
             histories_size += path.stat().st_size // len(block.outcome)
     searched = 0
     if campaign.unknowns.names and model.points is None and campaign.requirements:
-        searched = search_flights(len(campaign.unknowns.names), len(campaign.requirements))
+        searched = search_flights(
+            len(campaign.unknowns.names), len(campaign.requirements), campaign.runs_at_point
+        )
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
     worst = range(min(campaign.worst, campaign.runs))

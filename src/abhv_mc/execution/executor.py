@@ -1,4 +1,4 @@
-"""What flies the blocks: worker processes, threads of this process, or a cluster's workers.
+"""Executors of blocks: worker processes, this process, or those that packages register for ``--scheduler``.
 
 Worker processes are the default: a crash in compiled code ends its process. Threads start a second sooner and survive
 only flights that raise an exception.
@@ -12,21 +12,21 @@ from dataclasses import dataclass
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
-from abhv_mc.execution.attest import Attestation, sign
+from abhv_mc.entry_points import EXECUTORS, find_entry_points
+from abhv_mc.execution.attest import Attestation, Check, sign
 from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.cluster import Cluster
 from abhv_mc.execution.fly_batches import fly_in_batches
-from abhv_mc.execution.retry import FlightLostError, fly_with_retries
+from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.identity import count_cores
-from abhv_mc.interfaces import Engine, Fly, Recorded
-from abhv_mc.io.input_error import InputError
+from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded
+from abhv_mc.io.input_error import InputError, one_of
 
 
 @dataclass(frozen=True)
-class Executor:
-    """Flies blocks in parallel."""
+class FlightRunner:
+    """Flights on an executor: lost ones are computed again, and blocks are checked."""
 
     fly: (
         Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
@@ -58,19 +58,33 @@ def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
 
 
 @contextlib.contextmanager
+def connect(address: str | None) -> Iterator[OpenExecutor | None]:
+    """Yield what opens executors on the scheduler at an address, by its scheme. Raises InputError."""
+    if address is None:
+        yield None
+        return
+    scheme, separator, _ = address.partition("://")
+    entries = find_entry_points(EXECUTORS)
+    entry = entries.get(scheme if separator else "tcp")
+    if entry is None:
+        expected = one_of([f"{name}://" for name in entries], f"{scheme}://")
+        raise InputError("--scheduler", f"no scheduler at '{address}'", expected)
+    with entry.load()(address) as opened:
+        yield opened
+
+
+@contextlib.contextmanager
 def open_executor(
     engine: Engine,
     execution: Execution,
     workers: int | None,
-    cluster: Cluster | None,
+    scheduler: OpenExecutor | None = None,
     check_workers: bool = False,
-) -> Iterator[Executor]:
-    """The executor that the campaign asks for; its worker processes end with the context.
+) -> Iterator[FlightRunner]:
+    """Yield the executor that the campaign asks for, or that of a scheduler; it is closed with the context.
 
     ``check_workers``: one flight of each worker is flown again here, and its bits compared.
     """
-    check = Attestation(engine, check_workers).check
-    limit = execution.flight_time_limit
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if isolation == PROCESSES and multiprocessing.current_process().daemon:  # it may start none
@@ -81,31 +95,52 @@ def open_executor(
             wish = "'isolation: threads', or concurrent.futures.ProcessPoolExecutor"
             raise InputError("execution", found, wish)
         isolation = THREADS
-    if cluster is not None:
-        cluster.engine, cluster.limit = engine, limit or cluster.limit
-        cluster.check = (
-            check if engine.close is None else lambda _plan, _rows, block: block
-        )  # its bits are its own
-        yield Executor(cluster.fly, workers or cluster.room)
+    check: Check | None = Attestation(engine, check_workers).check
+    executor: Executor
+    if scheduler is not None:
+        executor = scheduler(engine, execution.flight_time_limit)
+        number = workers or executor.workers
     elif isolation == PROCESSES:
-        with contextlib.closing(WorkerPool(engine.fly, number, limit, check)) as pool:
-            yield Executor(pool.fly, number)
-    elif engine.close is not None:
-        with contextlib.ExitStack() as stack:
-            stack.callback(engine.close)
-            yield Executor(lambda *given: sign(engine.fly(*given)), number)
+        executor = WorkerPool(engine.fly, number, execution.flight_time_limit)
     else:
-        yield Executor(_in_this_process(engine), number)
+        executor, check = _ThisProcess(engine, number), None
+    with contextlib.closing(executor):
+        yield FlightRunner(_make_fly(executor, engine, check), number)
 
 
-def _in_this_process(engine: Engine) -> Fly:
+def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
     def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
+        if engine.close is not None:  # a simulator that accounts for each lost flight itself
             try:
-                return sign(fly_in_batches(engine.fly, plan, rows, recorded))
-            except Exception as error:
-                raise FlightLostError(f"{type(error).__name__}: {error}") from error
+                return executor.fly(plan, parameters, recorded)
+            except FlightLostError as lost:  # its flights cost no worker: it is the machine
+                raise UnusableError(str(lost)) from None
+
+        def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
+            block = executor.fly(plan, rows, recorded)
+            return block if check is None else check(plan, rows, block)
 
         return fly_with_retries(attempt, plan, parameters, recorded)
 
     return fly
+
+
+class _ThisProcess:
+    """Executor whose flights run in the calling thread."""
+
+    def __init__(self, engine: Engine, workers: int) -> None:
+        self._engine, self.workers = engine, workers
+
+    def fly(self, plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:
+        """Compute a block. Raises FlightLostError."""
+        if self._engine.close is not None:
+            return sign(self._engine.fly(plan, rows, recorded))
+        try:
+            return sign(fly_in_batches(self._engine.fly, plan, rows, recorded))
+        except Exception as error:
+            raise FlightLostError(f"{type(error).__name__}: {error}") from error
+
+    def close(self) -> None:
+        """End the processes that the simulator started."""
+        if self._engine.close is not None:
+            self._engine.close()

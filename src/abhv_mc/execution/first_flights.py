@@ -7,26 +7,19 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import Executor, open_executor, open_threads
+from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
 from abhv_mc.execution.probe_dispersions import make_trials, unchanging
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.simulators.engine import simulate
-from abhv_mc.simulators.user_simulator.native_reads import find_native_reads
-from abhv_mc.simulators.user_simulator.process_pool import end_processes
-from abhv_mc.simulators.user_simulator.user_flights import (
-    describe_events,
-    process_ids,
-    seconds_of_a_flight,
-)
 
 _LONG = 1.0  # s: of flights that take longer only one is repeated within a process
 _CHECKED = 8  # rows that are simulated again
@@ -67,10 +60,8 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
     Raises InputError if no flight of a system can be computed.
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
-    with open_executor(
-        campaign.simulator.engine, campaign.model.execution, workers, None
-    ) as executor:
-        end_processes()  # those of an earlier campaign: a check needs new ones
+    with open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor:
+        _end_processes(campaign)  # those of an earlier campaign: a check needs new ones
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
             blocks = [each.first for each in repeats[name]]
@@ -86,7 +77,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
         repeatability, noise = _judge_repeats(campaign, repeats)
         warnings += noise
         plans = [system.plan for system in _checked(campaign).systems.values()]
-        if seconds_of_a_flight(plans) < _LONG and campaign.dimensions:
+        if (campaign.simulator.time_of_flight(plans) or 0.0) < _LONG and campaign.dimensions:
             trials = make_trials(campaign)
             with (
                 Progress("first flights", len(trials) * len(plans)) as progress,
@@ -106,21 +97,27 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
             ]
             for name, block in zip(campaign.systems, flown, strict=True):
                 events[name].update(block.events)
-        warnings += [words for name in events for words in describe_events(name, events[name])]
+        for name, counts in events.items():
+            warnings += campaign.simulator.describe_events(name, counts)
     return FirstFlights(tuple(warnings), repeatability)
+
+
+def _end_processes(campaign: Experiment) -> None:
+    if campaign.simulator.engine.close is not None:
+        campaign.simulator.engine.close()
 
 
 def _checked(campaign: Experiment, process: int = 1) -> Experiment:
     """Return the campaign with plans for checks, whose flights have a process of this number for themselves."""
     systems = {
-        name: each._replace(plan=replace(cast("Any", each.plan), check=process, is_proven=True))
+        name: each._replace(plan=campaign.simulator.prove(each.plan, check=process))
         for name, each in campaign.systems.items()
     }
     return replace(campaign, systems=systems)
 
 
 def _fly_twice(
-    campaign: Experiment, executor: Executor, rows: Floats
+    campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
     """Simulate ``rows`` in pairs of new processes at the same time; return the flights by system, pairs side by side,
     and warnings of files that native code reads."""
@@ -133,15 +130,16 @@ def _fly_twice(
     def fly(process: int) -> dict[str, _Repeats]:
         own, given = _checked(campaign, process + 1), rows[process // 2 :: pairs]
         first = {name: simulate(own, name, given, None, executor.fly) for name in own.systems}
-        is_long = seconds_of_a_flight(system.plan for system in own.systems.values()) > _LONG
+        plans = [system.plan for system in own.systems.values()]
+        is_long = (campaign.simulator.time_of_flight(plans) or 0.0) > _LONG
         order = given[:1] if is_long else given[::-1]
         if is_long and process > 1:  # one process of each system shows whether flights repeat
             order = given[:0]
         again = {name: simulate(own, name, order, None, executor.fly) for name in own.systems}
         progress.add(len(given) * len(own.systems))
-        native.update(find_native_reads(process_ids(), plan, started))
+        native.update(campaign.simulator.find_undeclared_reads(plan, started))
         if executor.workers == 1:  # there may be a licence for one process
-            end_processes()
+            _end_processes(campaign)
         return {name: _Repeats(given, first[name], again[name]) for name in own.systems}
 
     with (

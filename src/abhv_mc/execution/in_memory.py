@@ -68,7 +68,7 @@ def simulate_table(
         every = simulator.find_stride(next(iter(plans.values())), "histories")
         recording = Recording(every, tuple(places[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
-    with open_executor(simulator.engine, experiment.model.execution, None, None) as executor:
+    with open_executor(simulator.engine, experiment.model.execution, None) as executor:
         blocks = [
             simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying
         ]

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -13,18 +12,18 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import Unknowns, points_entry
 from abhv_mc.campaign.sampling.designs import make_generator
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import FlightRunner, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.interfaces import Plan
 from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import (
-    SEARCH_FLIGHTS,
     SEARCH_QUANTILE,
     Trial,
     choose_points,
     search_flights,
+    search_size,
     search_worst,
 )
 
@@ -44,16 +43,17 @@ def name_points(
     if not unknowns.names or campaign.model.points is not None:
         return campaign
     number, searches = len(unknowns.names), []
+    size = search_size(campaign.runs_at_point)
     if campaign.requirements:
         ready = make_ready(campaign, plans, margins=True)
-        total = len(plans) * search_flights(number, len(campaign.requirements))
+        total = len(plans) * search_flights(
+            number, len(campaign.requirements), campaign.runs_at_point
+        )
         print(
             f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
         )
         with (
-            open_executor(
-                campaign.simulator.engine, campaign.model.execution, workers, None
-            ) as executor,
+            open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor,
             Progress("search of the unknowns' worst values: flights", total) as progress,
         ):
             for name in plans:
@@ -67,24 +67,26 @@ def name_points(
         places = np.round(places, 12)  # the box's own corners and centre stay what they are
         others = places[np.all(np.abs(places) <= 1.0, axis=1)]
     chosen = choose_points(number, searches, others)
-    return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches))
+    return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches, size))
 
 
 def with_points(campaign: Experiment, points: object) -> Experiment:
     """The campaign judged at ``points``, as a folder's campaign file has them; None: as it is."""
     if points is None or campaign.model.points is not None:
         return campaign
-    data: dict[str, Any] = {**campaign.document.data, "points": points}  # type: ignore[dict-item]
+    data = {**campaign.document.entries, "points": points}
     return check_campaign(replace(campaign.document, data=data), campaign.engine)
 
 
 def _evaluate(
-    campaign: Experiment, name: str, executor: Executor, progress: Progress, points: Floats
+    campaign: Experiment, name: str, executor: FlightRunner, progress: Progress, points: Floats
 ) -> Trial:
     """Simulate the flights of the search at each point [point, unknown] of the box."""
-    rows = campaign.search_rows(SEARCH_FLIGHTS, campaign.unknowns.values(points))
+    rows = campaign.search_rows(
+        search_size(campaign.runs_at_point), campaign.unknowns.values(points)
+    )
     margins = campaign.model.margins is not None
-    block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins)
+    block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins=margins)
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]
     trials = []

@@ -7,7 +7,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +18,9 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.controller_flights import read_worst
 from abhv_mc.folder.hashes import FileHashes
-from abhv_mc.folder.histories import history_metadata, write_histories
+from abhv_mc.folder.histories import write_histories
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.products import KEY, Product
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.simulators.engine import simulate
@@ -53,22 +53,15 @@ def choose_kept(
 class HistoryFile:
     """A file of histories that the campaign keeps."""
 
-    path: Path
+    product: Product
     controller: str
     flights: list[int]
-    mark: str  # of what it holds
-    files: FileHashes
-
-    @property
-    def whole(self) -> bool:
-        return self.files.knows(self.path) and history_metadata(self.path).get("kept") == self.mark
 
 
 def list_histories(
     folder: CampaignFolder,
     campaign: Experiment,
     all_counts: Mapping[str, FlightCounts],
-    hashes: FileHashes,
 ) -> list[HistoryFile]:
     """The files that the histories of all flights, which have flown, are kept in."""
     keep = campaign.model.keep.histories
@@ -85,14 +78,11 @@ def list_histories(
         kept = choose_kept(keep.flights, campaign.runs, counts, worst.get(name, ()))
         for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
             flights = kept[first : first + _FLIGHTS_PER_FILE]
-            mark = hashlib.sha256(
+            key = hashlib.sha256(
                 repr((flights, campaign.kept_channels, keep.rate)).encode()
             ).hexdigest()
-            files.append(
-                HistoryFile(
-                    folder.histories / f"{name}-{part:06d}.parquet", name, flights, mark, hashes
-                )
-            )
+            path = folder.histories / f"{name}-{part:06d}.parquet"
+            files.append(HistoryFile(Product(path, key), name, flights))
     return files
 
 
@@ -102,12 +92,13 @@ def write_kept_histories(
     expected: Sequence[HistoryFile],
     samples: SampleReader,
     fly: Fly,
+    *,
     workers: int,
     hashes: FileHashes,
 ) -> list[str]:
     """Fly and write the ``expected`` files of histories; those that are there already stay, and no other. What failed,
     in words."""
-    missing = [file for file in expected if not file.whole]
+    missing = [file for file in expected if not file.product.is_current(hashes)]
 
     def fly_again(file: HistoryFile) -> tuple[HistoryFile, FlightBlock]:
         name = file.controller
@@ -126,11 +117,16 @@ def write_kept_histories(
                 f" ({block.reasons.get(row, 'it failed to run')})"
                 for row in np.flatnonzero(lost).tolist()
             ]
-            metadata = {} if lost.any() else {"kept": file.mark}
-            of = file.path, file.controller, file.flights, block.times, block.history
-            write_histories(*of, campaign.kept_channels, metadata, campaign.channels)
+            metadata = {KEY: "incomplete" if lost.any() else file.product.key}
+            of = file.product.path, file.controller, file.flights, block.times, block.history
+            write_histories(
+                *of,
+                channels=campaign.kept_channels,
+                metadata=metadata,
+                known=campaign.channels,
+            )
             progress.add(len(file.flights))
-    for path in set(folder.histories.glob("*.parquet")) - {file.path for file in expected}:
+    for path in set(folder.histories.glob("*.parquet")) - {file.product.path for file in expected}:
         path.unlink()
         hashes.forget(path)
     return failed

@@ -66,7 +66,7 @@ def fly_with_retries(
                 lambda _, *rest: fly_with_retries(attempt, plan, *rest), plan, parameters, recorded
             )
     reasons: list[str] = []
-    block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons)
+    block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons=reasons)
     if reasons:
         if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
             raise UnusableError(
@@ -87,6 +87,7 @@ def _fly(
     parameters: Floats,
     recorded: "Recorded",
     sizes: tuple[int, ...],
+    *,
     reasons: list[str],
 ) -> FlightBlock:
     try:
@@ -105,7 +106,7 @@ def _fly(
             return replace(lost, reasons={0: str(error)})
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
         return join_blocks(
-            [_fly(attempt, plan, piece, recorded, sizes[1:], reasons) for piece in pieces]
+            [_fly(attempt, plan, piece, recorded, sizes[1:], reasons=reasons) for piece in pieces]
         )
 
 

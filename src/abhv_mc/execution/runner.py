@@ -12,9 +12,8 @@ import numpy as np
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.execution.backpressure import work_ahead
 from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, choose_timed, cut_blocks
-from abhv_mc.execution.cluster import connect_cluster
 from abhv_mc.execution.completion import Completion
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
 from abhv_mc.execution.fly_batches import AT_ONCE
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
@@ -40,11 +39,11 @@ from abhv_mc.folder.manifest import (
     note_flyers,
     write_manifest,
 )
+from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 from abhv_mc.simulators.engine import check_source, simulate
-from abhv_mc.simulators.user_simulator.user_flights import describe_events, prove_blocks
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
@@ -70,9 +69,7 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
-        cluster = None
-        if request.scheduler is not None:
-            cluster = stack.enter_context(connect_cluster(request.scheduler))
+        scheduler = stack.enter_context(connect(request.scheduler))
         opened = open_campaign(request, engine, stack)
         execution = opened.campaign.model.execution
         executor = stack.enter_context(
@@ -80,26 +77,31 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
                 opened.campaign.simulator.engine,
                 execution,
                 request.workers,
-                cluster,
+                scheduler,
                 request.check_workers,
             )
         )
         return fly_opened(opened, executor)
 
 
-def fly_opened(opened: OpenCampaign, executor: Executor) -> RunResult:
+def fly_opened(opened: OpenCampaign, executor: FlightRunner) -> RunResult:
     """Fly what an open folder misses of its campaign, and make what follows from all flights."""
     return _Run(opened, executor).run()
 
 
 class _Run:
-    def __init__(self, opened: OpenCampaign, executor: Executor) -> None:
+    def __init__(self, opened: OpenCampaign, executor: FlightRunner) -> None:
         self.folder, self.plans = opened.folder, opened.plans
-        self.campaign = prove_blocks(opened.campaign)
-        self.manifest, self.simulator = opened.manifest, self.campaign.simulator
+        self.manifest, self.simulator = opened.manifest, opened.campaign.simulator
+        systems = {
+            name: system._replace(plan=self.simulator.prove(system.plan))
+            for name, system in opened.campaign.systems.items()
+        }
+        self.campaign = replace(opened.campaign, systems=systems)
         self.files = opened.files
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.part, opened.to_fly)
+        self.products = Products(self.folder, self.campaign.controllers, self.campaign.runs)
         self.sharded = self.manifest.shard is not None
         self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
@@ -133,7 +135,7 @@ class _Run:
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
         try:
-            if not (self.completion.whole() and self._knows_envelopes()):
+            if not (self.completion.whole() and self._has_envelopes()):
                 self._fly()
             whole = self.completion.whole()
             if whole:
@@ -151,22 +153,19 @@ class _Run:
     def _must_stay(self) -> bool:
         """Whether other histories are wanted, by changed requirements, and another version made the flights."""
         other = self.manifest.source_hash != self.simulator.engine.source
-        margins = self.files.knows(self.folder.margins) or not self.simulator.engine.find_stability
-        return other and margins and self._knows_envelopes()
+        return other and self._has_margins() and self._has_envelopes()
 
     def _has_products(self) -> bool:
         """Whether all is there that follows from the flights; a shard makes nothing of them."""
         if self.sharded:
             return True
-        margins = self.simulator.engine.find_stability is None or self.files.knows(
-            self.folder.margins
-        )
-        histories = all(file.whole for file in self._list_histories())
-        return margins and histories and self._knows_envelopes()
+        histories = all(file.product.is_current(self.files) for file in self._list_histories())
+        return histories and self._has_margins() and self._has_envelopes()
 
-    def _knows_envelopes(self) -> bool:
-        """Whether they are there, or cannot be."""
-        return not self.campaign.has_bands or self.files.knows(self.folder.envelopes)
+    def _has_margins(self) -> bool:
+        """Return whether margins in steady flight are current, or the simulator has none."""
+        no_margins = self.simulator.engine.find_stability is None
+        return no_margins or self.products.margins.is_current(self.files)
 
     def _make_cells(self) -> Cells:
         keep, points = self.campaign.model.keep.envelopes, len(self.campaign.unknowns.points)
@@ -185,12 +184,13 @@ class _Run:
         )
 
     def _has_envelopes(self) -> bool:
-        """Whether they are there, of flights that are all there: later ones change nothing of them."""
+        """Return whether envelopes are current and their flights complete, or flights have no common channels."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
         whole = all(
             mask[self.completion.first : last].all() for mask in self.completion.done.values()
         )
-        return whole and self._knows_envelopes()
+        no_envelopes = not self.campaign.has_bands
+        return no_envelopes or (whole and self.products.envelopes.is_current(self.files))
 
     def _fly(self) -> None:
         """Fly what is missing, step by step where the campaign stops when proven."""
@@ -198,7 +198,7 @@ class _Run:
         if self.campaign.has_bands:
             self.cells = self._make_cells()
             self.recording = self.cells.recording
-        if self.campaign.has_bands and not self._has_envelopes():
+        if not self._has_envelopes():
             states, done = self.folder.envelope_states, self.completion.done
             self.collectors = {
                 name: Collector(states, name, done[name], self.cells) for name in self.plans
@@ -251,7 +251,7 @@ class _Run:
         recorded = self.recording if block.envelope else None
         margins = block.rows and block.first < self.with_margins
         return block, simulate(
-            self.campaign, block.controller, samples, recorded, self.fly, margins
+            self.campaign, block.controller, samples, recorded, self.fly, margins=margins
         )
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
@@ -291,7 +291,7 @@ class _Run:
         if flown.events:
             name = block.controller
             events = add_events([self.manifest.simulator_events, {name: flown.events}])
-            warnings = *self.manifest.warnings, *describe_events(name, flown.events)
+            warnings = *self.manifest.warnings, *self.simulator.describe_events(name, flown.events)
             self.manifest = replace(
                 self.manifest,
                 simulator_events=events,
@@ -320,7 +320,8 @@ class _Run:
             return
         # Whoever goes on after a kill makes anew what may be replaced from here on.
         histories = self._list_histories()
-        whole = {file.path for file in histories if file.whole}
+        products = (file.product for file in histories)
+        whole = {product.path for product in products if product.is_current(self.files)}
         self.files.forget(*(set(self.folder.histories.glob("*.parquet")) - whole))
         if self.collectors:
             self.files.forget(self.folder.envelopes)
@@ -337,8 +338,15 @@ class _Run:
                     {name: table.at(flown) for name, table in tables.items()},
                 )
             number = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
+            path, key = self.products.envelopes
             write_envelopes(
-                self.folder.envelopes, times, self.cells.channels, tables, number, self.cells.points
+                path,
+                times,
+                self.cells.channels,
+                tables,
+                flights=number,
+                points=self.cells.points,
+                key=key,
             )
         try:
             failed = write_kept_histories(
@@ -347,8 +355,8 @@ class _Run:
                 histories,
                 self.samples,
                 self.fly,
-                self.workers,
-                self.files,
+                workers=self.workers,
+                hashes=self.files,
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             failed = [f"not all histories are kept ({type(error).__name__}: {error})"]
@@ -384,17 +392,18 @@ class _Run:
 
     def _write_stability(self) -> None:
         """The margins in steady flight, of all controllers of the folder."""
-        if self.simulator.engine.find_stability and not self.files.knows(self.folder.margins):
+        if self.simulator.engine.find_stability and not self._has_margins():
             with Waiting("margins"):
                 found = self.simulator.engine.find_stability(self.campaign, self.plans)
-            write_text(self.folder.margins, json.dumps(found, indent=1, allow_nan=False) + "\n")
+            path, key = self.products.margins
+            text = json.dumps(found | {KEY: key}, indent=1, allow_nan=False)
+            write_text(path, text + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:
         return list_histories(
             self.folder,
             replace(self.campaign, runs=self.completion.goal()),
             self.completion.all_counts,
-            self.files,
         )
 
     def _judge(self) -> Manifest:

@@ -31,6 +31,7 @@ from abhv_mc.folder.inputs import (
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
+from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.requirement_sets import add_requirement_set, mark_later_choices
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
@@ -187,8 +188,9 @@ def _resume(
     changed = (
         added or longer or judged_anew or not files.knows(folder.campaign)
     )  # the last: killed while it grew
-    with_nominal = not added and all(map(files.knows, (folder.nominal, folder.reference)))
-    with_nominal = with_nominal or not simulator.capabilities.has_mission
+    products = Products(folder, merged.systems, requested.runs)
+    current = all(each.is_current(files) for each in (products.nominal, products.reference))
+    with_nominal = current or not simulator.capabilities.has_mission
     if added or longer or not with_nominal or not manifest.complete:
         check_source(folder, manifest, simulator)
         _start_workers(request, simulator.engine)
@@ -204,7 +206,8 @@ def _resume(
         )
         print(words, file=sys.stderr, flush=True)
     if changed:
-        manifest = grow_folder(replace(flown, manifest=manifest), inputs, merged, new, longer)
+        grown = replace(flown, manifest=manifest)
+        manifest = grow_folder(grown, inputs, merged, plans=new, products=products, longer=longer)
     campaign = _join(requested, inputs, merged if changed else before)
     campaign, _ = mark_later_choices(folder, manifest, campaign)
     if not files.knows(folder.samples):
@@ -285,16 +288,27 @@ def _write_nominal(
     if not nominal:
         return
     times = next(iter(nominal.values()))[0]
-    write_nominal(folder.nominal, times, {name: history for name, (_, history) in nominal.items()})
-    write_reference(folder.reference, campaign.simulator.find_reference(next(iter(plans.values()))))
+    products = Products(folder, nominal, campaign.runs)
+    histories = {name: history for name, (_, history) in nominal.items()}
+    write_nominal(folder.nominal, times, histories, products.nominal.key)
+    reference = campaign.simulator.find_reference(next(iter(plans.values())))
+    write_reference(folder.reference, reference, products.reference.key)
 
 
 def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
     """Draw the samples."""
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
-    more = provenance, len(campaign.unknowns.points), campaign.parameters
-    write_samples(folder.samples, source.names, campaign.runs, source.draw, *more)
+    provenance[KEY] = Products(folder, (), campaign.runs).samples.key
+    write_samples(
+        folder.samples,
+        source.names,
+        campaign.runs,
+        source.draw,
+        provenance,
+        points=len(campaign.unknowns.points),
+        table=campaign.parameters,
+    )
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
@@ -330,7 +344,7 @@ def make_manifest(
         source_hash=campaign.simulator.engine.source,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=find_versions() | find_package_versions(sources),
-        compiler=find_compiler(),
+        compiler=find_compiler() if campaign.simulator.capabilities.has_mission else None,
         commit=find_commit(),
         machine=find_machine(),
         command=tuple(sys.argv[1:]),

@@ -9,6 +9,7 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
+from abhv_mc.array_types import Floats
 from abhv_mc.execution.attest import sign
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
@@ -17,7 +18,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:  # which a worker process need not import
-    from abhv_mc.interfaces import Fly
+    from abhv_mc.interfaces import Fly, Recorded
 
 _LEAST, _TIMES = (
     30.0,
@@ -69,6 +70,14 @@ def serve(connection: Connection, fly: "Fly") -> None:
             answer = f"{type(error).__name__}: {error}"
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         connection.send(answer)
+
+
+def compute(
+    fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded" = None
+) -> FlightBlock:
+    """Return a block, signed: for executors that compute in processes of their own, which may be lost."""
+    allow_here()
+    return sign(fly_in_batches(fly, plan, parameters, recorded))
 
 
 def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:

@@ -20,8 +20,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import Check
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
+from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker import serve, usual_limit
 from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
@@ -132,11 +131,9 @@ class _Worker:
 class WorkerPool:
     """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
 
-    def __init__(
-        self, fly: Fly, workers: int, limit: float | None, check: Check | None = None
-    ) -> None:
-        """``limit``: processor time for one flight, or for 16 in a batch, s; ``check``: of each block."""
-        self._fly, self._limit, self._check = fly, limit, check
+    def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
+        """``limit``: processor time for one flight, or for 16 in a batch, s."""
+        self._fly, self.workers, self._limit = fly, workers, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
             self._idle.put(None)
@@ -152,19 +149,14 @@ class WorkerPool:
         self._closed = False
 
     def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        """As the engine's ``fly``; what cannot be computed has the outcome ``failed_to_run``."""
+        """Compute a block in a worker process. Raises FlightLostError and UnusableError."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
 
         with self._limiting:
             if key not in self._limits:
                 self._limits[key] = self._limit or self._find_limit(plan)
-
-        def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
-            block = self._attempt(key, plan, rows, recorded)
-            return block if self._check is None else self._check(plan, rows, block)
-
-        return fly_with_retries(attempt, plan, parameters, recorded)
+        return self._attempt(key, plan, parameters, recorded)
 
     def _find_limit(self, plan: FlightPlan) -> float | None:
         """Return the limit by a nominal flight here, once for all workers; None if each has to fly its own."""

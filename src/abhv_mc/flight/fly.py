@@ -79,7 +79,9 @@ def fly(
     """
     recording = recording_of(record_every, plan)
     if must_fly_elsewhere(plan):
-        return fly_in_child(fly, plan, parameters, recording, lanes, keep_states, start)
+        return fly_in_child(
+            fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
+        )
     sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
     if sampled and len(parameters) > _SAMPLED and not keep_states and start is None:
         starts = range(0, len(parameters), _SAMPLED)
@@ -88,7 +90,7 @@ def fly(
         )
     results = make_results(plan, len(parameters), recording, keep_states)
     with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
-        fly_in_memory(plan, parameters, results, recording, memory, start)
+        fly_in_memory(plan, parameters, results, recording, memory, start=start)
     return make_block(plan, results, recording)
 
 
@@ -103,7 +105,13 @@ def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | Non
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
     fly_in_memory(
-        shorter, parameters, results, Recording(0), make_memory(LANES), start, memory_in_rows=True
+        shorter,
+        parameters,
+        results,
+        Recording(0),
+        make_memory(LANES),
+        start=start,
+        memory_in_rows=True,
     )
     return Kept(tick, results.kept)
 
@@ -114,6 +122,7 @@ def fly_in_memory(
     results: KernelResults,
     recording: Recording,
     memory: Memory,
+    *,
     start: Kept | None = None,
     memory_in_rows: bool = False,
 ) -> None:

@@ -37,6 +37,7 @@ def fly_in_child(
     parameters: Floats,
     recording: Recording,
     lanes: int,
+    *,
     keep_states: bool,
     start: Kept | None = None,
 ) -> FlightBlock:
@@ -58,7 +59,10 @@ def fly_in_child(
         if len(parameters) > 1:
             rows = (row[None] for row in parameters)
             return join_blocks(
-                [fly_in_child(fly, plan, row, recording, lanes, keep_states) for row in rows]
+                [
+                    fly_in_child(fly, plan, row, recording, lanes, keep_states=keep_states)
+                    for row in rows
+                ]
             )
     try:
         return attempt(parameters)

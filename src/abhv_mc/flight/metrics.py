@@ -124,6 +124,7 @@ def _count(
     doc: str,
     label: str,
     group: Group,
+    *,
     of: str,
     statistic: Statistic,
     nonnegative: bool = False,
@@ -154,12 +155,12 @@ def _count(
 
 
 def _error(
-    name: str, unit: str, words: str, label: str, of: str, leads: str = ""
+    name: str, unit: str, words: str, label: str, of: str, *, leads: str = ""
 ) -> tuple[Metric, ...]:
     end = name_end(unit)
     return tuple(
-        _count(f"{name}_{kind}_{end}", unit, f"{words}, {doc}", f"{label}, {kind}", "tracking", of, statistic,
-               leads=kind == leads)
+        _count(f"{name}_{kind}_{end}", unit, f"{words}, {doc}", f"{label}, {kind}", "tracking", of=of,
+               statistic=statistic, leads=kind == leads)
         for kind, doc, statistic in (
             ("rms", "rms over the control ticks", Statistic.RMS),
             ("max", "largest absolute value", Statistic.MAX_ABS),
@@ -176,8 +177,8 @@ def _settled(name: str, label: str) -> Metric:
         doc,
         label,
         "tracking",
-        of,
-        Statistic.MAX_ABS,
+        of=of,
+        statistic=Statistic.MAX_ABS,
         settled=True,
     )
 
@@ -186,11 +187,11 @@ def _surface(name: str) -> tuple[Metric, ...]:
     label = name.capitalize()
     return (
         _count(f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms", f"{label}, rms", "usage",
-               f"{name}_from_trim_deg", Statistic.RMS),
+               of=f"{name}_from_trim_deg", statistic=Statistic.RMS),
         _count(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max", "usage",
-               f"{name}_deg", Statistic.MAX_ABS),
+               of=f"{name}_deg", statistic=Statistic.MAX_ABS),
         _count(f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection", f"{label} travel",
-               "usage", f"{name}_moved_deg", Statistic.SUM, nonnegative=True),
+               "usage", of=f"{name}_moved_deg", statistic=Statistic.SUM, nonnegative=True),
     )  # fmt: skip
 
 
@@ -200,7 +201,7 @@ METRICS: tuple[Metric, ...] = (
     *_error("heading_error", "deg", "heading error", "Heading error", "heading_error_deg"),
     *_error("cross_track_error", "m", "cross-track error", "Cross-track error", "cross_track_m"),
     _count("cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference",
-           "Cross-track error at the end", "tracking", "cross_track_m", Statistic.FINAL, bad="size"),
+           "Cross-track error at the end", "tracking", of="cross_track_m", statistic=Statistic.FINAL, bad="size"),
     *_error("angle_of_attack_error", "deg", "angle of attack minus its command, error", "Angle of attack error",
             "angle_of_attack_error_deg", leads="rms"),
     _settled("angle_of_attack_error", "Angle of attack error"),
@@ -208,42 +209,48 @@ METRICS: tuple[Metric, ...] = (
     _settled("bank_error", "Bank error"),
     *_error("sideslip", "deg", "sideslip", "Sideslip", "sideslip_deg", leads="rms"),
     _count("angle_of_attack_min_deg", "deg", "smallest angle of attack", "Angle of attack, min", "loads",
-           "angle_of_attack_deg", Statistic.MIN),
+           of="angle_of_attack_deg", statistic=Statistic.MIN),
     _count("angle_of_attack_max_deg", "deg", "largest angle of attack", "Angle of attack, max", "loads",
-           "angle_of_attack_deg", Statistic.MAX),
+           of="angle_of_attack_deg", statistic=Statistic.MAX),
     *(metric for name in SURFACES for metric in _surface(name)),
-    _count("equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage", "equivalence_ratio",
-           Statistic.MIN),
-    _count("equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage", "equivalence_ratio",
-           Statistic.MAX),
-    _count("fuel_used_kg", "kg", "fuel burnt", "Fuel used", "usage", "fuel_used_kg", Statistic.FINAL),
+    _count("equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage", of="equivalence_ratio",
+           statistic=Statistic.MIN),
+    _count("equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage", of="equivalence_ratio",
+           statistic=Statistic.MAX),
+    _count("fuel_used_kg", "kg", "fuel burnt", "Fuel used", "usage", of="fuel_used_kg", statistic=Statistic.FINAL),
     _count("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", "Dynamic pressure, max", "loads",
-           "dynamic_pressure_pa", Statistic.MAX, nonnegative=True),
+           of="dynamic_pressure_pa", statistic=Statistic.MAX, nonnegative=True),
     _count("load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max", "loads",
-           "load_factor_g", Statistic.MAX, nonnegative=True),
+           of="load_factor_g", statistic=Statistic.MAX, nonnegative=True),
     _count("surface_saturation_s", "s", "time with a surface at its deflection limit", "Surface saturation", "usage",
-           "surface_saturated", Statistic.TIME_OUTSIDE, finding="saturates"),
+           of="surface_saturated", statistic=Statistic.TIME_OUTSIDE, finding="saturates"),
     *(
         _count(f"{name}_ripple_deg", "deg", f"largest cycle of the {words} in settled stretches, from side to side",
-               f"{label_of(name, '-')} ripple", "tracking", f"{name}_ripple_deg", Statistic.MAX, nonnegative=True,
-               finding="cycles")
+               f"{label_of(name, '-')} ripple", "tracking", of=f"{name}_ripple_deg", statistic=Statistic.MAX,
+               nonnegative=True, finding="cycles")
         for name, words in SWINGS.items()
     ),
     *(
         _count(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}, zero without one",
-               f"{label_of(name, '-')} cycle frequency", "tracking", f"{name}_cycle_hz", Statistic.FINAL,
+               f"{label_of(name, '-')} cycle frequency", "tracking", of=f"{name}_cycle_hz", statistic=Statistic.FINAL,
                nonnegative=True)
         for name, words in SWINGS.items()
     ),
     _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed", "loads",
-           "engine_failed", Statistic.TIME_OUTSIDE),
-    _count("outside_tables_s", "s", "time outside the tables (clamped)", "Outside tables", "loads", "outside_tables",
-           Statistic.TIME_OUTSIDE, finding="leaves_tables"),
+           of="engine_failed", statistic=Statistic.TIME_OUTSIDE),
+    _count("outside_tables_s", "s", "time outside the tables (clamped)", "Outside tables", "loads", of="outside_tables",
+           statistic=Statistic.TIME_OUTSIDE, finding="leaves_tables"),
 )  # fmt: skip
 
 
 def _margin(
-    name: str, unit: str, doc: str, label: str, plateaus: tuple[float, ...], customary: float = 0.0
+    name: str,
+    unit: str,
+    doc: str,
+    label: str,
+    plateaus: tuple[float, ...],
+    *,
+    customary: float = 0.0,
 ) -> Metric:
     return Metric(name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True,
                   plateaus=plateaus, customary=customary)  # fmt: skip
@@ -278,7 +285,7 @@ def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
     """What is counted of effectors that have actuators, as a campaign declares metrics."""
     return tuple(
         _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {words}", f"{label_of(name, '-')}{after}",
-               "usage", f"{name}{of}", statistic)
+               "usage", of=f"{name}{of}", statistic=statistic)
         for name in effector_words(list(names))
         for end, unit, words, after, of, statistic in (
             ("rms_deg", "deg", "deflection, rms", ", rms", "_deg", Statistic.RMS),

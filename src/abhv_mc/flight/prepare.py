@@ -24,14 +24,20 @@ from abhv_mc.control.design.reference import (
     solve_reference,
 )
 from abhv_mc.control.design.tlc_design import make_limit_settings, make_tlc_gains, make_tlc_settings
-from abhv_mc.control.law_file import USER_LAWS, CController, PythonController, UserController
+from abhv_mc.control.law_file import (
+    USER_LAWS,
+    CController,
+    FmuController,
+    PythonController,
+    UserController,
+)
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.dynamics_start import start_custom
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import NATIVE, open_law, plan_source
+from abhv_mc.flight.user_law import NATIVE, open_law, plan_source, refuse_misfits
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply
@@ -53,7 +59,7 @@ from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.user_code.compiled import COMMANDS, split_columns
 from abhv_mc.user_code.design import DesignModel, watched_design
 from abhv_mc.user_code.effector_commands import drive_commanded
-from abhv_mc.user_code.law_source import read_trusted_law
+from abhv_mc.user_code.law_source import check_wiring, read_trusted_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
@@ -115,8 +121,11 @@ def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
     document, law = read_controller_document(controller)
     if not isinstance(law, UserController):
         return law, None
+    if isinstance(law, FmuController):
+        check_wiring(document, law)
     source = read_trusted_law(law)
     if not isinstance(law, PythonController):
+        refuse_misfits(document, law.law, source)
         numbers = law.numbers if isinstance(law, CController) else []
         return law, UserParts(source, np.array(numbers, dtype=np.float64))
     check_closure(source)

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from abhv_mc.control.law_file import USER_LAWS
+from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.documents import Document
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
@@ -16,10 +18,10 @@ from abhv_mc.user_code.c_law import find_c_memory, open_c_law
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_filter, compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
-from abhv_mc.user_code.fmu_law import find_states, open_fmu
 from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.load_law import is_number, load_law
 from abhv_mc.user_code.module import Law
+from abhv_mc.user_code.native_loop import LawBackend
 from abhv_mc.user_code.plain_law import PlainLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.user_channels import compile_channels
@@ -77,8 +79,7 @@ def open_law(
         places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
-        open_native = open_c_law if plan.law == "c" else open_fmu
-        made = open_native(
+        made = _find_backend(plan.law, plan_source(plan).file).open(
             plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle)
         )
         address, context = made.address, made.context
@@ -159,10 +160,32 @@ def _checked(source: UserSource | None, digest: str) -> UserSource:
     return source
 
 
+def _find_backend(law: str, file: str) -> LawBackend:
+    """Return the backend of a native law. Raises InputError if no installed package registers it."""
+    if law == "c":
+        return LawBackend(open_c_law, find_c_memory)
+    backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
+    if backend is None:
+        found = f"a law of the kind '{law}', which no installed package knows"
+        raise InputError(file, found, "'law: c' or 'law: python'")
+    return backend
+
+
+def refuse_misfits(document: Document, law: str, source: UserSource) -> None:
+    """Raise InputErrors with the places in a controller file that do not fit the native law that it names."""
+    find = _find_backend(law, source.file).find_misfits
+    if find and (found := in_child(find, source)):
+        raise InputErrors([document.error(*each) for each in found])
+
+
 def native_memory(plan: FlightPlan) -> dict[str, float]:
     """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
-    find = find_c_memory if plan.law == "c" else find_states
-    found = in_child(find, plan_source(plan), plan.settings, plan.reference[0])
+    found = in_child(
+        _find_backend(plan.law, plan_source(plan).file).find_memory,
+        plan_source(plan),
+        plan.settings,
+        plan.reference[0],
+    )
     if found is None:
         raise hidden_memory(plan)
     return found

@@ -35,6 +35,7 @@ def read_flown_blocks(
     samples: SampleReader,
     columns: tuple[str, ...],
     files: FileHashes,
+    *,
     keep_lost: bool = False,
 ) -> Iterator[tuple[FlightRows, Digest]]:
     """The whole blocks of each controller's ``runs`` flights, which the machine could compute all, with their digests.

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
@@ -30,12 +29,17 @@ _DOCS = {
 }
 
 
+def _metadata(**entries: str) -> dict[str, str]:
+    return {f"abhv_mc.{name}": text for name, text in entries.items() if text}
+
+
 def write_histories(
     path: Path,
     controller: str,
     flights: Sequence[int],
     times: Floats,
     history: NDArray[np.float32],
+    *,
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
     known: Sequence[Signal] = CHANNELS,
@@ -55,7 +59,7 @@ def write_histories(
             _TIME,
             *(make_field(f.name, pa.float32(), f.unit, f.doc) for f in fields),
         ],
-        metadata={f"abhv_mc.{key}": text for key, text in (metadata or {}).items()},
+        metadata=_metadata(**metadata or {}),
     )
     columns = [
         number_column(np.asarray(flights, np.int64)[number]),
@@ -71,18 +75,9 @@ def write_histories(
     )
 
 
-def history_metadata(path: Path) -> dict[str, str]:
-    """What :func:`write_histories` was given as metadata."""
-    metadata = pq.read_schema(path).metadata or {}
-    prefix = b"abhv_mc."
-    return {
-        k.removeprefix(prefix).decode(): v.decode()
-        for k, v in metadata.items()
-        if k.startswith(prefix)
-    }
-
-
-def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float32]]) -> None:
+def write_nominal(
+    path: Path, times: Floats, nominal: dict[str, NDArray[np.float32]], key: str = ""
+) -> None:
     """Write each controller's nominal flight ``[time, channel]``."""
     fields = [
         _CONTROLLER,
@@ -95,10 +90,11 @@ def write_nominal(path: Path, times: Floats, nominal: dict[str, NDArray[np.float
         columns = [text_column([controller] * int(rows.sum())), number_column(times[rows])]
         columns += map(number_column, history[rows].T[: len(CHANNELS)])
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
-    write_parquet(path, pa.concat_tables(tables), ["time", *CHANNEL_INDEX], ["controller"])
+    table = pa.concat_tables(tables).replace_schema_metadata(_metadata(key=key))
+    write_parquet(path, table, ["time", *CHANNEL_INDEX], ["controller"])
 
 
-def write_reference(path: Path, reference: Mapping[str, Floats]) -> None:
+def write_reference(path: Path, reference: Mapping[str, Floats], key: str = "") -> None:
     """Write the mission's reference: ``time`` and REFERENCE_CHANNELS [time], in their units."""
     fields = [
         _TIME,
@@ -107,7 +103,7 @@ def write_reference(path: Path, reference: Mapping[str, Floats]) -> None:
             for signal in REFERENCE_CHANNELS
         ),
     ]
-    schema = pa.schema(fields)
+    schema = pa.schema(fields, _metadata(key=key))
     table = pa.Table.from_arrays(
         [number_column(reference[name]) for name in schema.names], schema=schema
     )
@@ -159,7 +155,9 @@ def write_envelopes(
     channels: Sequence[str],
     tables: dict[str, EnvelopeTable],
     flights: int,
+    *,
     points: int = 1,
+    key: str = "",
 ) -> None:
     """Write the envelopes of every controller over its first ``flights`` flights, which the file's metadata say.
 
@@ -192,5 +190,6 @@ def write_envelopes(
         number_column(np.concatenate(counts)),
         *(number_column(np.concatenate(parts)) for parts in columns.values()),
     ]
-    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, {"flights": str(flights)}))
+    metadata = {"flights": str(flights)} | _metadata(key=key)
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata))
     write_parquet(path, table, ["time", *columns], ["controller", "channel"])

@@ -42,7 +42,7 @@ class FolderInputs:
 
     @property
     def data(self) -> dict[str, Any]:
-        return self.document.data  # type: ignore[return-value]
+        return self.document.entries
 
     @property
     def systems(self) -> dict[str, Any]:
@@ -96,7 +96,7 @@ class FolderInputs:
 def collect_inputs(campaign: Experiment) -> FolderInputs:
     """What the folder of a checked campaign is to hold of its files."""
     model = campaign.model
-    data: dict[str, Any] = dict(campaign.document.data)  # type: ignore[arg-type]
+    data = dict(campaign.document.entries)
     files: dict[str, Path] = {}
     data |= campaign.simulator.pack(lambda path, place: _take(path, place, files), files)
     if model.channels is not None:

@@ -20,7 +20,7 @@ from abhv_mc.io.atomic_write import TEMPORARY
 from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
-_PATIENCE = 0.5  # s: `status` and `list` hold a lock briefly to learn whether it is free
+_PATIENCE = 0.5  # s: `runs` holds a lock briefly to learn whether it is free
 _POLL = 0.01  # s between two attempts
 _SETTLE = 0.2  # s until another process has put back a lease that it moved by mistake
 

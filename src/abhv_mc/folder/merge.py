@@ -53,7 +53,9 @@ def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
         ):  # requirements bind the first
             found = f"controllers in another order than in {folders[0].root}"
             raise InputError(folder.root, found, "shards of one campaign file")
-        refuse_other(folder, manifest, folders[0], manifests[0], _SAME, "shards of one campaign")
+        refuse_other(
+            folder, manifest, folders[0], manifests[0], _SAME, wish="shards of one campaign"
+        )
         _refuse_other_campaign(folder, manifest, folders[0], manifests[0])
     numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
@@ -150,6 +152,7 @@ def refuse_other(
     first: CampaignFolder,
     held: Manifest,
     keys: Sequence[str],
+    *,
     wish: str,
 ) -> None:
     """Raises InputError where a manifest differs from that of the first folder in an entry of ``keys``."""

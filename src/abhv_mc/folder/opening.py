@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
-from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes, damage_error, record_hashes
 from abhv_mc.folder.inputs import FolderInputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
 from abhv_mc.folder.plan_file import write_plan
+from abhv_mc.folder.products import Products
 from abhv_mc.interfaces import Plan
 
 
@@ -71,26 +71,22 @@ def grow_folder(
     inputs: FolderInputs,
     merged: FolderInputs,
     plans: Mapping[str, Plan],
+    products: Products,
+    *,
     longer: bool,
 ) -> Manifest:
     """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers;
     the manifest from now on.
 
-    ``inputs`` are of the campaign that is asked for, ``merged`` those of the folder from now on. What is about to be
-    replaced is listed no more before it is: a run that goes on after a kill makes it anew.
+    ``inputs`` are of the campaign that is asked for, ``merged`` and ``products`` those of the folder from now on. What
+    is about to be replaced is listed no more before it is: a run that goes on after a kill makes it anew.
     """
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     inputs.write_copies(folder)
     _write_plans(folder, plans)
     files.forget(folder.campaign)
-    if longer:
-        files.forget(folder.samples)
-    if plans:
-        files.forget(folder.nominal, folder.reference)
-    if plans or (longer and manifest.runs_planned < envelope_states.ENVELOPE_FLIGHTS):
-        files.forget(folder.envelopes)
+    products.forget_stale(files)
     if longer or plans:
-        files.forget(folder.margins)
         manifest = replace(manifest, state=RUNNING, runs_planned=merged.data["runs"])
     manifest = replace(
         manifest, inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question

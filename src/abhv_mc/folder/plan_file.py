@@ -35,7 +35,7 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
     return flat
 
 
-def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> T:
+def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
     """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays.
 
     Raises KeyError for a missing part and ValueError for one that is no such number or array.
@@ -49,11 +49,11 @@ def rebuild(kind: type[T], flat: Mapping[str, np.ndarray], prefix: str = "") -> 
         return kind(**parts)
     value = flat[prefix]
     if kind in (bool, int, float, str):
-        return kind(value.item())  # type: ignore[call-arg]
+        return kind(value.item())
     if typing.get_origin(kind) is tuple:  # of floats
-        return tuple(value.tolist())  # type: ignore[return-value]
+        return tuple(value.tolist())
     expected = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
-    return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])  # type: ignore[return-value]
+    return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])
 
 
 def write_plan(path: Path, plan: Any) -> None:

@@ -64,7 +64,7 @@ def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
     """Judge a folder, which the caller has locked, by the requirements of another campaign from now on."""
     manifest = read_manifest(folder.manifest)
     before = read_folder_inputs(folder, manifest)
-    judged = before.judged_by(campaign.document.data)  # type: ignore[arg-type]
+    judged = before.judged_by(campaign.document.entries)
     if not [*describe_requirement_changes(before.data, judged.data)]:
         return
     with record_hashes(folder, manifest.files) as files:
@@ -82,7 +82,7 @@ def mark_later_choices(
     """
     if is_stored and not manifest.requirement_sets:
         return campaign, ()
-    now: Any = campaign.document.data
+    now = campaign.document.entries
     stored = [(each, _read(folder, each)) for each in manifest.requirement_sets] or [
         (RequirementSet("", manifest.started, 0), _read_campaign(folder))
     ]

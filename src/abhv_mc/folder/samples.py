@@ -23,6 +23,7 @@ def write_samples(
     flights: int,
     draw: Callable[[int, int], Floats],
     provenance: dict[str, str],
+    *,
     points: int = 1,
     table: Parameters = OURS,
 ) -> None:

@@ -87,7 +87,7 @@ def check_pool(parts: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(
                 folder.root, f"a folder that is {manifest.state}", "a complete campaign"
             )
-        refuse_other(folder, manifest, folders[0], first, _SAME, _ONE_QUESTION)
+        refuse_other(folder, manifest, folders[0], first, _SAME, wish=_ONE_QUESTION)
         questions = [
             read_folder_inputs(each, held).question
             for each, held in ((folder, manifest), (folders[0], first))

@@ -1,15 +1,12 @@
 """Status of campaign folders: manifest, holder of the lock and size."""
 
-import contextlib
-import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import INTERRUPTED, RUNNING, Manifest, read_manifest
+from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
 
 
@@ -31,37 +28,15 @@ class Status:
         }
 
 
-def read_status(root: Path, seen: tuple[str | None, int] | None = None) -> Status:
-    """The manifest, who holds the folder, and its size: as ``seen`` at the address that it is a copy of, if it is one.
+def read_status(root: Path, store: Store, name: str = "") -> Status:
+    """Return the status of the folder ``name`` of a store, whose manifest is in ``root``.
 
     A campaign whose manifest says ``running`` while nobody holds its lock was killed: its state is ``interrupted``.
     """
-    folder = CampaignFolder(root)
-    manifest = read_manifest(folder.manifest)
+    manifest = read_manifest(CampaignFolder(root).manifest)
     if manifest.search:
         raise InputError(root, "the flights of a search", "the folder of a campaign")
-    holder, size = seen or (lock_holder(folder.lock), _size(root))
+    holder, size = store.describe(name)
     if manifest.state == RUNNING and holder is None:
         manifest = replace(manifest, state=INTERRUPTED)
     return Status(str(root), manifest, holder, size)
-
-
-def _size(root: Path) -> int:
-    """Bytes of all files; a run that goes on removes some meanwhile."""
-    size = 0
-    for place, _, names in os.walk(root):
-        for name in names:
-            with contextlib.suppress(OSError):
-                size += Path(place, name).lstat().st_size
-    return size
-
-
-def find_campaigns(
-    root: Path, describe: Callable[[str], tuple[str | None, int]] | None = None
-) -> list[Status]:
-    """The status of every campaign's folder directly in ``root``, by name; ``describe`` as for a copy of an address."""
-    found = []
-    for path in sorted(root.glob("*/manifest.json")):
-        with contextlib.suppress(InputError):  # somebody else's manifest
-            found.append(read_status(path.parent, describe and describe(path.parent.name)))
-    return found

@@ -1,1 +1,1 @@
-"""Files in and out: documents with places, units, what is said of bad input, atomic writes."""
+"""Input and output: documents with source locations, units, input errors, atomic writes."""

@@ -1,11 +1,14 @@
-"""Addresses such as s3://bucket/folder. A key in one is put away as it is read: no text has it from then on."""
+"""Addresses of object storage such as s3://bucket/folder.
+
+A key in an address is stored when the address is read; no text contains it afterwards.
+"""
 
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 _HIDDEN = "..."
-_KEYS: dict[str, str] = {}  # what stands before the @, by the bucket behind it
+_KEYS: dict[str, str] = {}  # user:key by bucket
 
 
 @dataclass(frozen=True)
@@ -21,16 +24,19 @@ class Address:
         return _KEYS[_bucket(self.text)] if f"://{_HIDDEN}@" in self.text else ""
 
     def uri(self) -> str:
-        """The address with its key: for the store alone."""
+        """Return the address with its key, for the object store only."""
         return self.text.replace(f"{_HIDDEN}@", f"{self._key()}@", 1)
 
     def explain(self, error: Exception) -> str:
-        """The first line of what a store says."""
+        """Return the first line of an object store's error, without the key."""
         return str(error).splitlines()[0].replace(self._key() or _HIDDEN, _HIDDEN)
 
 
 def read_address(path: Path | str) -> Address | None:
-    """The address that a path on the command line is (its slashes may have been taken for doubled); None for a path."""
+    """Return the address given as a path on the command line, or None for a path.
+
+    ``Path`` collapses the double slash of an address; it is restored.
+    """
     match = re.match(r"([a-z][a-z0-9+.-]+):/+(.*)", str(path))
     if match is None:
         return None
@@ -40,13 +46,13 @@ def read_address(path: Path | str) -> Address | None:
 
 
 def hide_key(word: str) -> str:
-    """A word of the command line; the key of an address in it is put away."""
-    scheme, _, rest = word.partition("://")
-    key, _, place = rest.rpartition("@")
+    """Return an argument of the command line, with the key of an address hidden."""
+    scheme, _, authority = word.partition("://")
+    key, _, location = authority.rpartition("@")
     if ":" not in key:
         return word
-    _KEYS[_bucket(place)] = key
-    return f"{scheme}://{_HIDDEN}@{place}"
+    _KEYS[_bucket(location)] = key
+    return f"{scheme}://{_HIDDEN}@{location}"
 
 
 def _bucket(text: str) -> str:

@@ -1,4 +1,4 @@
-"""How a file gets to its place: whole or not at all."""
+"""Atomic file writing: a reader sees a complete file or none."""
 
 import contextlib
 import os
@@ -11,14 +11,14 @@ TEMPORARY = ".temporary"  # ending of a file that is being written
 
 @contextlib.contextmanager
 def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
-    """A path beside ``path`` to write to; it is renamed at the end, or deleted where the writing failed.
+    """Yield a temporary path; rename it to ``path`` at the end, or delete it on an error.
 
-    It is absolute: pyarrow takes a relative one with a colon for an address. Writers of the same file do not disturb
-    each other: the last to end wins. The folder is made where it is missing; ``durable`` waits until the disk has the
-    content. Raises OSError.
+    The temporary path is absolute: pyarrow takes a relative one with a colon for an address. If
+    several writers write the same file, the last one to finish wins. Missing folders are created;
+    ``durable`` waits until the content is on disk. Raise OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The dot hides it from readers of the folder.
+    # The leading dot hides it from readers of the folder.
     temporary = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{TEMPORARY}"
     try:
         yield temporary

@@ -1,7 +1,8 @@
-"""CSV tables that other programs read: one writer, safe for spreadsheets.
+"""CSV tables for other programs, safe for spreadsheets.
 
-A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and requirement
-ids, texts and units are free text. Such text is written behind an apostrophe; numbers are written as they are.
+A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and
+requirement ids, texts and units are free text. Such text is written behind an apostrophe; numbers
+are unchanged.
 """
 
 import csv
@@ -25,7 +26,7 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
 
 
 def write_batches(path: Path, schema: "pa.Schema", batches: "Iterable[pa.RecordBatch]") -> None:
-    """Write the batches of a table as a CSV file, one at a time."""
+    """Write the record batches of a table to a CSV file."""
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 

@@ -1,4 +1,7 @@
-"""YAML text to plain data and the places of its values; used through :mod:`abhv_mc.io.documents`."""
+"""Parser of YAML text to plain data and the source locations of its values.
+
+Use it through :mod:`abhv_mc.io.documents`.
+"""
 
 import functools
 import math
@@ -19,7 +22,9 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-MAX_VALUES = 100_000  # of a folder with 10,000 requirements; aliases of aliases grow exponentially
+MAX_VALUES = (
+    100_000  # a folder with 10,000 requirements has fewer; aliases of aliases grow exponentially
+)
 
 _DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"
@@ -27,7 +32,7 @@ _TAG = "tag:yaml.org,2002:"
 
 @functools.lru_cache(maxsize=64)
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
-    """Data, places of the values and places of the keys of a file's bytes. Raises :class:`InputError`."""
+    """Return the data of a file and the locations of its values and keys. Raise InputError."""
     if len(raw) > MAX_BYTES:
         raise InputError(
             path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes"
@@ -52,13 +57,15 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         ) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = (mark.line + 1, mark.column + 1) if mark else ()
+        location = (mark.line + 1, mark.column + 1) if mark else ()
         if mark and text[mark.index : mark.index + 1] == "\t":
             raise InputError(
-                path, "a tab", "spaces: YAML is indented by spaces only", *place
+                path, "a tab", "spaces: YAML is indented by spaces only", *location
             ) from None
-        found = (error.problem or error.context or "something").removeprefix("found ")
-        raise InputError(path, found, f"YAML 1.2 ({error.context or 'plain'})", *place) from None
+        problem = (error.problem or error.context or "something").removeprefix("found ")
+        raise InputError(
+            path, problem, f"YAML 1.2 ({error.context or 'plain'})", *location
+        ) from None
     except RecursionError:
         raise InputError(path, "too many levels", "data that are not nested so deeply") from None
     except (
@@ -70,20 +77,20 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
 
 
 def _place_of(before: str) -> Place:
-    """Line and column, from 1, of what follows the text ``before``."""
+    """Return line and column, from 1, of the text that follows ``before``."""
     return before.count("\n") + 1, len(before) - before.rfind("\n")
 
 
 class _Builder:
-    """Turns ruamel's nodes into plain data, noting where each value and key stands."""
+    """Builder of plain data from ruamel's nodes, with the location of each value and key."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.values: Places = {}
         self.keys: Places = {}
 
-    def refuse(self, node: Node, found: str, expected: str) -> NoReturn:
-        raise InputError(self.path, found, expected, *_start(node))
+    def refuse(self, node: Node, problem: str, expected: str) -> NoReturn:
+        raise InputError(self.path, problem, expected, *_start(node))
 
     def build(self, node: Node, keys: tuple[str | int, ...]) -> Plain:
         self.values[keys] = _start(node)
@@ -113,37 +120,37 @@ class _Builder:
                     "a name as the key (in quotes, if need be)",
                 )
             self.check_shown(key_node, key)
-            place = (*keys, key)
+            path = (*keys, key)
             if key in result:
-                line, _ = self.keys[place]
+                line, _ = self.keys[path]
                 self.refuse(
                     key_node, f"the key '{key}' again", f"it once (it is in line {line} too)"
                 )
-            self.keys[place] = _start(key_node)
-            result[key] = self.build(value_node, place)
+            self.keys[path] = _start(key_node)
+            result[key] = self.build(value_node, path)
             if (
                 value_node.start_mark.index == value_node.end_mark.index
             ):  # nothing there; the mark is in a later line
-                self.values[place] = self.keys[place]
+                self.values[path] = self.keys[path]
         return result
 
     def check_shown(self, node: ScalarNode, text: str, allowed: str = "") -> None:
-        """Refuse characters that nothing shows, or that turn text around."""
+        """Reject characters that are invisible or change the direction of writing."""
         hidden = next(
             (char for char in text if char not in allowed and not is_printable(char)), None
         )
         if hidden is not None:
-            found = f"the character {ascii(hidden)[1:-1]} in a text"
+            problem = f"the character {ascii(hidden)[1:-1]} in a text"
             self.refuse(
                 node,
-                found,
+                problem,
                 "text without characters that control a terminal or the direction of writing",
             )
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
         text = str(node.value)
         kind = tag.removeprefix(_TAG)
-        if kind in ("str", "timestamp", "merge", "value"):  # a date is text here, and so is "<<"
+        if kind in ("str", "timestamp", "merge", "value"):  # dates and "<<" are read as text
             self.check_shown(node, text, "\n\t")
             return text
         if kind == "null" and text.lower() in ("", "~", "null"):

@@ -1,7 +1,7 @@
-"""YAML documents as plain data that remember where each value stands, and their check against a model.
+"""YAML documents as plain data with source locations, and their validation.
 
-YAML 1.2, mappings with text keys only; no tags, no objects, no duplicate keys. A model is a
-:class:`StrictModel`; what is wrong is said with file, line and column, everything at once.
+The reader accepts YAML 1.2 with text keys only: no tags, objects or duplicate keys. A model is a
+:class:`StrictModel`. All problems of a file are reported together, with file, line and column.
 """
 
 import sys
@@ -48,56 +48,65 @@ Key = str | int
 
 @dataclass(frozen=True)
 class Document:
-    """A file's content as plain data. ``keys`` below lead from the root to a value."""
+    """Content of a file as plain data; arguments ``keys`` lead from the root to a value."""
 
     path: Path
     data: Plain
     value_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
     key_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
 
+    @property
+    def entries(self) -> dict[str, Any]:
+        """Data of a file whose root is a mapping."""
+        data: Any = self.data
+        return data
+
     def __str__(self) -> str:
-        """The file that it stands for, as messages name it."""
+        """Return the file's path."""
         return str(self.path)
 
     def position(self, *keys: Key) -> Place:
-        """Line and column (from 1) of the value at ``keys``, or of the nearest thing around it that exists."""
+        """Return line and column (from 1) of the value at ``keys`` or of its nearest parent."""
         while keys not in self.value_places:
             keys = keys[:-1]
         return self.value_places[keys]
 
     def key_position(self, *keys: Key) -> Place:
-        """Line and column (from 1) of the key that ends ``keys``; of the value, where it is a list's item."""
+        """Return line and column (from 1) of the last of ``keys``; of the value in a list."""
         return self.key_places.get(keys) or self.position(*keys)
 
-    def error(self, keys: tuple[Key, ...], found: str, expected: str) -> InputError:
-        """What to raise when the value at ``keys`` is wrong."""
-        return InputError(self.path, found, expected, *self.position(*keys))
+    def error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
+        """Return the InputError for the value at ``keys``."""
+        return InputError(self.path, problem, expected, *self.position(*keys))
 
-    def key_error(self, keys: tuple[Key, ...], found: str, expected: str) -> InputError:
-        """What to raise when the key that ends ``keys`` is wrong."""
-        return InputError(self.path, found, expected, *self.key_position(*keys))
+    def key_error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
+        """Return the InputError for the last of ``keys``."""
+        return InputError(self.path, problem, expected, *self.key_position(*keys))
 
     def resolve(self, text: str | Path) -> Path:
-        """A path written in the file, which is relative to the file's folder."""
+        """Return a path of the file, which is relative to the file's folder."""
         return self.path.parent / text
 
 
 def read_document(path: "str | PathLike[str] | Document") -> Document:
-    """Read one YAML file; a document is what was read already. Raises :class:`InputError`."""
+    """Read a YAML file; return a document unchanged. Raise InputError."""
     if isinstance(path, Document):
         return path
     path = Path(path)
     try:
-        data, *places = compose(path, read_input(path))
+        data, *locations = compose(path, read_input(path))
     except FileNotFoundError:
         raise InputError(path, "no such file", "a YAML file") from None
     except (OSError, ValueError) as error:
         raise InputError(path, f"a file that cannot be read ({error})", "a YAML file") from None
-    return Document(path, deepcopy(data), *places)
+    return Document(path, deepcopy(data), *locations)
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
-    """Write plain data, numpy's scalars and paths (as text) among them. Raises :class:`InputError` for other data."""
+    """Write plain data, numpy scalars and paths to a YAML file.
+
+    Raise InputError for other types.
+    """
     from ruamel.yaml import YAML
 
     def of_numpy(value: Any) -> Any:
@@ -122,19 +131,19 @@ def _make_scalars_strict(schema: Any) -> None:
     if isinstance(schema, dict):
         if schema.get("type") in ("int", "float", "bool", "str"):
             schema["strict"] = True
-        for key, part in schema.items():
+        for key, subschema in schema.items():
             if key not in ("default", "metadata"):
-                _make_scalars_strict(part)
+                _make_scalars_strict(subschema)
     elif isinstance(schema, (list, tuple)):
-        for part in schema:
-            _make_scalars_strict(part)
+        for subschema in schema:
+            _make_scalars_strict(subschema)
 
 
 class StrictModel(BaseModel):
-    """Base of every model of a file: frozen, no unknown keys, finite numbers only, no number from text or text
-    from a number (a list does become a tuple, and text a path).
+    """Base of the models of files: frozen, without unknown keys, finite numbers only.
 
-    Its values come from :func:`validate`; a check of its own raises :class:`Refusal`.
+    Numbers are not read from text, nor text from numbers; a list becomes a tuple, and text a path.
+    Create instances with :func:`validate`. Validators raise :class:`Refusal`.
     """
 
     model_config = ConfigDict(
@@ -173,11 +182,11 @@ def _resolve_file(value: object, info: ValidationInfo) -> object:
 
 
 File = Annotated[Path, BeforeValidator(_resolve_file, json_schema_input_type=str)]
-"""A field that names an existing file, relative to the document's folder; its value can be opened as it is."""
+"""Field that names an existing file, relative to the document's folder."""
 
 
 def validate(document: Document, model: type[M]) -> M:
-    """The document's data as a ``model``. Raises :class:`InputErrors` with everything that is wrong, each in place.
+    """Return the document's data as a ``model``. Raise InputErrors with all problems.
 
     Validators find the document in ``info.context["document"]``.
     """
@@ -191,19 +200,23 @@ def validate(document: Document, model: type[M]) -> M:
     raise InputErrors([_explain(document, detail, known_keys) for detail in details])
 
 
-def _locate(data: Plain, location: tuple[Key, ...]) -> tuple[Key, ...]:
-    """The part of pydantic's location that exists in the data; tags and types of unions are not in the data."""
+def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
+    """Return the keys of pydantic's location that exist in the data.
+
+    The location also has tags and types of unions, which the data lack.
+    """
     best: tuple[Key, ...] = ()
     if not isinstance(data, (dict, list)):
         return best
     for i, key in enumerate(location):
         inside = key in data if isinstance(data, dict) else isinstance(key, int) and key < len(data)
         if inside:
-            best = max(best, (key, *_locate(data[key], location[i + 1 :])), key=len)  # type: ignore[index]
+            inner: Any = data
+            best = max(best, (key, *_locate(inner[key], location[i + 1 :])), key=len)
     return best
 
 
-_EXPECTED = {  # where pydantic's own words are Python's
+_EXPECTED = {  # replacements of pydantic's Python terms
     "string_type": "text",
     "int_type": "a whole number",
     "float_type": "a number",
@@ -217,12 +230,13 @@ _EXPECTED = {  # where pydantic's own words are Python's
 
 
 def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]]) -> InputError:
-    """One of pydantic's errors as ours."""
+    """Return a pydantic error as an InputError."""
     kind, location, context = detail["type"], tuple(detail["loc"]), detail.get("ctx", {})
     keys = _locate(document.data, location)
-    value, around = document.data, document.data
+    value: Any = document.data
+    around = value
     for key in keys:
-        value, around = value[key], value  # type: ignore[index]
+        value, around = value[key], value
     cause = context.get("error")
     if isinstance(cause, Refusal):
         return document.error((*keys, *cause.keys), cause.found, cause.expected)
@@ -248,7 +262,7 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
 
 
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:
-    """A union whose kind is named by a key, and the name is unknown or missing."""
+    """Return the error of a union whose kind is unknown or missing."""
     name = context["discriminator"].strip("'")
     name = "kind" if name.endswith("()") else name  # a function that looks for other keys first
     if "tag" in context:
@@ -256,11 +270,11 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
         return document.error(
             (*keys, name), f"{name} '{context['tag']}'", one_of(tags, context["tag"])
         )
-    found = f"no key '{name}'" if isinstance(value, dict) else describe(value)
-    return document.error(keys, found, f"a mapping with '{name}'")
+    problem = f"no key '{name}'" if isinstance(value, dict) else describe(value)
+    return document.error(keys, problem, f"a mapping with '{name}'")
 
 
 def _plain(message: str) -> str:
-    """Pydantic's sentence without its beginning."""
+    """Return pydantic's sentence without "Input should be"."""
     message = message.removeprefix("Input should ").removeprefix("be ")
     return message[:1].lower() + message[1:]

@@ -1,6 +1,7 @@
-"""Tables of other programs: CSV of any dialect, lines of JSON, Parquet and Excel, with the location of each cell.
+"""Tables of other programs: CSV of any dialect, JSON lines, Parquet and Excel.
 
-One reader and one set of rules for units in column heads serve flights, samples, missions, vehicles and gains.
+Each cell has a source location. One reader and one set of rules for units in column heads serve
+flights, samples, missions, vehicles and gains.
 """
 
 import contextlib
@@ -12,7 +13,7 @@ import math
 import re
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -45,7 +46,7 @@ _LONGEST_LIST = 20  # of JSON, whose items become columns
 
 
 class Column(NamedTuple):
-    """A column of a table: its position from 0 and the unit that its head or a row of units gives."""
+    """Column of a table: its position from 0 and its unit from the head or a row of units."""
 
     position: int
     unit: str = ""
@@ -67,7 +68,7 @@ class ForeignTable:
     def __len__(self) -> int:
         return int(self.data.num_rows)
 
-    def error(self, row: int | None, column: int | None, found: str, expected: str) -> InputError:
+    def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
         """Return the error of a cell; row None is the heads, column None the whole line."""
         line = self.head_line if row is None else self.lines[row]
         cells: Sequence[str] = self.heads
@@ -78,7 +79,7 @@ class ForeignTable:
             if column is None or not cells
             else 1 + sum(len(cell) + 1 for cell in cells[:column])
         )
-        return InputError(self.path, found, expected, line, before)
+        return InputError(self.path, problem, expected, line, before)
 
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
@@ -89,9 +90,9 @@ class ForeignTable:
         ``heads`` gives the head of a name in place of that. Raise InputError if two columns fit one name.
         """
         columns: dict[str, Column] = {}
-        known = frozenset(names)
+        known_names = frozenset(names)
         for index, head in enumerate(self.heads):
-            name, unit = read_head(head, known)
+            name, unit = read_head(head, known_names)
             if name and name not in (heads or {}):
                 if name in columns:
                     expected = "one of each name, its unit aside"
@@ -119,13 +120,13 @@ class ForeignTable:
         try:
             return parse_in_any_unit(f"1 {column.unit}", unit)
         except Refusal as refusal:
-            found = f"'{self.heads[column.position]}': {refusal.found}"
-            raise self.error(None, column.position, found, refusal.expected) from None
+            problem = f"'{self.heads[column.position]}': {refusal.found}"
+            raise self.error(None, column.position, problem, refusal.expected) from None
 
     def numbers(self, columns: Sequence[int], finite: bool = True) -> Floats:
-        """Return columns as numbers [row, column]; what is missing is NaN.
+        """Return columns as numbers [row, column], NaN for empty cells.
 
-        Raise InputError for a cell that is no number, and unless ``finite`` is False for one that is not finite.
+        Raise InputError for text, and for numbers that are not finite if ``finite``.
         """
         import pyarrow as pa
 
@@ -146,7 +147,7 @@ class ForeignTable:
         return out
 
     def _parse(self, column: int, cells: "pa.ChunkedArray") -> Floats:
-        """Return the numbers of cells [row] one by one. Raise InputError at the first that is none."""
+        """Return the numbers of cells [row]. Raise InputError at the first cell that is none."""
         numbers = np.empty(len(cells))
         for row, cell in enumerate(cells.to_pylist()):
             text = "" if cell is None else str(cell).replace("\N{MINUS SIGN}", "-")
@@ -157,17 +158,17 @@ class ForeignTable:
         return numbers
 
     def _no_number(self, row: int, column: int) -> InputError:
-        found = f"{describe(self.words(column)[row])} in the column '{self.heads[column]}'"
-        return self.error(row, column, found, "a finite number")
+        problem = f"{describe(self.words(column)[row])} in the column '{self.heads[column]}'"
+        return self.error(row, column, problem, "a finite number")
 
     def words(self, column: int) -> list[str]:
-        """Return a column as text [row]; what is missing is empty."""
+        """Return a column as text [row]; empty cells are empty texts."""
         cells = _plain(self.data.column(column)).to_pylist()
         return ["" if cell is None else str(cell) for cell in cells]
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column without dictionary, its truth values as numbers, its text as one type without blanks around."""
+    """Return a column without dictionary, with booleans as numbers and stripped text."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -181,7 +182,10 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
 
 
 def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
-    """Return columns with points in place of decimal commas, if some numbers have commas and none has a point."""
+    """Return columns with decimal points in place of commas.
+
+    Commas are decimal if some numbers have commas and none has a point.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -197,23 +201,29 @@ def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
 
 
 def split_head(head: str) -> tuple[str, str]:
-    """Split 'altitude [ft]' into a name and a unit, which may be empty; the 0 of 'x[0]' is no unit."""
+    """Split 'altitude [ft]' into a name and a unit, which may be empty.
+
+    An index as in 'x[0]' is no unit.
+    """
     match = _UNIT_IN_BRACKETS.fullmatch(head)
     unit = next(filter(None, match.groups()[1:]), "").strip() if match else ""
     return (match[1], unit) if match and match[1] and not unit.isdecimal() else (head, "")
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the one of ``names`` that a head means and the unit that it gives; empty texts where there is none."""
+    """Return the name that a head contains and its unit, or empty texts.
+
+    ``names`` are the names to look for.
+    """
     if head in names:
         return head, ""
     stem, unit = split_head(head)
     if stem in names:
         return stem, unit
-    words = stem.split("_")
-    for i in range(len(words) - 1, 0, -1):
-        if not unit and (name := "_".join(words[:i])) in names:
-            suffix = " ".join(words[i:])
+    segments = stem.split("_")
+    for i in range(len(segments) - 1, 0, -1):
+        if not unit and (name := "_".join(segments[:i])) in names:
+            suffix = " ".join(segments[i:])
             try:
                 parse_unit(suffix := _SUFFIXES.get(suffix, suffix))
             except Refusal:
@@ -223,9 +233,10 @@ def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
 
 
 def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
-    """Read CSV with any separator, plain or ``.gz``, lines of JSON, Parquet or Excel. Raise InputError.
+    """Read CSV with any separator, plain or gzipped, JSON lines, Parquet or Excel.
 
-    A row of units may stand below the heads if ``has_units``; tables of text have none.
+    A row of units may follow the heads if ``has_units``; tables of text have none. Raise
+    InputError.
     """
     try:
         content = read_input(path)
@@ -239,7 +250,8 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             heads = tuple(map(str, data.column_names))
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
-            return _read_text(path, _sheet_text(content), has_units)
+            table = _read_text(path, _sheet_text(content), has_units)
+            return replace(table, texts=())  # a character has no column there
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
         if text.lstrip()[:1] == "{":
@@ -252,7 +264,10 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
 
 
 def _sheet_text(content: bytes) -> str:
-    """Return the first sheet of an Excel file as text with tabs. Raise ImportError without openpyxl."""
+    """Return the first sheet of an Excel file as tab-separated text.
+
+    Raise ImportError without openpyxl.
+    """
     import pandas as pd
 
     sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
@@ -260,7 +275,7 @@ def _sheet_text(content: bytes) -> str:
 
 
 def _read_json(path: Path, text: str) -> ForeignTable:
-    """Read an object a line; what is nested becomes columns such as 'motor.thrust' and 'position[0]'."""
+    """Read one object per line; nested values become columns such as 'position[0]'."""
     import pyarrow as pa
 
     rows: list[dict[str, str]] = []
@@ -288,7 +303,7 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
-    """Read lines of cells below a line of heads; blank lines and comments are left out."""
+    """Read a head line and lines of cells; skip blank lines and comments."""
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
@@ -409,13 +424,17 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """Return the first separator that gives the heads and the row below as many cells, more than one."""
+    """Return the first separator that splits head and next line into as many cells."""
     counts = {
         separator: [len(split_line(line, separator)) for line in lines]
         for separator in (";", "\t", ",", _BLANKS)
     }
-    fits = [each for each, count in counts.items() if count[:1] > [1] and len(set(count)) == 1]
-    return next(iter(fits or [each for each, count in counts.items() if count[:1] > [1]]), ",")
+    fits = [
+        candidate for candidate, count in counts.items() if count[:1] > [1] and len(set(count)) == 1
+    ]
+    return next(
+        iter(fits or [candidate for candidate, count in counts.items() if count[:1] > [1]]), ","
+    )
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -440,9 +459,9 @@ class NumberTable:
     def names(self) -> tuple[str, ...]:
         return tuple(self.columns)
 
-    def error(self, row: int, name: str, found: str, expected: str) -> InputError:
+    def error(self, row: int, name: str, problem: str, expected: str) -> InputError:
         """Return the error of the number in a row under a name, at its location in the file."""
-        return self.table.error(row, self.columns[name].position, found, expected)
+        return self.table.error(row, self.columns[name].position, problem, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
         """Raise InputError at the first number under a name that is not above the one before."""
@@ -470,14 +489,14 @@ def take_numbers(
             raise table.error(None, None, f"no column {name}", expected)
         column = columns[name]
         if dimension.unit != "-" and not column.unit:
-            found = f"'{table.heads[column.position]}' without a unit"
+            problem = f"'{table.heads[column.position]}' without a unit"
             expected = f"{dimension.name}, such as '{name} [{dimension.unit}]'"
-            raise table.error(None, column.position, found, expected)
+            raise table.error(None, column.position, problem, expected)
         factors.append(table.factor(column, dimension.unit))
     values = table.numbers([columns[name].position for name in dimensions]) * factors
     numbers = NumberTable(table, {name: columns[name] for name in dimensions}, values)
     for i, (name, dimension) in enumerate(dimensions.items()):
         for row in np.flatnonzero(np.abs(values[:, i]) > dimension.largest)[:1]:
-            found = f"{name} {values[row, i]:g} {dimension.unit}"
-            raise numbers.error(int(row), name, found, f"at most {dimension.largest:g}")
+            problem = f"{name} {values[row, i]:g} {dimension.unit}"
+            raise numbers.error(int(row), name, problem, f"at most {dimension.largest:g}")
     return numbers

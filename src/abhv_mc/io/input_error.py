@@ -1,4 +1,8 @@
-"""What is said of bad input; apart from :mod:`abhv_mc.io.documents`, because the command line needs it at once."""
+"""Errors of bad input.
+
+This module is separate from :mod:`abhv_mc.io.documents` because the command line imports it at
+start.
+"""
 
 import difflib
 import errno
@@ -6,7 +10,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-# Words of other programs, and what they are called here.
+# Terms of other programs and the names used here.
 _SYNONYMS = {
     **dict.fromkeys(("gauss", "gaussian"), "normal"),
     **dict.fromkeys(("std", "stddev", "sd", "standard_deviation"), "sigma"),
@@ -16,32 +20,38 @@ _SYNONYMS = {
 
 
 class InputError(Exception):
-    """Bad input: the place, what was found there and what is expected. The command line prints it and exits 2."""
+    """Bad input: source location, value found and value expected.
+
+    The command line prints it and exits with code 2.
+    """
 
     def __init__(
         self,
         file: str | Path,
-        found: str,
+        problem: str,
         expected: str,
         line: int | None = None,
         column: int | None = None,
     ) -> None:
-        super().__init__(file, found, expected, line, column)
+        super().__init__(file, problem, expected, line, column)
         self.file = str(file)
         self.line = line
         self.column = column
-        self.found = found
+        self.found = problem
         self.expected = expected
 
     def __str__(self) -> str:
-        place = ":".join(
-            str(part) for part in (self.file, self.line, self.column) if part is not None
+        location = ":".join(
+            str(item) for item in (self.file, self.line, self.column) if item is not None
         )
-        return printable(f"{place}: {_sentence(self.found, self.expected)}")
+        return printable(f"{location}: {_sentence(self.found, self.expected)}")
 
 
 class InputErrors(InputError):
-    """Everything wrong with one input, in order of file and place; its own fields are those of the first."""
+    """All problems of one input, sorted by file and location.
+
+    The attributes are those of the first.
+    """
 
     def __init__(self, errors: Sequence[InputError]) -> None:
         errors = sorted(errors, key=lambda error: (error.file, error.line or 0, error.column or 0))
@@ -55,14 +65,14 @@ class InputErrors(InputError):
 
 
 class Refusal(ValueError):
-    """Raised by a check of one value that does not know the value's place; its caller does.
+    """Problem with one value, raised by a check that does not know the value's location.
 
-    ``keys`` lead from the checked value to the part of it that is wrong.
+    The caller adds the location. ``keys`` lead from the checked value to the wrong item.
     """
 
-    def __init__(self, found: str, expected: str, keys: tuple[str | int, ...] = ()) -> None:
-        super().__init__(found, expected, keys)
-        self.found = found
+    def __init__(self, problem: str, expected: str, keys: tuple[str | int, ...] = ()) -> None:
+        super().__init__(problem, expected, keys)
+        self.found = problem
         self.expected = expected
         self.keys = keys
 
@@ -70,46 +80,46 @@ class Refusal(ValueError):
         return printable(_sentence(self.found, self.expected))
 
 
-def _sentence(found: str, expected: str) -> str:
+def _sentence(problem: str, expected: str) -> str:
     return (
-        f"{found}; {expected}"
+        f"{problem}; {expected}"
         if expected.startswith("did you mean")
-        else f"{found}; expected {expected}"
+        else f"{problem}; expected {expected}"
     )
 
 
 def is_exhausted(error: BaseException) -> bool:
-    """Return whether an error says that there are too many open files or processes, or too little memory."""
+    """Return whether the system has no more open files, processes or memory."""
     kinds = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
     return isinstance(error, OSError) and error.errno in kinds
 
 
 def printable(text: str) -> str:
-    """Text from a file for a terminal: what would move its cursor, hide text or turn it around as an escape."""
+    """Return text from a file for a terminal, with control characters escaped."""
     return "".join(
         char if is_printable(char) or char == "\n" else ascii(char)[1:-1] for char in text
     )
 
 
 def is_printable(text: str) -> bool:
-    """Whether a terminal shows it as it is; spaces of all scripts are."""
+    """Return whether a terminal displays the text unchanged; spaces of all scripts count."""
     return all(char.isprintable() or unicodedata.category(char) == "Zs" for char in text)
 
 
-def one_of(names: Iterable[object], given: object = None) -> str:
-    """The choices in words, and which of them a misspelt ``given`` comes nearest to."""
-    words = [str(name) for name in names]
-    near = [word for word in (_SYNONYMS.get(str(given).lower()),) if word in words]
-    if given is not None and not near:
-        near = difflib.get_close_matches(str(given), words, n=1)
-    if near and len(words) > 30:
+def one_of(names: Iterable[object], misspelt: object = None) -> str:
+    """Return the choices as text, with the one most similar to a misspelt name."""
+    options = [str(name) for name in names]
+    near = [word for word in (_SYNONYMS.get(str(misspelt).lower()),) if word in options]
+    if misspelt is not None and not near:
+        near = difflib.get_close_matches(str(misspelt), options, n=1)
+    if near and len(options) > 30:
         return f"did you mean '{near[0]}'?"
-    choices = f"one of {', '.join(words)}" if len(words) != 1 else f"'{words[0]}'"
-    return f"{choices} (did you mean '{near[0]}'?)" if near and len(words) > 1 else choices
+    choices = f"one of {', '.join(options)}" if len(options) != 1 else f"'{options[0]}'"
+    return f"{choices} (did you mean '{near[0]}'?)" if near and len(options) > 1 else choices
 
 
 def describe(value: object) -> str:
-    """A value of a document in a few words for ``found``."""
+    """Return a short description of a value for error messages."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -1,6 +1,7 @@
-"""The input files of a command: each is read once, so that what is checked, flown, hashed and kept are the same bytes.
+"""The input files of a command; each is read once.
 
-Whoever edits a file while a campaign is made ready changes nothing of it.
+Checks, simulation, hashing and copies therefore use the same bytes, even if a file is edited
+meanwhile.
 """
 
 import functools
@@ -18,8 +19,8 @@ _held: list[
 
 @contextmanager
 def reading_once() -> Iterator[None]:
-    """Let every input file be read once until the end, from whichever module and thread."""
-    if _held:  # a command within a command
+    """Read every input file at most once inside the context, in all modules and threads."""
+    if _held:  # a nested command
         yield
         return
     _held.append({})
@@ -30,7 +31,10 @@ def reading_once() -> Iterator[None]:
 
 
 def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
-    """A function of a file, called once for each within :func:`reading_once`; each time for a document in its place."""
+    """Return a function of a path that is called once per file in :func:`reading_once`.
+
+    A document in place of the path is processed each time.
+    """
 
     @functools.wraps(make)
     def made(path: A) -> T:
@@ -46,5 +50,5 @@ def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
 
 @made_once
 def read_input(path: Path) -> bytes:
-    """A file's bytes: those read before, within :func:`reading_once`. Raises OSError."""
+    """Return a file's bytes, cached in :func:`reading_once`. Raise OSError."""
     return path.read_bytes()

@@ -1,9 +1,11 @@
-"""Quantities with units: text such as '20 km' to SI and radians, by dimension.
+"""Quantities with units: conversion of text such as '20 km' to SI and radians.
 
-A unit is a product of symbols with whole powers ('kg m2', 'slug ft2', 'ft/s', '1/s'); '/' divides by the one
-symbol after it. In files a quantity with a dimension carries its unit; the command line may allow a bare number.
+A unit is a product of symbols with integer powers ('kg m2', 'slug ft2', 'ft/s', '1/s'); '/' divides
+by the symbol after it. In files a quantity with a dimension needs a unit; the command line may
+allow a bare number.
 
-Factors: NIST SP 811 (2008), appendix B; all of them are exact, but for the slug and the pound-force per foot.
+Conversion factors are from NIST SP 811 (2008), appendix B. They are exact except those of the slug
+and the pound-force per foot.
 """
 
 import math
@@ -66,17 +68,17 @@ _FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?[0-9]{1,2})(?![0-9]))?")
 
 @dataclass(frozen=True)
 class Dimension:
-    """What a quantity is: its name in a sentence, its SI unit and an example."""
+    """Physical dimension: its name in a sentence, SI unit and an example."""
 
     name: str
     unit: str
     example: str
     exponents: Exponents
-    largest: float = math.inf  # SI; no vehicle, mission or controller has more of it
+    largest: float = math.inf  # SI; rejects implausible input
 
     @property
     def expected(self) -> str:
-        """The words for a refusal."""
+        """Expected value, for error messages."""
         return f"{self.name} such as '{self.example}'"
 
 
@@ -108,29 +110,30 @@ _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
 
 def parse_unit(text: str) -> tuple[float, Exponents]:
-    """Factor to SI and exponents of a unit. Raises :class:`Refusal`."""
+    """Return factor to SI and exponents of a unit. Raise Refusal."""
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)
     text = text.strip().replace("**", "^")
     if text in ("", "-"):
         return 1.0, _NONE
     text = re.sub(r"^1\s*(?=/)", "", text)
-    factor, exponents, place = 1.0, _NONE, 0
-    while place < len(text):
-        match = _FACTOR.match(text, place)
-        symbol = match.group(2) if match else text[place:]
+    factor, exponents, position = 1.0, _NONE, 0
+    while position < len(text):
+        match = _FACTOR.match(text, position)
+        symbol = match.group(2) if match else text[position:]
         if match is None or symbol not in _UNITS:
             raise Refusal(f"unknown unit '{symbol.strip()}'", one_of(_UNITS, symbol))
         power = int(match.group(3) or 1) * (-1 if match.group(1) else 1)
         scale, base = _UNITS[symbol]
         factor = factor * scale**power if power > 0 else factor / scale**-power
-        exponents = tuple(e + power * b for e, b in zip(exponents, base, strict=True))  # type: ignore[assignment]
-        place = match.end()
+        m, kg, s, rad = (e + power * b for e, b in zip(exponents, base, strict=True))
+        exponents = m, kg, s, rad
+        position = match.end()
     return factor, exponents
 
 
 def dimension_of(unit: str) -> Dimension:
-    """The dimension of a unit. Raises :class:`Refusal` for an unknown unit."""
+    """Return the dimension of a unit. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
     return _BY_EXPONENTS.get(exponents) or Dimension(
         f"a quantity in {unit}", unit, f"1 {unit}", exponents
@@ -156,10 +159,13 @@ def si_unit_of(unit: str) -> str:
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
-    """A quantity in SI; a number without a unit is in ``bare_unit``. Raises :class:`Refusal` (a ValueError)."""
+    """Return a quantity in SI. Raise Refusal (a ValueError).
+
+    A number without a unit is in ``bare_unit``.
+    """
     if dimension is FRACTION:
         bare_unit = "-"
-    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # numbers of numpy, too
+    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # numpy numbers are Real
         raise Refusal(describe(text), dimension.expected)
     match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
@@ -178,9 +184,9 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
             dimension.expected + (f" ({hint[0]})" if hint else ""),
         ) from None
     if exponents != dimension.exponents:
-        given = _BY_EXPONENTS.get(exponents)
+        actual = _BY_EXPONENTS.get(exponents)
         raise Refusal(
-            f"{describe(text)}, {given.name if given else 'something else'}", dimension.expected
+            f"{describe(text)}, {actual.name if actual else 'something else'}", dimension.expected
         )
     inverse = 1.0 / factor  # dividing by 100 rounds once, where multiplying by 0.01 rounds twice
     value = number / inverse if inverse.is_integer() else number * factor
@@ -190,27 +196,37 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
 
 
 def parse_any(text: str | float) -> float:
-    """A quantity of any dimension in SI, or a plain number. Raises :class:`Refusal`."""
+    """Return a quantity of any dimension in SI, or a plain number. Raise Refusal."""
     unit = unit_of(text)
     return parse_quantity(text, dimension_of(unit) if unit else FRACTION)
 
 
 def unit_of(text: str | float) -> str:
-    """The unit that a quantity is written with, empty for a plain number."""
+    """Return the unit of a quantity, empty for a plain number."""
     match = _QUANTITY.fullmatch(str(text).strip()) if isinstance(text, str) else None
     return match.group(2).strip() if match else ""
 
 
 def parse_in_unit(value: str | float, unit: str) -> float:
-    """A quantity in the SI unit ``unit`` ('-' takes a plain number or a percentage). Raises :class:`Refusal`."""
+    """Return a quantity in the SI unit ``unit``. Raise Refusal.
+
+    '-' accepts a plain number or a percentage.
+    """
     return parse_quantity(value, dimension_of(unit))
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """A plain number is in this unit, of any text; text is converted where both are known. Raises :class:`Refusal`."""
-    given = unit_of(value)
-    if given in ("", unit):
-        number = str(value).strip().removesuffix(given or " ") if isinstance(value, str) else value
+    """Return a quantity in ``unit``, which may be any text. Raise Refusal.
+
+    A plain number is in ``unit``; other units are converted if both are known.
+    """
+    written_unit = unit_of(value)
+    if written_unit in ("", unit):
+        number = (
+            str(value).strip().removesuffix(written_unit or " ")
+            if isinstance(value, str)
+            else value
+        )
         return parse_quantity(number, FRACTION)
     try:
         dimension = dimension_of(unit)
@@ -220,7 +236,10 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
 
 
 def format_quantity(value: float, dimension: Dimension) -> str | float:
-    """The text that :func:`parse_quantity` reads back to the same bits; a plain number where there is no unit."""
+    """Return text that :func:`parse_quantity` converts to the same float.
+
+    Without a unit it is a plain number.
+    """
     return value if dimension is FRACTION else f"{value!r} {dimension.unit}"
 
 

@@ -8,9 +8,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding as llvm
-import numba
-
 from abhv_mc.kernel.cache import cache_folder
 from abhv_mc.kernel.prebuilt import Level, choose_level
 
@@ -32,6 +29,8 @@ _SETTINGS = (
 
 def code_folder(interface: str) -> Path:
     """Folder of the code that numba makes by one of its interfaces, with its settings as they are."""
+    import numba
+
     return cache_folder(
         " ".join(
             [interface, *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS)]
@@ -41,6 +40,8 @@ def code_folder(interface: str) -> Path:
 
 def choose_interface() -> str:
     """Return which interface of numba compiles, unless its private part is another: ``private`` or ``public``."""
+    import numba
+
     chosen = os.environ.get(PUBLIC, "0") not in ("", "0")
     return "public" if numba.config.DISABLE_JIT or chosen else "private"  # type: ignore[attr-defined]
 
@@ -53,6 +54,8 @@ def find_level(interface: str) -> tuple[Level | None, str]:
         return None, f"{here}, by numba's public interface"
     if _is_chosen():
         return None, f"{here}, as numba's settings choose a processor"
+    import llvmlite.binding as llvm
+
     try:
         return choose_level(llvm.get_host_cpu_features())
     except RuntimeError:
@@ -61,6 +64,8 @@ def find_level(interface: str) -> tuple[Level | None, str]:
 
 def choose_target(interface: str) -> Level | None:
     """Set what numba compiles for in this process, by its public settings; return the level of kernels of the wheel."""
+    import numba
+
     # LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
     numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
     numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may mean nothing
@@ -77,6 +82,8 @@ def choose_target(interface: str) -> Level | None:
 
 def _is_chosen() -> bool:
     """Return whether the user has chosen what numba compiles for."""
+    import numba
+
     config: Any = numba.config
     return config.CPU_NAME is not None or config.CPU_FEATURES is not None or not config.ENABLE_AVX
 
@@ -90,6 +97,8 @@ def find_features() -> str | None:
     """
     if _is_chosen():
         return None
+    import llvmlite.binding as llvm
+
     try:
         features = llvm.get_host_cpu_features()
     except RuntimeError:  # LLVM does not know this kind of processor

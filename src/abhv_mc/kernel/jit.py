@@ -24,13 +24,12 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any, TypeVar
 
-import numba
 import numpy as np
-from numba.core import event
 
 from abhv_mc.kernel.cache import is_noted, one_compiles, source_unchanged
 from abhv_mc.kernel.compiler_target import PUBLIC, choose_interface, choose_target, code_folder
@@ -40,12 +39,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 _MOST_ARRAYS = 40  # of a function's arguments: more than a vehicle's, fewer than a plan's
 
 # Plain Python throughout, as numba itself does it: for counting operations.
-PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 def scalar(function: F) -> F:
     """Compile a pure function of scalars; inlined into the lane loop that calls it, callable from Python too."""
-    return _decorate(_inlined, function, error_model="numpy", forceinline=True)
+    return _decorate("inlined", function, error_model="numpy", forceinline=True)
 
 
 lanes = scalar  # of a function that loops over lanes; inlined, so that the loop sees where its blocks live
@@ -53,7 +52,7 @@ lanes = scalar  # of a function that loops over lanes; inlined, so that the loop
 
 def routine(function: F) -> F:
     """Compile a function that kernels call in many places: not inlined."""
-    return _decorate(_inlined, function, error_model="numpy")
+    return _decorate("inlined", function, error_model="numpy")
 
 
 def kernel(function: F) -> F:
@@ -61,19 +60,64 @@ def kernel(function: F) -> F:
 
     Made inside a function, it may use numbers from there but no functions: numba's cache would never find it again.
     """
-    return _decorate(_kernel, function, error_model="numpy", nogil=True)
+    return _decorate("kernel", function, error_model="numpy", nogil=True)
 
 
-def _decorate(make: Callable[..., Any], function: Any, **options: Any) -> Any:
+def intrinsic(function: F) -> F:
+    """Make numba's intrinsic of a function that returns a signature and what generates LLVM's code."""
+    return _decorate("intrinsic", function)
+
+
+def _decorate(kind: str, function: Any, **options: Any) -> Any:
     if PLAIN:
         function.py_func = function
         return function
-    return make(function, **options)
+    return _Deferred(kind, function, options)
+
+
+class _Deferred:
+    """A function that numba decorates when it is first called, or compiled into another.
+
+    Reports and campaigns of other simulators import the package and compile nothing; numba's import takes 0.3 s.
+    """
+
+    def __init__(self, kind: str, function: Any, options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func, self._kind, self._options = function, kind, options
+        self._made: Any = None
+
+    @property
+    def decorated(self) -> Any:
+        """What numba makes of the function."""
+        if self._made is None:
+            with _lock:
+                if self._made is None:
+                    self._made = load_compiler().makers[self._kind](self.py_func, **self._options)
+        return self._made
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.decorated(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # of copies and pickles, which ask before anything is set
+            raise AttributeError(name)
+        return getattr(self.decorated, name)
+
+
+_at_load: list[Callable[[], None]] = []
+
+
+def when_loaded(register: Callable[[], None]) -> Callable[[], None]:
+    """Have a function called once numba is imported, which it needs."""
+    _at_load.append(register)
+    if load_compiler.cache_info().currsize:
+        register()
+    return register
 
 
 def compiler() -> str:
     """Which interface of numba compiles: ``private`` or ``public``."""
-    return _mode
+    return load_compiler().interface
 
 
 def is_kept(function: Any) -> bool:
@@ -82,17 +126,18 @@ def is_kept(function: Any) -> bool:
     return folder is not None and is_noted(Path(folder), function.py_func.__name__)
 
 
-class _Kernels(event.Listener):
+class _Kernels:
+    """Contexts of the kernels that are being compiled; a listener of numba's events."""
+
     def __init__(self) -> None:
         self._open = contextlib.ExitStack()
 
-    def on_start(self, event: Any) -> None:
+    def notify(self, event: Any) -> None:
         if event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
-            self._open.enter_context(_tell(event.data["dispatcher"].py_func, False))
-
-    def on_end(self, event: Any) -> None:
-        if event.data["dispatcher"].targetoptions.get("nogil"):
-            self.end()
+            if event.is_start:
+                self._open.enter_context(_tell(event.data["dispatcher"].py_func, False))
+            else:
+                self.end()
 
     def end(self) -> None:
         """Also after an interrupt, of which numba may tell nothing."""
@@ -100,6 +145,7 @@ class _Kernels(event.Listener):
 
 
 _kernels = _Kernels()
+_lock = threading.RLock()
 
 
 def _say_nothing(function: Any, elsewhere: bool) -> AbstractContextManager[None]:
@@ -115,8 +161,6 @@ def tell_compiling(told: Callable[[Any, bool], AbstractContextManager[None]]) ->
     ``told`` gets its function, and whether another process compiles it.
     """
     global _tell  # noqa: PLW0603  one listener for all kernels
-    if _tell is _say_nothing:
-        event.register("numba:compile", _kernels)
     _tell = told
 
 
@@ -338,37 +382,71 @@ def _make_private() -> tuple[Any, Any]:
     return Inlined, Kernel
 
 
+@dataclass(frozen=True)
+class _Compiler:
+    interface: str  # of numba: private or public
+    makers: dict[str, Callable[..., Any]]  # of a function with numba's options, by kind
+
+
+@functools.cache
+def load_compiler() -> _Compiler:
+    """Import numba, choose what it compiles for and where it keeps that; once."""
+    import numba
+    from numba.core import event, registry
+    from numba.core.typing.typeof import typeof_impl
+    from numba.extending import intrinsic
+
+    config: Any = numba.config
+    interface = choose_interface()
+    level = choose_target(interface)
+    # numba decides on its cache's place when it decorates, so that is set before any function is made.
+    config.CACHE_DIR = str(code_folder(interface))
+    if level is not None:
+        unpack(level, code_folder(interface))
+    inlined: Callable[..., Any] = numba.njit
+    kernel: Callable[..., Any] = functools.partial(numba.njit, cache=True)
+    if interface == "private":
+        try:
+            private = _make_private()
+            _try_once(code_folder(interface), *private)
+            inlined, kernel = private
+        except Exception as error:
+            warnings.warn(
+                f"the private part of numba {numba.__version__} is another than known "
+                f"({type(error).__name__}: {error}): its public interface makes the same flights, slower",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+            # Processes that this one starts need not find out again.
+            os.environ[PUBLIC], interface = "1", "public"
+            config.CACHE_DIR = str(code_folder(interface))
+
+    @typeof_impl.register(_Deferred)
+    def _(deferred: Any, context: Any) -> Any:
+        decorated, typing_context = deferred.decorated, registry.cpu_target.typing_context
+        typing_context.refresh()  # numba learns of an intrinsic there
+        return typing_context.resolve_value_type(decorated)
+
+    event.Listener.register(_Kernels)
+    event.register("numba:compile", _kernels)
+    for register in _at_load:
+        register()
+    return _Compiler(interface, {"inlined": inlined, "kernel": kernel, "intrinsic": intrinsic})
+
+
+def _try_once(folder: Path, inlined: Any, kernel: Any) -> None:
+    """Compile two functions, unless that was done: half a second; numba's version is in the folder's name."""
+    global _twice  # noqa: PLW0603  a name of the module, as those that kernels call
+    tried = folder / "tried"
+    if not tried.exists():
+        _twice = inlined(lambda x: x + x, error_model="numpy", forceinline=True)
+        kernel(_try, error_model="numpy", nogil=True)(np.ones(2))
+        with contextlib.suppress(OSError):
+            tried.touch()
+
+
+_twice: Any = None
+
+
 def _try(row: Any) -> None:
     row[0] = _twice(row[0])
-
-
-_mode = choose_interface()
-_level = choose_target(_mode)
-# numba decides on its cache's place when it decorates, so that is set before any function is made.
-numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
-if _level is not None:
-    unpack(_level, code_folder(_mode))
-if _mode == "private":
-    try:
-        _inlined, _kernel = _make_private()
-        _twice = scalar(lambda x: x + x)
-        if not (
-            tried := code_folder(_mode) / "tried"
-        ).exists():  # half a second; numba's version is in the name
-            kernel(_try)(np.ones(2))
-            with contextlib.suppress(OSError):
-                tried.touch()
-    except Exception as error:
-        what = f"the private part of numba {numba.__version__} is another than known ({type(error).__name__}: {error})"
-        warnings.warn(
-            f"{what}: its public interface makes the same flights, slower",
-            RuntimeWarning,
-            stacklevel=2,
-        )
-        os.environ[PUBLIC], _mode = (
-            "1",
-            "public",
-        )  # processes that this one starts need not find out again
-        numba.config.CACHE_DIR = str(code_folder(_mode))  # type: ignore[attr-defined]
-if _mode == "public":
-    _inlined, _kernel = numba.njit, functools.partial(numba.njit, cache=True)

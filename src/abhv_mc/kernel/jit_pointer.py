@@ -2,12 +2,7 @@
 
 from typing import Any
 
-import numba
-from numba import types
-from numba.core.errors import NumbaError
-from numba.extending import intrinsic
-
-from abhv_mc.kernel.jit import PLAIN
+from abhv_mc.kernel.jit import PLAIN, intrinsic, load_compiler
 
 
 class Uncompilable(Exception):
@@ -33,6 +28,8 @@ def _call_address(
 
     ``own``: address of whatever numbers it was made with, 0 for none.
     """
+    from numba import types
+
     arrays = (Z, reference, gains, settings)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -58,6 +55,7 @@ call_address: Any = intrinsic(_call_address)
 def call_c(typing_context: Any, address: Any, arguments: Any) -> Any:
     """``int`` of a C function at an address, called with a tuple: int64 for pointers and sizes, int32, float64."""
     from llvmlite import ir
+    from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         values = [builder.extract_value(given[1], i) for i in range(len(arguments))]
@@ -70,6 +68,7 @@ def call_c(typing_context: Any, address: Any, arguments: Any) -> Any:
 @intrinsic
 def address_of(typing_context: Any, pointer: Any) -> Any:
     """The address that a pointer holds."""
+    from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         return builder.ptrtoint(given[0], context.get_value_type(types.int64))
@@ -80,18 +79,14 @@ def address_of(typing_context: Any, pointer: Any) -> Any:
 @intrinsic
 def floats_at(typing_context: Any, address: Any) -> Any:
     """The pointer to floats at an address."""
+    from numba import types
+
     kind = types.CPointer(types.float64)
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         return builder.inttoptr(given[0], context.get_value_type(kind))
 
     return kind(types.int64), generate
-
-
-_ROW = types.CPointer(types.float64)
-_SIGNATURE = types.void(
-    types.CPointer(types.int64), _ROW, _ROW, _ROW, _ROW, types.int64, types.float64
-)
 
 
 def compile_pointer(function: Any) -> Any:
@@ -101,8 +96,17 @@ def compile_pointer(function: Any) -> Any:
     """
     if PLAIN:
         raise Uncompilable(None, None, "nothing is compiled where NUMBA_DISABLE_JIT is set")
+    load_compiler()
+    import numba
+    from numba import types
+    from numba.core.errors import NumbaError
+
+    row = types.CPointer(types.float64)
+    signature = types.void(
+        types.CPointer(types.int64), row, row, row, row, types.int64, types.float64
+    )
     try:
-        return numba.cfunc(_SIGNATURE, cache=True, error_model="numpy")(function)
+        return numba.cfunc(signature, cache=True, error_model="numpy")(function)
     except NumbaError as error:
         place = getattr(error, "loc", None)
         raise Uncompilable(

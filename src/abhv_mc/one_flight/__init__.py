@@ -1,1 +1,1 @@
-"""One flight, trim or linear model, as Python and the command line ask for it: inputs to values."""
+"""Single flights, trims and linear models for Python and the command line."""

@@ -1,4 +1,4 @@
-"""One flight of one call, with what is said of it."""
+"""Simulation of one flight, with its outcome and metrics."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class OneFlight(NamedTuple):
-    """A flight and its plan."""
+    """Simulated flight with its plan."""
 
     plan: "FlightPlan"
     block: "FlightBlock"  # of one flight
@@ -34,7 +34,10 @@ def fly_once(
     dispersions: Mapping[str, Quantity] | None = None,
     every: int = 1,
 ) -> OneFlight:
-    """Fly one flight and record it ``every`` control ticks; see :func:`abhv_mc.fly`. Raises InputError."""
+    """Simulate one flight, recorded every `every` control ticks. Raise InputError.
+
+    See :func:`abhv_mc.fly`.
+    """
     from abhv_mc.flight.fly import fly
     from abhv_mc.simulators.end_sentence import describe_end
     from abhv_mc.simulators.make_plans import check_rows
@@ -60,7 +63,7 @@ def fly(
     dispersions: Mapping[str, Quantity] | None = None,
     every: int = 1,
 ) -> "pd.DataFrame":
-    """Fly one flight.
+    """Simulate one flight.
 
     Parameters
     ----------
@@ -69,7 +72,7 @@ def fly(
         dotted keys, as ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be a law's function.
     dispersions
         Parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a factor or
-        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is refused.
+        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is an error.
     every
         Control ticks from row to row.
 
@@ -83,7 +86,7 @@ def fly(
     Raises
     ------
     InputError
-        For what is wrong with an input.
+        If an input is invalid.
     """
     import pandas as pd
 
@@ -107,7 +110,10 @@ def fly(
 
 
 def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) -> None:
-    """Raise InputError for a dispersion without which the flight is the same to the bit, here and farther out."""
+    """Raise InputError for a dispersion that does not change the flight at all.
+
+    The flight is compared bit by bit with the nominal value and with a larger value.
+    """
     import numpy as np
 
     from abhv_mc.execution.probe_dispersions import differs
@@ -115,23 +121,23 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     from abhv_mc.flight.vehicle_parameters import vehicle_parameters
     from abhv_mc.kernel.plant.parameter_names import NEVER
 
-    known = vehicle_parameters(plan.vehicle_code)
-    at = [i for i in map(known.index.get, names) if i is not None]
-    at = [i for i in at if parameters[0, i] != known.nominal[i]]
+    table = vehicle_parameters(plan.vehicle_code)
+    indices = [i for i in map(table.index.get, names) if i is not None]
+    indices = [i for i in indices if parameters[0, i] != table.nominal[i]]
     for farther in (False, True):
-        if not at:
+        if not indices:
             return
-        rows = np.tile(parameters, (1 + len(at), 1))
-        for row, i in zip(rows[1:], at, strict=True):
-            nominal = float(known.nominal[i])
+        rows = np.tile(parameters, (1 + len(indices), 1))
+        for row, i in zip(rows[1:], indices, strict=True):
+            nominal = float(table.nominal[i])
             far = {0.0: 25.0 * row[i], NEVER: 0.5 * plan.timing.duration}.get(
                 nominal, 1e-3 * nominal
             )
             row[i] = far if farther else nominal
         block = fly(plan, rows)
-        at = [i for k, i in enumerate(at, 1) if not differs(block, 0, k)]
-    if at:
-        named = ", ".join(f"'{known.records[i].name}'" for i in at)
+        indices = [i for k, i in enumerate(indices, 1) if not differs(block, 0, k)]
+    if indices:
+        named = ", ".join(f"'{table.records[i].name}'" for i in indices)
         raise InputError(
             "dispersions",
             f"{named}, without effect on this flight",

@@ -1,6 +1,7 @@
-"""Inputs of one flight: by shipped name, path or mapping, dispersions as numbers or text with a unit.
+"""Inputs of one flight: shipped names, paths or mappings, and dispersions.
 
-A mapping is the file's content, or ``base`` and the entries that differ: ``{"base": "tlc", "limits.bank": "60 deg"}``.
+A mapping is the content of a file, or ``base`` and the entries that differ: ``{"base": "tlc",
+"limits.bank": "60 deg"}``.
 """
 
 import atexit
@@ -37,13 +38,13 @@ Input = str | Path | Mapping[str, Any] | Callable[..., Any]
 Quantity = float | str  # a number in SI (angles in rad), or text with a unit
 
 
-def make_document(kind: str, given: Input) -> Document:
-    """An input of a kind (``vehicle``, ``mission``, ``control``) as a document. Raises InputError."""
-    if callable(given):
-        return _make_law_document(kind, given)
-    if not isinstance(given, Mapping):
-        return read_document(find_input(given, kind))
-    changes = {str(key): value for key, value in given.items()}
+def make_document(kind: str, source: Input) -> Document:
+    """Return an input (``vehicle``, ``mission``, ``control``) as a document. Raise InputError."""
+    if callable(source):
+        return _make_law_document(kind, source)
+    if not isinstance(source, Mapping):
+        return read_document(find_input(source, kind))
+    changes = {str(key): value for key, value in source.items()}
     base = changes.pop("base", None)
     if base is None:
         return Document(Path(f"<{kind}>"), changes, {(): (1, 1)}, {})
@@ -51,23 +52,23 @@ def make_document(kind: str, given: Input) -> Document:
     data: Any = copy.deepcopy(document.data)
     for key, value in changes.items():
         *path, last = key.split(".")
-        place = data
+        node = data
         for i, name in enumerate(path):
-            if not isinstance(place, dict) or name not in place:
-                known = place if isinstance(place, dict) else ()
-                found = f"no entry '{'.'.join(path[: i + 1])}'"
+            if not isinstance(node, dict) or name not in node:
+                keys = node if isinstance(node, dict) else ()
+                problem = f"no entry '{'.'.join(path[: i + 1])}'"
                 raise InputError(
-                    document.path, found, one_of(known, name) if known else "a mapping"
+                    document.path, problem, one_of(keys, name) if keys else "a mapping"
                 )
-            place = place[name]
-        if not isinstance(place, dict):
+            node = node[name]
+        if not isinstance(node, dict):
             raise InputError(document.path, f"no entry '{key}'", "the key of a mapping")
-        place[last] = value
+        node[last] = value
     return Document(document.path, data, document.value_places, document.key_places)
 
 
 def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
-    """A law's function as a controller; its text is taken now."""
+    """Return a controller document of a Python function, with its present source text."""
     from abhv_mc.user_code.from_function import make_law_text
 
     if kind != "control":
@@ -84,7 +85,7 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
 
 @functools.cache
 def _temporary_folder() -> Path:
-    """A folder for as long as this process lives."""
+    """Return a folder that is deleted when this process ends."""
     folder = tempfile.mkdtemp(prefix="abhv-mc-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
@@ -93,46 +94,49 @@ def _temporary_folder() -> Path:
 def make_flight_plan(
     mission: Input, vehicle: Input = DEFAULT_VEHICLE, controller: Input = "tlc"
 ) -> "FlightPlan":
-    """The plan that a controller flies: reference, gains, start. Raises InputError."""
+    """Return the plan of a flight: reference, gains, start. Raise InputError."""
     from abhv_mc.flight.prepare import prepare
 
     craft: Any = make_document("vehicle", vehicle)  # read as the files that they stand for
-    asked: Any = make_document("mission", mission)
+    mission_document: Any = make_document("mission", mission)
     law: Any = make_document("control", controller)
-    return prepare(craft, asked, law, law.path.stem)
+    return prepare(craft, mission_document, law, law.path.stem)
 
 
 def make_parameters(
     dispersions: Mapping[str, Quantity] | None, vehicle: "Vehicle"
 ) -> "NDArray[np.float64]":
-    """One row of all parameters [1, parameter], those named replaced. Raises InputError for an unknown one."""
+    """Return a row [1, parameter] of nominal parameters with dispersions.
+
+    Raise InputError for an unknown parameter.
+    """
     from abhv_mc.flight.vehicle_parameters import vehicle_parameters
     from abhv_mc.user_code.vehicle_functions import find_code
 
-    known = vehicle_parameters(find_code(vehicle))
-    row = known.nominal[None].copy()
+    table = vehicle_parameters(find_code(vehicle))
+    row = table.nominal[None].copy()
     for name, value in check_mapping(
         {} if dispersions is None else dispersions, "dispersions"
     ).items():
-        if name not in known.dispersible:
-            raise InputError("dispersions", f"parameter '{name}'", one_of(known.dispersible, name))
+        if name not in table.dispersible:
+            raise InputError("dispersions", f"parameter '{name}'", one_of(table.dispersible, name))
         try:
-            dimension = dimension_of(known[name].unit)
-            row[0, known.index[name]] = parse_quantity(value, dimension, dimension.unit)
+            dimension = dimension_of(table[name].unit)
+            row[0, table.index[name]] = parse_quantity(value, dimension, dimension.unit)
         except Refusal as refusal:
             raise InputError("dispersions", f"{name}: {refusal.found}", refusal.expected) from None
     return row
 
 
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """The value itself. Raises InputError, which calls it ``name``, where it is no mapping."""
+    """Return the value. Raise InputError, with `name`, if it is not a mapping."""
     if not isinstance(value, Mapping):
         raise InputError(name, describe(value), "a mapping")
     return value
 
 
 def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
-    """A number in SI as it is, text by its unit. Raises InputError, which calls it ``name``."""
+    """Return a number in SI units, or text converted by its unit. Raise InputError."""
     try:
         return parse_quantity(value, dimension, dimension.unit)
     except Refusal as refusal:
@@ -140,7 +144,7 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
 
 
 def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
-    """Write a campaign and all that it refers to into a folder; the campaign's path. Raises InputError."""
+    """Write a campaign and its input files into a folder; return its path. Raise InputError."""
     content = dict(data)
     for key, kind in (("vehicle", "vehicle"), ("mission", "mission")):
         if key in content:
@@ -150,27 +154,27 @@ def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
         controllers = {Path(controllers).stem: controllers}
     if isinstance(controllers, Mapping):
         content["controllers"] = {
-            str(name): _write_input("control", given, folder, f"controllers/{number}")
-            for number, (name, given) in enumerate(controllers.items())
+            str(name): _write_input("control", source, folder, f"controllers/{number}")
+            for number, (name, source) in enumerate(controllers.items())
         }
     path = folder / "campaign.yaml"
     write_document(path, content)
     return path
 
 
-def _write_input(kind: str, given: Any, folder: Path, place: str) -> str:
-    """Write an input and the files that it names, these as they lie to each other; its path from the folder."""
+def _write_input(kind: str, source: Any, folder: Path, location: str) -> str:
+    """Write an input and the files it refers to; return its path relative to the folder."""
     from abhv_mc.campaign.file.kinds import find_references
 
-    document = make_document(kind, given)
+    document = make_document(kind, source)
     path = document.path.resolve()
     files = list(find_references(path)) if path.is_file() else []
     root = Path(os.path.commonpath([file.parent for file in (path, *files)]))
     for file in files:
-        target = folder / place / file.relative_to(root)
+        target = folder / location / file.relative_to(root)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
     name = path.relative_to(root) if path.is_file() else Path(f"{kind}.yaml")
-    (folder / place / name).parent.mkdir(parents=True, exist_ok=True)
-    write_document(folder / place / name, document.data)
-    return f"{place}/{name.as_posix()}"
+    (folder / location / name).parent.mkdir(parents=True, exist_ok=True)
+    write_document(folder / location / name, document.data)
+    return f"{location}/{name.as_posix()}"

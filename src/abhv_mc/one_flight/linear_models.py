@@ -82,6 +82,7 @@ def take_point(
     controller: Input,
     at: Quantity = "trim",
     bank: Quantity = 0.0,
+    *,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> Place:
     """The point of one flight: its steady turn, or a time of it; see :func:`abhv_mc.linearize`. Raises InputError."""
@@ -193,7 +194,7 @@ def linearize(
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import make_model
 
-    place = take_point(mission, vehicle, controller, at, bank, dispersions)
+    place = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
     model = make_model(place.plan, place.points, linearize(place.plan, place.points))
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
     point.attrs["units"] = dict(
@@ -243,7 +244,7 @@ def margins(
 
     from abhv_mc.stability.analysis import cut_loops, margin_values
 
-    place = take_point(mission, vehicle, controller, at, bank, dispersions)
+    place = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
     _, stability = analyse_place(place)
     table = pd.DataFrame.from_dict(
         margin_values(stability), orient="index", columns=list(_MARGIN_UNITS)

@@ -1,4 +1,4 @@
-"""Controls, forces and flying qualities of steady flight at several bank angles, as a table."""
+"""Table of controls, forces and flying qualities of steady flight over bank angles."""
 
 import math
 from collections.abc import Sequence
@@ -67,20 +67,22 @@ def trim(
     mass: Quantity | None = None,
     rotating: bool = False,
 ) -> "pd.DataFrame":
-    """Controls, forces and flying qualities of steady flight; a vehicle without an engine glides.
+    """Return controls, forces and flying qualities of steady flight.
+
+    A vehicle without an engine glides.
 
     Parameters
     ----------
     vehicle
-        Shipped name, path or mapping, as of :func:`abhv_mc.fly`.
+        Shipped name, path or mapping; see :func:`abhv_mc.fly`.
     altitude, speed, flight_path_angle, latitude, heading
-        Where it flies, and how: SI and radians, or text with a unit.
+        Flight condition: SI and radians, or text with a unit.
     bank
         One angle or several.
     mass
-        That at the start by default.
+        Default: mass at the start.
     rotating
-        Whether the Earth turns.
+        Whether the Earth rotates.
 
     Returns
     -------
@@ -95,7 +97,7 @@ def trim(
     Raises
     ------
     InputError
-        For what is wrong with an input.
+        If an input is invalid.
     """
     import pandas as pd
 
@@ -110,14 +112,14 @@ def trim(
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", "no angle", "one or more")
-    given = {
+    conditions = {
         "altitude": altitude,
         "speed": speed,
         "flight_path_angle": flight_path_angle,
         "latitude": latitude,
     }
     point: dict[str, Any] = {
-        name: _quantity(name, value) for name, value in (given | {"heading": heading}).items()
+        name: _quantity(name, value) for name, value in (conditions | {"heading": heading}).items()
     }
     angles = [_quantity("bank", angle) for angle in banks]
     kilograms = None if mass is None else _quantity("mass", mass)
@@ -148,7 +150,7 @@ def trim(
 def _make_row(
     trim: "TrimPoint", qualities: "FlyingQualities", area: float, mass: float
 ) -> tuple[float, ...]:
-    """Values of COLUMNS."""
+    """Return the values of COLUMNS."""
     from abhv_mc.plant.trim import GRAVITY
 
     pressure_area = trim.dynamic_pressure * area
@@ -183,10 +185,10 @@ def _make_row(
 
 
 def _quantity(name: str, value: Quantity) -> float:
-    """One of _LIMITS in SI."""
+    """Return a quantity of _LIMITS in SI units. Raise InputError outside its limits."""
     dimension, low, high = _LIMITS[name]
     number = to_si(value, dimension, name)
     if not low <= number <= high:
-        wish = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(name, describe(value), wish)
+        expected = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
+        raise InputError(name, describe(value), expected)
     return number

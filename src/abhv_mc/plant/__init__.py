@@ -1,1 +1,1 @@
-"""What a campaign may disperse, slopes for control allocation, and trim."""
+"""Dispersible parameters, control effectiveness and trim of the plant."""

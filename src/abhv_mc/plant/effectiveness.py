@@ -1,7 +1,8 @@
-"""Slopes of the coefficients with the deflections and with sideslip: what control allocation inverts.
+"""Slopes of the coefficients over deflections and sideslip, for control allocation.
 
-A term ``table * variable`` depends on a deflection through its variable and through a table axis; both are
-linear inside a cell, so the slopes are exact there. Which terms have which slope is worked out once per vehicle.
+A term ``table * variable`` depends on a deflection through its variable and through a table axis;
+both are linear inside a cell, so the slopes are exact. The list of slopes of each term is computed
+once per vehicle.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from abhv_mc.kernel.plant.vehicle import VARIABLES, Vehicle
 
 
 def _input_weights(vehicle: Vehicle) -> Floats:
-    """d variable / d input, [variable, input]."""
+    """Return the derivatives [variable, input] of variables with respect to inputs."""
     weights = np.zeros((len(VARIABLES), N_INPUTS))
     for i, name in enumerate(INPUTS):
         weights[VARIABLES.index(name), i] = 1.0
@@ -23,7 +24,7 @@ def _input_weights(vehicle: Vehicle) -> Floats:
 
 
 def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int], int], int]:
-    """First row of the slopes of each (group, axis) that an input moves, behind the tables; the rows in all."""
+    """Return the first slope row of each (group, axis) that an input moves, and the row count."""
     tables = vehicle.tables
     rows: dict[tuple[int, int], int] = {}
     end = int(tables.n_rows)
@@ -37,31 +38,33 @@ def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int]
 
 
 def count_rows(vehicle: Vehicle) -> int:
-    """Rows that the vehicle's tables and their slopes fill."""
+    """Return the number of rows of the vehicle's tables and their slopes."""
     return _slope_rows(vehicle, _input_weights(vehicle))[1]
 
 
 def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
-    """Work out the slopes of a vehicle that fits the lane memory (:func:`count_rows`)."""
+    """Return the slopes of a vehicle that fits the lane memory (:func:`count_rows`)."""
     weights = _input_weights(vehicle)
     tables, terms = vehicle.tables, vehicle.build_up
-    found: list[tuple[int, int, int, int, float]] = []
+    entries: list[tuple[int, int, int, int, float]] = []
     slope_rows, _ = _slope_rows(vehicle, weights)
-    one = VARIABLES.index("one")
+    constant = VARIABLES.index("one")
     for c, table, variable in zip(terms.coefficient, terms.table, terms.variable, strict=True):
         for i in range(N_INPUTS):
             if weights[variable, i]:
-                found.append((int(c), i, int(table), one, float(weights[variable, i])))
+                entries.append((int(c), i, int(table), constant, float(weights[variable, i])))
         for (group, axis), first_row in slope_rows.items():
             offset = int(table - tables.group_row[group])
             if 0 <= offset < tables.group_width[group]:
                 for i in range(N_INPUTS):
                     weight = weights[tables.axis_variable[axis], i]
                     if weight:
-                        found.append((int(c), i, first_row + offset, int(variable), float(weight)))
+                        entries.append(
+                            (int(c), i, first_row + offset, int(variable), float(weight))
+                        )
     slopes = [(group, axis, row) for (group, axis), row in slope_rows.items()]
     slope_group, slope_axis, slope_row = np.array(slopes, np.int64).reshape(-1, 3).T.copy()
-    *columns, weight = np.array(found, np.float64).reshape(-1, 5).T.copy()
+    *columns, weight = np.array(entries, np.float64).reshape(-1, 5).T.copy()
     coefficient, inputs, row, variable = (column.astype(np.int64) for column in columns)
     return Effectiveness(
         coefficient, inputs, row, variable, weight, slope_group, slope_axis, slope_row

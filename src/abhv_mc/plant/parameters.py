@@ -1,7 +1,8 @@
-"""What a campaign may disperse: unit, nominal value and words of each of the kernel's parameters.
+"""Dispersible parameters: unit, nominal value and description of the kernel's parameters.
 
-Adding one is its name at the end there (:mod:`abhv_mc.kernel.plant.parameter_names`, whose order PARAMETERS has, not
-that of the table below), a line here and its use in the plant. Nominal values leave the flight unchanged.
+To add one, append its name in :mod:`abhv_mc.kernel.plant.parameter_names` (whose order PARAMETERS
+has, not that of the table below), add a line here and use it in the plant. Nominal values leave the
+flight unchanged.
 """
 
 from collections.abc import Iterable, Mapping
@@ -30,24 +31,27 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
 
 @dataclass(frozen=True)
 class Parameter:
-    """One dispersible quantity."""
+    """Dispersible quantity."""
 
     name: str
     unit: str  # SI, or what a user's simulator has; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
     of_user: bool = (
-        False  # whether a user defines it: an input of his simulator, a setting of his vehicle
+        False  # whether a user defines it, as a simulator's input or a vehicle's setting
     )
-    seed: bool = False  # whether it says which noise a flight meets, and not how much of anything
+    seed: bool = False  # whether it selects a noise realization
 
     @property
     def is_factor(self) -> bool:
-        """Whether it multiplies (1 = nominal) rather than adds."""
+        """True if it multiplies (1 = nominal) rather than adds."""
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
     def read(self, value: float | str, of_nominal: bool = False) -> float:
-        """A quantity in its unit; ``of_nominal``: a percentage is of its nominal value. Raises Refusal."""
+        """Return a quantity in its unit. Raise Refusal.
+
+        With `of_nominal` a percentage refers to the nominal value.
+        """
         if not self.of_user:
             return parse_in_unit(value, self.unit)
         if (
@@ -90,47 +94,47 @@ _NAVIGATION = {name: _SENSED[name] for name in SENSORS}
 _GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down in body axes"}
 
 
-def _failing(name: str, words: str) -> tuple[Parameter, ...]:
-    """Failures of a surface, an axis deflection or an effector."""
+def _failing(name: str, noun: str) -> tuple[Parameter, ...]:
+    """Return the failures of a surface, an axis deflection or an effector."""
     return (
-        Parameter(f"failure.{name}.stuck_time", "s", NEVER, f"time at which {words} sticks"),
+        Parameter(f"failure.{name}.stuck_time", "s", NEVER, f"time at which {noun} sticks"),
         Parameter(
-            f"failure.{name}.loss_time", "s", NEVER, f"time at which {words} loses effectiveness"
+            f"failure.{name}.loss_time", "s", NEVER, f"time at which {noun} loses effectiveness"
         ),
-        Parameter(f"failure.{name}.slow_time", "s", NEVER, f"time at which {words} becomes slow"),
+        Parameter(f"failure.{name}.slow_time", "s", NEVER, f"time at which {noun} becomes slow"),
         Parameter(
             f"failure.{name}.stuck_at",
             "rad",
             NEVER,
-            f"deflection that {words} sticks at; inf: where it is",
+            f"deflection that {noun} sticks at; inf: where it is",
         ),
-        _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {words} after its loss"),
+        _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {noun} after its loss"),
         Parameter(
-            f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {words} once slow"
+            f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {noun} once slow"
         ),
     )
 
 
-def _failing_engine(name: str, words: str) -> tuple[Parameter, ...]:
+def _failing_engine(name: str, noun: str) -> tuple[Parameter, ...]:
     return (
-        Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {words} fails"),
+        Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {noun} fails"),
         Parameter(
-            f"failure.{name}.duration", "s", NEVER, f"how long {words} has failed; inf: for good"
+            f"failure.{name}.duration", "s", NEVER, f"how long {noun} has failed; inf: for good"
         ),
-        _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {words} failed"),
+        _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {noun} failed"),
     )
 
 
 def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
-    words = name.replace("_", " ")
+    noun = name.replace("_", " ")
     return (
         Parameter(
-            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {words} fails"
+            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {noun} fails"
         ),
         _error(
             f"failure.sensor.{name}.bias",
             unit,
-            f"error of the failed measured {words}; 0: it stays what it was",
+            f"error of the failed measured {noun}; 0: it stays what it was",
         ),
     )
 
@@ -148,9 +152,9 @@ _TABLE: tuple[Parameter, ...] = (
         for x in ("lift", "drag", "pitching_moment")
     ),
     *(
-        _factor(f"aero.{name}.{variable}", f"part of the {text} that is proportional to {words}")
+        _factor(f"aero.{name}.{variable}", f"part of the {text} that is proportional to {noun}")
         for name, text in _COEFFICIENTS.items()
-        for variable, words in _DERIVATIVES.items()
+        for variable, noun in _DERIVATIVES.items()
     ),
     *(
         _factor(f"control.{name}_effectiveness", f"{name} deflection felt by the aerodynamics")
@@ -191,10 +195,10 @@ _TABLE: tuple[Parameter, ...] = (
         _error(
             f"sensor.{name}_{error}",
             unit_of or unit,
-            f"{words} the measured {name.replace('_', ' ')}",
+            f"{noun} the measured {name.replace('_', ' ')}",
         )
         for name, unit in _SENSED.items()
-        for error, unit_of, words in (
+        for error, unit_of, noun in (
             ("bias", "", "constant error of"),
             ("noise", "", "rms of the white noise on"),
             ("lag", "s", "time constant of the first-order lag of"),
@@ -275,16 +279,16 @@ _TABLE: tuple[Parameter, ...] = (
     ),
     *(
         _factor(
-            f"wind.turbulence_{axis}", f"Dryden turbulence: rms {words}, of that of wind.turbulence"
+            f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun}, of that of wind.turbulence"
         )
-        for axis, words in _GUST_AXES.items()
+        for axis, noun in _GUST_AXES.items()
     ),
     *(
         _factor(
             f"wind.turbulence_length_{axis}",
-            f"Dryden turbulence: scale length {words}, of wind.turbulence_length",
+            f"Dryden turbulence: scale length {noun}, of wind.turbulence_length",
         )
-        for axis, words in _GUST_AXES.items()
+        for axis, noun in _GUST_AXES.items()
     ),
     _error("wind.turbulence_rotary", "-", "rotary gusts p, q, r of Dryden turbulence: 1 on, 0 off"),
 )
@@ -296,7 +300,7 @@ assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENT
 
 @dataclass(frozen=True)
 class Parameters:
-    """What flights may be given, in the order of the columns of their full rows."""
+    """Parameters of flights, in the order of the columns of full rows."""
 
     records: tuple[Parameter, ...]
 
@@ -306,12 +310,12 @@ class Parameters:
 
     @cached_property
     def nominal(self) -> Floats:
-        """[parameter]"""
+        """Nominal values [parameter]."""
         return np.array([record.nominal for record in self.records])
 
     @cached_property
     def dispersible(self) -> tuple[str, ...]:
-        """Their names, but for the factor that is none."""
+        """Names of the parameters without the constant factor."""
         return tuple(name for name in self.index if name != PARAMETERS[0].name)
 
     def __getitem__(self, name: str) -> Parameter:
@@ -322,17 +326,17 @@ class Parameters:
 
     @cached_property
     def has_program(self) -> bool:
-        """Whether the program's own are among them, as of every vehicle."""
+        """True if the program's own parameters are included."""
         return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
-        """[name]"""
+        """Return nominal values [name]."""
         return self.nominal[[self.index[name] for name in names]]
 
 
 OURS = Parameters(PARAMETERS)
 
-# What swings an angle without a limit cycle.
+# Disturbances that make an angle oscillate without a limit cycle.
 DISTURBANCES = (
     "wind.gust_north",
     "wind.gust_east",

@@ -102,7 +102,7 @@ def _balance(
 
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
         """Along, across and about the pitch axis, as shares of the weight."""
-        found = _control(vehicle, point, mass, pitch_rate, alpha, elevator, eta)
+        found = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
         weight = mass * GRAVITY
         return (
             found.forward / weight - along / GRAVITY,
@@ -135,7 +135,7 @@ def _balance(
     names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
     fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
-    return _control(vehicle, point, mass, pitch_rate, alpha, elevator, eta)._replace(
+    return _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)._replace(
         fault=fault
     ), left[0]
 
@@ -186,6 +186,7 @@ def _control(
     mass: float,
     pitch_rate: float,
     alpha: float,
+    *,
     elevator: float,
     eta: float,
 ) -> TrimPoint:

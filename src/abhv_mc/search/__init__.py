@@ -1,1 +1,1 @@
-"""Searches on a campaign's executor: its dispersions as points, its flights as values, its folder as the memory."""
+"""Searches over a campaign's dispersions, with its executor and results folder."""

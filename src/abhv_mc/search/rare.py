@@ -1,4 +1,4 @@
-"""``abhv-mc rare``: the probability that a flight breaks a requirement, where plain sampling would see no failure."""
+"""Probability that a flight violates a requirement (``abhv-mc rare``)."""
 
 import sys
 from dataclasses import dataclass
@@ -30,23 +30,21 @@ from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_dis
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
-_PILOT = 2 * LANES  # points, flown twice each, by which noise is measured
-_PLACE = 1 << 22  # of their random numbers
-_UNLIKELY = 0.5  # share of noise with which an estimate of less than 1e-4 is
+_PILOT = 2 * LANES  # points, simulated twice, that measure the noise
+_PLACE = 1 << 22  # key of their random numbers
+_UNLIKELY = 0.5  # share of noise above which an estimate of less than 1e-4 is unlikely
 
 
 @dataclass(frozen=True)
 class RareFound:
-    """An estimate and the flights that it comes from."""
+    """Rare-event estimate with its flights."""
 
     request: RareRequest
     controller: str
     requirement: Requirement
     metric: Metric
     estimate: RareEstimate
-    strata: tuple[
-        Stratum, ...
-    ]  # combinations of what comes with a probability; empty where nothing does
+    strata: tuple[Stratum, ...]  # combinations of switches; empty without switches
     space: Space
     flights: FlightRows
     severities: Floats  # [flight]: above the limit, in the metric's unit
@@ -56,18 +54,18 @@ class RareFound:
     noise_share: float | None  # of the variance of the severity's ranks; None without noise
     includes_unwarned: bool  # whether the interval reaches to what may fail without warning
 
-    def words(self, part: Stratum) -> str:
-        """What comes in a combination."""
+    def words(self, stratum: Stratum) -> str:
+        """Return the names of the switches of a combination."""
         switches = list(self.space.probabilities)
         return (
             "all others"
-            if part.on is None
-            else " and ".join(switches[i] for i in part.on) or "none of them"
+            if stratum.on is None
+            else " and ".join(switches[i] for i in stratum.on) or "none of them"
         )
 
     @property
     def unwarned(self) -> str:
-        """The second half of the estimate's sentence: what the interval says of failures without warning."""
+        """Second half of the estimate's sentence, on failures without warning."""
         high, (_, flights) = self.estimate.unwarned_high, self.estimate.plain
         if high is None:
             return ""
@@ -84,7 +82,7 @@ class RareFound:
 
     @property
     def second_opinion(self) -> str:
-        """What importance sampling says."""
+        """Result of importance sampling as text."""
         check = self.estimate.check
         if check is None:
             return f"none (it takes flights to spare and at most {MOST_SAMPLED} dispersions)"
@@ -94,44 +92,46 @@ class RareFound:
 
     @property
     def failures(self) -> int:
-        """How many of the flights fail."""
+        """Number of flights that fail."""
         return int((self.severities > FAILS_ABOVE).sum())
 
     def numbers(self) -> dict[str, Any]:
-        """The result as JSON holds it."""
-        found = self.estimate
-        refused = found.refusal is not None
-        check = found.check
+        """Return the result as JSON values."""
+        estimate = self.estimate
+        refused = estimate.refusal is not None
+        check = estimate.check
         return {
             "requirement": self.request.requirement,
             **self.requirement.limits.as_entry(),
             "controller": self.controller,
-            "probability": None if refused else found.probability,
-            "low": None if refused else found.low,
-            "high": None if refused else found.high,
+            "probability": None if refused else estimate.probability,
+            "low": None if refused else estimate.low,
+            "high": None if refused else estimate.high,
             "confidence": CONFIDENCE,
-            "unwarned_high": found.unwarned_high,
+            "unwarned_high": estimate.unwarned_high,
             "includes_unwarned": self.includes_unwarned,
             "noise_share": self.noise_share,
-            "flights": found.flights,
-            "cov": None if refused else found.cov,
+            "flights": estimate.flights,
+            "cov": None if refused else estimate.cov,
             "levels": [
                 {
-                    "repetition": one.number,
+                    "repetition": repetition.number,
                     "limit": level.threshold,
                     "probability": level.probability,
                     "cov": level.cov,
                     "acceptance": level.acceptance,
                 }
-                for one in found.repetitions
-                for level in one.levels
+                for repetition in estimate.repetitions
+                for level in repetition.levels
             ],
-            "repetitions": [one.probability for one in found.repetitions],
-            "combinations": [{**vars(part), "on": self.words(part)} for part in self.strata],
+            "repetitions": [repetition.probability for repetition in estimate.repetitions],
+            "combinations": [
+                {**vars(stratum), "on": self.words(stratum)} for stratum in self.strata
+            ],
             "importance_sampling": None
             if check is None
             else {**vars(check), "cov": check.cov if np.isfinite(check.cov) else None},
-            "refusal": found.refusal,
+            "refusal": estimate.refusal,
             "ended_early": int(ended_early(self.flights).sum()),
             "ended_early_fails": self.requirement.early_is_failure,
             "failed_to_run": self.failed_to_run,
@@ -141,16 +141,16 @@ class RareFound:
 
 
 def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
-    """Estimate P(failure) of one requirement. Raises InputError for a request that is wrong."""
+    """Estimate P(failure) of one requirement. Raise InputError if the request is invalid."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    requirement = _find_requirement(campaign, controller, request.requirement)
+    requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
     chains = choose_chains(request.flights)
     is_noisy = bool(space.seeds) or campaign.simulator.states_noise
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size + 2 * _PILOT * is_noisy
     if request.flights < least:
         raise InputError("--flights", f"{request.flights}", f"at least {least}")
-    criterion = Criterion(request.requirement, "high", requirement.limits)
+    criterion = Criterion(requirement.metric, "high", requirement.limits)
     early = requirement.early_is_failure
     with open_search(
         request, {"kind": "rare", **request.settings}, request.flights, engine
@@ -158,9 +158,9 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         severity = Severity(criterion, search.duration, early)
 
         def evaluate(points: Floats, on: Switched) -> Floats:
-            # What cannot be computed counts as a failure, as in every verdict.
-            found = severity.of(search.fly(space.from_normal(points, on), common_seed=False))
-            return np.where(np.isnan(found), np.inf, found)
+            # A flight that failed to run counts as a failure, as in every verdict.
+            values = severity.of(search.fly(space.from_normal(points, on), common_seed=False))
+            return np.where(np.isnan(values), np.inf, values)
 
         plan = SubsetPlan(len(space.names), FAILS_ABOVE, search.seed, chains)
         switches = np.array(list(space.probabilities.values()))
@@ -185,7 +185,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         if unwarned:
             estimate = estimate.include_unwarned()
         severities = severity.ranked(rows)
-        found = RareFound(
+        result = RareFound(
             request,
             controller,
             requirement,
@@ -201,27 +201,34 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             noise,
             unwarned,
         )
-        search.finish(found.numbers())
-    return found
+        search.finish(result.numbers())
+    return result
 
 
-def _find_requirement(campaign: Experiment, controller: str, metric: str) -> Requirement:
-    """The campaign's requirement on this metric. Raises InputError where there is none, or several."""
+def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:
+    """Return the requirement with this ID, or on this metric.
+
+    Raise InputError if none or several match, or if the metric has plateaus.
+    """
     bound = [
         item for item in campaign.requirements if not item.named or controller in item.controllers
     ]
-    own = [item for item in bound if item.metric == metric]
+    own = [item for item in bound if item.traced.get("id") == name]
+    own = own or [item for item in bound if item.metric == name]
+    metric = own[0].metric if own else name
     where = ("requirements",)
-    if (known := campaign.metrics.get(metric)) and known.plateaus:
-        values = " or ".join(f"{value:g}" for value in known.plateaus)
-        said = f"'{metric}', of which many flights share the value {values}"
-        wish = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"
-        raise campaign.document.error(where if own else (), said, wish)
+    if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
+        values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
+        problem = f"'{metric}', of which many flights share the value {values}"
+        remedy = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"
+        raise campaign.document.error(where if own else (), problem, remedy)
     if len(own) == 1:
         return own[0]
     if not own:
         names = [item.metric for item in bound]
-        said = f"no requirement on '{metric}' for '{controller}'"
+        problem = f"no requirement on '{metric}' for '{controller}'"
         expected = one_of(names, metric) if names else "a requirement with the limit that is meant"
-        raise campaign.document.error(where if names else (), said, expected)
-    raise campaign.document.error(where, f"{len(own)} requirements on '{metric}'", "one of them")
+        raise campaign.document.error(where if names else (), problem, expected)
+    raise campaign.document.error(
+        where, f"{len(own)} requirements on '{metric}'", "one of them, by its 'id'"
+    )

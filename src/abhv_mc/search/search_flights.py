@@ -1,8 +1,8 @@
-"""A search's folder: the shape of a campaign's, with one block of flights for each batch that the search asked for.
+"""Results folder of a search: a campaign's folder with a block for each batch of flights.
 
-The algorithms are functions of their seeds and of the values that they are given. So a search is resumed by running it
-again: batches whose flights are stored are answered from their blocks, the others are flown. `abhv-mc replay`, `query`
-and `export` read the folder like any campaign's.
+The algorithms are deterministic functions of their seed and of the values they receive. A search is
+therefore resumed by running it again: stored batches are read from their blocks, the others are
+simulated. `abhv-mc replay`, `query` and `verify campaign` read the folder like any campaign's.
 """
 
 import contextlib
@@ -21,8 +21,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
-from abhv_mc.execution.cluster import connect_cluster
-from abhv_mc.execution.executor import Executor, open_executor
+from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
@@ -59,18 +58,18 @@ from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.engine import check_source, make_ready, simulate
 from abhv_mc.user_code.trust import trust
 
-_DRAWN = 3  # flights whose histories a page shows
-DRAWN_APART = 0.1  # of the range flown, rms over the parameters: so far apart they lie at least
+_DRAWN = 3  # flights whose time histories a page shows
+DRAWN_APART = 0.1  # of the simulated range, rms over the parameters: smallest distance
 _DRAWN_STEP = 0.1  # s
 
 
 def read_searched(
     path: Paths, controller: str | None, seed: int | None, engine: Engine | None = None
 ) -> tuple[Experiment, str]:
-    """The campaign and the controller that is searched. Raises InputError."""
+    """Return the campaign and the name of the searched controller. Raise InputError."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
-        trust(source)  # his own file: he flies it
+        trust(source)  # the user's own file, which the user asks to run
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
@@ -80,23 +79,28 @@ def read_searched(
     return campaign, name
 
 
-def find_metric(campaign: Experiment, name: str, place: Callable[[str, str], InputError]) -> Metric:
-    """What the campaign knows of a metric; raises what ``place`` makes of what was found and what was expected."""
+def find_metric(
+    campaign: Experiment, name: str, make_error: Callable[[str, str], InputError]
+) -> Metric:
+    """Return a metric of the campaign, or raise the error that `make_error` returns.
+
+    `make_error` receives what is wrong and what was expected.
+    """
     metrics = campaign.metrics
     if name in MARGIN_NAMES and campaign.model.margins is None:
-        raise place(
+        raise make_error(
             f"'{name}' without 'margins'",
             "'margins: {at: [trim]}' in the campaign, which finds them",
         )
     if name not in metrics:
-        raise place(f"unknown metric '{name}'", one_of(metrics, name))
+        raise make_error(f"unknown metric '{name}'", one_of(metrics, name))
     return metrics[name]
 
 
 def binding_requirements(
     campaign: Experiment, controller: str, metric: str
 ) -> tuple[Requirement, ...]:
-    """Return the campaign's requirements on a metric that hold for a searched controller."""
+    """Return the requirements on a metric that apply to the searched controller."""
     return tuple(
         item
         for item in campaign.requirements
@@ -106,7 +110,7 @@ def binding_requirements(
 
 @dataclass(frozen=True)
 class DrawnFlights:
-    """Histories of some flights, after the nominal one."""
+    """Time histories of selected flights, after the nominal one."""
 
     numbers: tuple[int, ...]
     times: Floats  # [time] s
@@ -116,19 +120,20 @@ class DrawnFlights:
 
 
 class SearchFlights:
-    """Flies the points of one search, or remembers them; made by :func:`open_search`."""
+    """Flights of one search, simulated or read from its folder; see :func:`open_search`."""
 
     def __init__(
         self,
         flown: FlownFolder,
         campaign: Experiment,
-        executor: Executor,
+        executor: FlightRunner,
         writer: ThreadPoolExecutor,
         margins: bool,
     ) -> None:
-        """``campaign``: with the one controller ready to fly that is searched, ``margins`` with stability margins.
+        """Prepare the flights of a search.
 
-        ``writer``: a thread that writes a block while the next one flies.
+        `campaign` has the searched controller as its only system, `margins` adds stability margins.
+        `writer` is a thread that writes a block while the next one is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)
@@ -148,21 +153,21 @@ class SearchFlights:
 
     @property
     def flown(self) -> int:
-        """Flights so far, those of earlier runs among them."""
+        """Number of flights so far, including those of earlier runs."""
         return self.blocks[-1].stop if self.blocks else 0
 
     @property
     def failed_to_run(self) -> int:
-        """Flights that the machine could not compute."""
+        """Number of flights that failed to run."""
         return sum(int(not_computed(rows).sum()) for rows in self.blocks)
 
     @property
     def duration(self) -> float:
-        """Of a flight that does not end early, s; 0 where flights have times of their own."""
+        """Duration (s) of a flight that does not end early; 0 if durations vary."""
         return self.plan.timing.duration if self.plan.timing else 0.0
 
     def rows(self) -> FlightRows:
-        """All flights so far."""
+        """Return all flights so far."""
         names = self.space.columns
         samples = np.concatenate([block.samples for block in self.blocks])
         outcome = tuple(code for block in self.blocks for code in block.outcome)
@@ -170,13 +175,16 @@ class SearchFlights:
         return FlightRows(self.plan.controller, 0, names, samples, outcome, values, self.columns)
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
-        """The flights of parameter values ``[flight, dimension]``; seeds are one for all, or each flight's own."""
+        """Return the flights of parameter values [flight, dimension].
+
+        All flights have the same seed if `common_seed`, otherwise each its own.
+        """
         first = self.flown
         samples = self.space.complete(values, self.seed, None if common_seed else first)
         rows = self._remember(first, samples)
         if rows is None:
             rows = self._fly(first, samples)
-            self._writing.result()  # the one before: raises what kept it from being written
+            self._writing.result()  # the previous block: raises the error of its writing
             self._writing = self._writer.submit(write_block, self.folder.flights, rows, self.schema)
         self.blocks.append(rows)
         if self.progress is not None:
@@ -184,7 +192,7 @@ class SearchFlights:
         return rows
 
     def _remember(self, first: int, samples: Floats) -> FlightRows | None:
-        """The stored block of exactly these samples; None where there is none, or the machine failed on some of it."""
+        """Return the stored block of these samples; None if missing or not all were computed."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
             ((rows, _),) = read_own_block(path, self.space.columns, self.files)
@@ -201,7 +209,7 @@ class SearchFlights:
             samples,
             None,
             self.executor.fly_side_by_side,
-            self.margins,
+            margins=self.margins,
         )
         outcome = self.campaign.outcomes.of(flown.outcome)
         values = np.column_stack(
@@ -219,10 +227,10 @@ class SearchFlights:
         )
 
     def draw(self, severities: Floats) -> DrawnFlights | None:
-        """Fly the nominal flight and the worst of the first ones again, with histories; None where flights have no
-        common times.
+        """Re-run the nominal and the worst distinct flights with time histories.
 
-        ``severities`` [flight] of the flights from 0 on; the worst ones that lie apart from each other are drawn.
+        `severities` [flight] belong to the flights from 0 on. Return None if flights have no common
+        times.
         """
         rows = self.rows()
         numbers = rank_distinct(
@@ -240,7 +248,7 @@ class SearchFlights:
         return DrawnFlights(tuple(numbers), block.times, block.history)
 
     def finish(self, result: dict[str, Any]) -> None:
-        """Drop blocks that belong to no batch, write what all flights are, and the result into the manifest."""
+        """Delete unused blocks, and write samples, outcomes and result."""
         self._writing.result()
         names = {
             block_path(self.folder.flights, block.controller, block.first, block.stop).name
@@ -288,10 +296,11 @@ def open_search(
     engine: Engine | None = None,
     with_margins: bool = False,
 ) -> Iterator[SearchFlights]:
-    """The folder of a search, locked, and its executor; ``settings`` are what the search's result depends on.
+    """Open the folder of a search, lock it and start the executor.
 
-    Every flight has its stability margins ``with_margins``. Raises InputError, before anything is written, where the
-    folder holds anything else than the beginning of the same search.
+    The result of the search depends on `settings`. With `with_margins` every flight has stability
+    margins. Raise InputError, before any file is written, if the folder does not contain the
+    beginning of the same search.
     """
     with ExitStack() as stack:
         stack.enter_context(reading_once())
@@ -311,8 +320,8 @@ def open_search(
             first = FirstFlights()
             if plan.timing is None:
                 first = fly_first(ready, request.workers)
-                for words in first.warnings:
-                    print(f"warning: {words}", file=sys.stderr, flush=True)
+                for warning in first.warnings:
+                    print(f"warning: {warning}", file=sys.stderr, flush=True)
             else:
                 fly_probes(ready, plan.timing.ticks)
             files = begin_folder(folder, inputs, {name: plan}, stack)
@@ -331,11 +340,9 @@ def open_search(
                 warnings=first.warnings,
             )
             write_manifest(folder.manifest, manifest)
-        cluster = (
-            stack.enter_context(connect_cluster(request.scheduler)) if request.scheduler else None
-        )
+        scheduler = stack.enter_context(connect(request.scheduler))
         executor = stack.enter_context(
-            open_executor(simulator.engine, campaign.model.execution, request.workers, cluster)
+            open_executor(simulator.engine, campaign.model.execution, request.workers, scheduler)
         )
         writer = stack.enter_context(ThreadPoolExecutor(1))
         ready = make_ready(campaign, {name: plan}, with_margins)
@@ -351,31 +358,33 @@ def open_search(
 
 
 def _check_same(
-    flown: FlownFolder, settings: dict[str, Any], asked: FolderInputs, simulator: Simulator
+    flown: FlownFolder, settings: dict[str, Any], inputs: FolderInputs, simulator: Simulator
 ) -> None:
-    """Raise InputError where the folder does not hold the beginning of the same search."""
+    """Raise InputError if the folder does not contain the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
     before = manifest.search
-    wish = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
+    expected = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
     if before is None:
-        raise InputError(root, "a folder that holds a campaign's flights", wish)
-    parts = (asked, held := read_folder_inputs(flown.folder, manifest))
+        raise InputError(root, "a folder that holds a campaign's flights", expected)
+    both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
     axes = [
-        list(part.data.get("dispersions") or ()) for part in parts
+        list(item.data.get("dispersions") or ()) for item in both
     ]  # of the search, in their order
-    limits = [*describe_requirement_changes(held.data, asked.data)]
+    limits = [*describe_requirement_changes(stored.data, inputs.data)]
     if limits and before["kind"] == "rare":
-        found = f"a search with other requirements: {'; '.join(limits)}"
-        raise InputError(root, found, "another folder (-o DIR): other limits are a new search")
-    if held.identity != asked.identity or axes[0] != axes[1]:
-        raise InputError(root, "a folder that holds a search of another campaign", wish)
+        problem = f"a search with other requirements: {'; '.join(limits)}"
+        raise InputError(root, problem, "another folder (-o DIR): other limits are a new search")
+    if stored.identity != inputs.identity or axes[0] != axes[1]:
+        raise InputError(root, "a folder that holds a search of another campaign", expected)
     changes = [
         f"{key}: {before.get(key)} -> {value}"
         for key, value in settings.items()
         if before.get(key) != value
     ]
     if len(changes) == 1 and changes[0].startswith("flights:"):
-        wish = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
+        expected = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
     if changes:
-        raise InputError(root, "a folder that holds another search: " + ", ".join(changes), wish)
+        raise InputError(
+            root, "a folder that holds another search: " + ", ".join(changes), expected
+        )
     check_source(flown.folder, manifest, simulator)

@@ -1,4 +1,4 @@
-"""A campaign's dispersions as the points that searches know: standard normal numbers, or a box -1 .. 1."""
+"""Dispersions of a campaign as standard normal points or points of a box -1 .. 1."""
 
 from dataclasses import dataclass
 
@@ -25,12 +25,12 @@ _TRIED, _FEWEST_INSIDE = 65536, 10  # random flights
 _SEEDS = {
     "wind.turbulence_seed": "wind.turbulence",
     "sensor.noise_seed": "_noise",
-}  # and how what it seeds ends
+}  # and the ending of the parameters it seeds
 
 
 @dataclass(frozen=True)
 class Space:
-    """The dispersed parameters but for seeds, which belong to no dimension: they are drawn for each flight."""
+    """Dispersed parameters as dimensions; seeds are drawn for each flight."""
 
     names: tuple[str, ...]  # of the dimensions
     seeds: tuple[str, ...]  # seed-like parameters, columns after the dimensions
@@ -46,16 +46,19 @@ class Space:
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """Of what does not come in every flight, such as a failure: how often it does."""
+        """Probability by name of parameters, such as failures, that do not occur in every flight."""
         marginals = zip(self.names, self.marginals, strict=True)
         return {
-            name: one.probability for name, one in marginals if isinstance(one, SometimesMarginal)
+            name: marginal.probability
+            for name, marginal in marginals
+            if isinstance(marginal, SometimesMarginal)
         }
 
     def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
-        """Values ``[flight, dimension]`` in SI of standard normal points: through the copula and the distributions.
+        """Return SI values [flight, dimension] of standard normal points.
 
-        ``on`` [flight, switch] says what of :attr:`probabilities` comes; without it, the points say that too.
+        They pass through the copula and the distributions. `on` [flight, switch] selects which of
+        :attr:`probabilities` occur; without it the points decide.
         """
         from scipy.special import ndtr
 
@@ -72,26 +75,29 @@ class Space:
         return values
 
     def bounds(self, box: float) -> Floats:
-        """Low and high ends ``[dimension, 2]``: of bounded distributions their range, of others +-``box`` sigma.
+        """Return lower and upper ends [dimension, 2] of the box.
 
-        Of what comes with a probability, such as a failure, they are those of the values that it has when it comes.
+        They are the range of bounded distributions and +-`box` sigma of others. For parameters that
+        occur with a probability they belong to the values when they occur.
         """
         from scipy.special import ndtr
 
-        found = []
+        limits = []
         tails = np.array([ndtr(-box), ndtr(box)])
         for marginal in self.marginals:
-            whole = _when_it_comes(marginal)
+            distribution = _when_it_comes(marginal)
             sides = []
-            for part in whole.parts if isinstance(whole, MixtureMarginal) else (whole,):
-                ends = part.at_fraction(np.array([0.0, 1.0]))
-                bounded = part.cdf(ends) - np.array([0.0, 1.0])
-                sides.append(np.where(np.abs(bounded) < 1e-12, ends, part.ppf(tails)))
-            found.append((np.min(sides, axis=0)[0], np.max(sides, axis=0)[1]))
-        return np.array(found)
+            for component in (
+                distribution.parts if isinstance(distribution, MixtureMarginal) else (distribution,)
+            ):
+                ends = component.at_fraction(np.array([0.0, 1.0]))
+                bounded = component.cdf(ends) - np.array([0.0, 1.0])
+                sides.append(np.where(np.abs(bounded) < 1e-12, ends, component.ppf(tails)))
+            limits.append((np.min(sides, axis=0)[0], np.max(sides, axis=0)[1]))
+        return np.array(limits)
 
     def from_box(self, points: Floats, bounds: Floats) -> Floats:
-        """Values ``[flight, dimension]`` in SI of points of the box -1 .. 1; discrete ones take their nearest value."""
+        """Return SI values [flight, dimension] of points of the box -1 .. 1, rounded if discrete."""
         values = bounds[:, 0] + 0.5 * (points + 1.0) * (bounds[:, 1] - bounds[:, 0])
         values = np.where(points == 1.0, bounds[:, 1], values)
         for i, marginal in enumerate(self.marginals):
@@ -101,10 +107,10 @@ class Space:
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
-        """Random values ``[flight, dimension]`` as a campaign draws them, those outside of the box drawn anew.
+        """Return random values [flight, dimension] of the campaign's distribution in the box.
 
-        What does not come, a failure or another thing with a probability, is outside of no box. Raises InputError for a
-        box in which hardly a random flight lies.
+        Values outside are redrawn; parameters that do not occur are always inside. Raise InputError
+        if almost no random flight lies in the box.
         """
         absent = np.array(
             [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]
@@ -112,24 +118,25 @@ class Space:
         generator = np.random.Generator(
             np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search")))
         )
-        kept, tried = np.empty((0, len(self.names))), 0
-        while len(kept) < number:
+        accepted, tried = np.empty((0, len(self.names))), 0
+        while len(accepted) < number:
             drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))
             inside = np.all(
                 (drawn >= bounds[:, 0]) & (drawn <= bounds[:, 1]) | (drawn == absent), axis=1
             )
-            kept, tried = np.concatenate([kept, drawn[inside]]), tried + len(drawn)
-            if tried >= _TRIED and len(kept) < _FEWEST_INSIDE:
-                found = f"a box with {len(kept)} of {tried} random flights of its {len(self.names)} dispersions inside"
-                raise InputError("--box", found, "a larger one")
-        return kept[:number]
+            accepted, tried = np.concatenate([accepted, drawn[inside]]), tried + len(drawn)
+            if tried >= _TRIED and len(accepted) < _FEWEST_INSIDE:
+                share = f"{len(accepted)} of {tried} random flights"
+                problem = f"a box with {share} of its {len(self.names)} dispersions inside"
+                raise InputError("--box", problem, "a larger one")
+        return accepted[:number]
 
     def rows(self, values: Floats) -> Floats:
-        """Full rows ``[flight, parameter]`` of values in the order of :attr:`columns`."""
+        """Return full rows [flight, parameter] of values in the order of :attr:`columns`."""
         return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
-        """Values with the seeds' columns: of the flights from ``first`` on, or one for all where it is None."""
+        """Return values with columns of seeds: of flights from `first` on, or one if None."""
         columns = []
         for name in self.seeds:
             drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)
@@ -138,13 +145,15 @@ class Space:
 
 
 def _when_it_comes(marginal: Marginal) -> Marginal:
-    """The distribution of the drawn values."""
+    """Return the distribution of the values when the parameter occurs."""
     return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
 def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
-    """The space of a campaign's dispersions, and of its unknowns as uniform ones. Raises InputError where there is
-    nothing to search."""
+    """Return the space of a campaign's dispersions, and of its unknowns as uniform ones.
+
+    Raise InputError if there is nothing to search.
+    """
     document = campaign.document
     if campaign.sample_file is not None:
         raise document.error(
@@ -152,8 +161,8 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
         )
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
-        wish = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
-        raise document.key_error(("unknowns",), "unknowns", wish)
+        remedy = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
+        raise document.key_error(("unknowns",), "unknowns", remedy)
     ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
     marginals = campaign.marginals | {
         name: ContinuousMarginal("uniform", (low, high - low)) for name, low, high in ranges
@@ -161,20 +170,20 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     names = tuple(name for name in marginals if name not in _SEEDS)
     if not names:
         raise document.error((), "no dispersions", "something to vary")
-    moved = (*names, *(each.name for each in campaign.derived))
+    moved = (*names, *(record.name for record in campaign.derived))
     seeds = tuple(
-        each.name
-        for each in campaign.parameters.records
-        if each.seed
+        record.name
+        for record in campaign.parameters.records
+        if record.seed
         and (
-            each.of_user
-            or each.name in campaign.names
-            or any(name.endswith(_SEEDS[each.name]) for name in moved)
+            record.of_user
+            or record.name in campaign.names
+            or any(name.endswith(_SEEDS[record.name]) for name in moved)
         )
     )
-    place = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
-    chosen = [name for name in names if name in place]
-    if len(chosen) < len(place):
+    rows = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
+    chosen = [name for name in names if name in rows]
+    if len(chosen) < len(rows):
         raise document.error(
             ("correlations",), "a seed that is correlated", "seeds that belong to themselves"
         )

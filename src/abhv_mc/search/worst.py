@@ -1,6 +1,7 @@
-"""``abhv-mc worst``: the worst value of a metric over the box of a campaign's dispersions.
+"""Worst value of a metric over dispersions (``abhv-mc worst``), and smallest margins.
 
-``abhv-mc margins CAMPAIGN --worst``: the least margins over dispersions and unknowns, by linear analysis alone.
+``abhv-mc margins CAMPAIGN --worst`` finds the smallest margins over dispersions and unknowns by
+linear analysis.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +45,7 @@ _MOVED = 1e-6  # half widths of the range
 
 @dataclass(frozen=True)
 class WorstFound:
-    """The worst flight of a search, and what it is to be seen beside."""
+    """Worst flight of a search, with random flights for comparison."""
 
     request: WorstRequest
     metric: Metric
@@ -55,7 +56,7 @@ class WorstFound:
     bounds: Floats  # [parameter, 2]
     probabilities: dict[
         str, float
-    ]  # of what does not come in every flight, and that the search has come in all of its
+    ]  # of occasional parameters, which occur in all flights of the search
     flights: FlightRows  # the search's, then as many random ones
     searched: int  # flights of the search
     worst: int  # number of the worst flight
@@ -70,9 +71,10 @@ class WorstFound:
 
     @property
     def other_seeds(self) -> tuple[int, int, tuple[float, float, float] | None] | None:
-        """Flights of the worst point with other seeds, how many of them ended early, and the metric's range.
+        """Number of re-seeded worst flights, early terminations, and range of the metric.
 
-        The range is the smallest, median and largest value of flights that did not; None without seeds.
+        The range is the smallest, median and largest value of flights that did not end early. None
+        without seeds.
         """
         rows = slice(self.searched + self.random, None)
         early, absent = ended_early(self.flights)[rows], not_computed(self.flights)[rows]
@@ -85,23 +87,23 @@ class WorstFound:
         return early.size, int(early.sum()), ends
 
     def failures(self, requirement: Requirement) -> int:
-        """Return how many flights of the search break a requirement."""
+        """Return the number of flights of the search that violate a requirement."""
         early = ended_early(self.flights) & requirement.early_is_failure
         failed = requirement.limits.failures(self.flights.column(self.metric.name), early)
         return int(np.sum((failed & ~not_computed(self.flights))[: self.searched]))
 
     def value(self, flight: int) -> float:
-        """The metric of a flight."""
+        """Return the metric of a flight."""
         return float(self.flights.column(self.metric.name)[flight])
 
     @property
     def sign(self) -> float:
-        """What turns a severity into a value that is drawn."""
+        """Factor from a severity to the plotted value."""
         return -1.0 if self.criterion.bad == "low" and self.criterion.limits is None else 1.0
 
     @property
     def side(self) -> str:
-        """'largest', 'smallest': what is searched for."""
+        """Direction of the search as an adjective, such as 'largest'."""
         if self.criterion.limits is not None:
             return "farthest out"
         return {"high": "largest", "low": "smallest", "size": "largest absolute"}[
@@ -110,11 +112,15 @@ class WorstFound:
 
     @property
     def at_bounds(self) -> list[str]:
-        """Parameters that sit on an end of their range."""
-        return [name for name, at in zip(self.names, self.case.at_bounds, strict=True) if at]
+        """Parameters at an end of their range."""
+        return [
+            name
+            for name, is_at_bound in zip(self.names, self.case.at_bounds, strict=True)
+            if is_at_bound
+        ]
 
     def numbers(self) -> dict[str, Any]:
-        """The result as JSON holds it, values in SI."""
+        """Return the result as JSON values in SI units."""
         samples = self.flights.samples[self.worst].tolist()
         return {
             "metric": self.request.metric,
@@ -140,10 +146,15 @@ class WorstFound:
 
 
 def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFound:
-    """Search, then fly as many random flights in the same box. Raises InputError for a request that is wrong."""
+    """Search for the worst flight, then simulate as many random flights in the same box.
+
+    Raise InputError if the request is invalid.
+    """
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     metric = find_metric(
-        campaign, request.metric, lambda found, expected: InputError("--metric", found, expected)
+        campaign,
+        request.metric,
+        lambda problem, expected: InputError("--metric", problem, expected),
     )
     criterion = Criterion(
         metric.name, request.bad or metric.bad, None if request.bad else metric.band
@@ -158,9 +169,9 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             f"at least {least} for {len(space.names)} dispersions",
         )
     random = space.draw_in_box(bounds, campaign.model.seed, request.flights)
-    held = {"kind": "worst", **request.settings}
+    settings = {"kind": "worst", **request.settings}
     with open_search(
-        request, held, 2 * request.flights, engine, metric.name in MARGIN_NAMES
+        request, settings, 2 * request.flights, engine, metric.name in MARGIN_NAMES
     ) as search:
         severity = Severity(criterion, search.duration)
 
@@ -177,12 +188,12 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             search.fly(random[start : start + _BATCH], common_seed=True)
         if space.seeds:
             found_so_far = search.rows()
-            at = int(np.argmax(severity.ranked(found_so_far)[:searched]))
-            worst = found_so_far.samples[at, : len(space.names)]
+            index = int(np.argmax(severity.ranked(found_so_far)[:searched]))
+            worst = found_so_far.samples[index, : len(space.names)]
             search.fly(np.tile(worst, (_OTHER_SEEDS, 1)), common_seed=False)
         rows = search.rows()
         severities = severity.ranked(rows)
-        found = WorstFound(
+        result = WorstFound(
             request,
             metric,
             criterion,
@@ -203,14 +214,14 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             requirements=binding_requirements(campaign, controller, metric.name),
             random=len(random),
         )
-        search.finish(found.numbers())
-    return found
+        search.finish(result.numbers())
+    return result
 
 
 def _combine(space: Space, best: Floats) -> Iterator[Floats]:
-    """Yield the best point [1, dimension] with all combinations of the values of discrete parameters, if few.
+    """Yield the best point [1, dimension] with all combinations of discrete values, if few.
 
-    A search moves one parameter at a time or all, and no slope leads from one value to the next.
+    A search moves one parameter at a time or all, and discrete values have no slope.
     """
     values = {
         i: marginal.values
@@ -226,11 +237,11 @@ def _combine(space: Space, best: Floats) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class WorstMargin:
-    """The least of one margin that was found; the true least is no greater."""
+    """Smallest value found of one margin; the true minimum may be smaller."""
 
     controller: str
     metric: str
-    nominal: float  # in the metric's unit; 0 where it is unstable, or has no trim
+    nominal: float  # in the metric's unit; 0 if unstable or without a trim
     found: float
     parameters: dict[str, float]  # where, SI
     moved: tuple[
@@ -241,11 +252,11 @@ class WorstMargin:
 
 
 def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list[WorstMargin]:
-    """The least of each margin of each controller in steady flight at the mission's start. Nothing flies."""
+    """Return the smallest margins of each controller in steady flight, without simulation."""
     space = make_space(campaign, with_unknowns=True)
     bounds, seed, dimension = space.bounds(_MARGIN_BOX), campaign.model.seed, len(space.names)
     evaluations = max(MARGIN_EVALUATIONS, least_evaluations(dimension, MARGIN_EVALUATIONS))
-    found = []
+    worst_margins = []
     for name, margins in trim_margins(campaign, controllers).items():
         nominal = margins(nominal_parameters())[0][0]
         for k, metric in enumerate(MARGIN_NAMES):
@@ -257,7 +268,7 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
             case = search_worst(evaluate, dimension, evaluations, seed)
             values = space.from_box(case.place[None], bounds)
             least, faults = margins(space.rows(space.complete(values, seed, None)))
-            found.append(
+            worst_margins.append(
                 WorstMargin(
                     name,
                     metric,
@@ -273,4 +284,4 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
                     len(case.values),
                 )
             )
-    return found
+    return worst_margins

@@ -1,1 +1,1 @@
-"""What flies: our own simulator (plans of a vehicle under control, and the kernel that flies them)."""
+"""Simulators: the built-in vehicle simulation with its plans, and user simulators."""

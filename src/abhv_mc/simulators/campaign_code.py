@@ -1,4 +1,4 @@
-"""A campaign's own code: which files it is in, and whether this user may run it."""
+"""Custom code of a campaign: its files, and whether the user may run it."""
 
 from pathlib import Path
 
@@ -14,9 +14,10 @@ from abhv_mc.vehicle.file import read_vehicle_file
 
 
 def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSource]:
-    """The campaign's own code, where this user may run it: his own, and those of a folder that he has flown.
+    """Return the campaign's custom code if the user may run it. Raise InputError otherwise.
 
-    Not run here. Raises InputError for others, unless he says that he trusts them.
+    The user's own files may run, and copies in folders that the user has run before or declares
+    ``trusted``. The code is not run here.
     """
     foreign, own = is_in_a_folder(campaign.document.path), []
     for file, source in campaign.simulator.find_code():
@@ -28,7 +29,7 @@ def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSou
 
 
 def find_code(model: Campaign) -> list[tuple[Path, UserSource]]:
-    """The code of a campaign's channels, laws and vehicle, with the files that it is in."""
+    """Return files and code of a campaign's channels, control laws and vehicle."""
     code = [(model.channels, read_source(model.channels))] if model.channels is not None else []
     for path in model.controllers.values():
         data = read_document(path).data
@@ -38,11 +39,14 @@ def find_code(model: Campaign) -> list[tuple[Path, UserSource]]:
                 code.append((law_place(controller), read_law_source(controller)))
     vehicle = read_vehicle_file(model.vehicle).code
     if vehicle is not None:
-        code += [(Path(one.file), UserSource(one.text, one.file)) for one in vehicle.functions()]
+        code += [
+            (Path(function.file), UserSource(function.text, function.file))
+            for function in vehicle.functions()
+        ]
     return code
 
 
 def check_user_law(controller: Controller, trusted: bool = False) -> None:
-    """Raise InputError for a controller whose code is a folder's copy that this user has not flown, nor trusts."""
+    """Raise InputError for a controller with untrusted code in a results folder."""
     if isinstance(controller, UserController) and is_in_a_folder(law_place(controller)):
         check_trusted(read_law_source(controller), trusted)

@@ -1,4 +1,4 @@
-"""The full check of a file of any kind, and of what it names, without flying."""
+"""Full check of an input file of any kind and of the files that it names."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,12 +12,12 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
+from abhv_mc.entry_points import BLOCKS, find_entry_points
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
-from abhv_mc.simulators.candidates import check_free_numbers
 from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
@@ -25,8 +25,7 @@ from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_NAMED = 3  # dispersions of a warning
-_LONGEST = 600.0  # s, compiling included
+_LONGEST = 600.0  # s, including compilation
 _BROKEN = {
     Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
     Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
@@ -38,7 +37,7 @@ Pending = list[
 
 @dataclass(frozen=True)
 class CheckedInput:
-    """A file that is right, and what deserves a second look nevertheless."""
+    """Valid file with its warnings."""
 
     path: Path
     kind: str
@@ -46,9 +45,9 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file of any kind and every file that it names, once each.
+    """Check a file and every file that it names, once each.
 
-    Raises :class:`InputErrors` with everything that is wrong in all of them.
+    Raise InputErrors with the problems of all of them.
     """
     checked: list[CheckedInput] = []
     errors: list[InputError] = []
@@ -75,24 +74,18 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 def _check(
     file: Path, kind: str, flown: tuple[Path, Path] | None, pending: Pending
 ) -> Iterator[str]:
-    """Check one file, yield its warnings and add the files that it names to ``pending``."""
+    """Check one file, yield its warnings and add referenced files to ``pending``."""
     if kind == "campaign":
         checked = read_campaign(file)
         simulator, campaign = checked.simulator, checked.model
         if problems := [*find_impossible(checked), *simulator.find_lacking()]:
             raise InputErrors(problems)
-        drawn = [
-            name
-            for name in checked.names
-            if name.startswith("aero.") or name.endswith("_effectiveness")
-        ]
-        if drawn:
-            more = f" and {len(drawn) - _NAMED} more" if len(drawn) > _NAMED else ""
-            yield f"{', '.join(drawn[:_NAMED])}{more}: is this one value for the whole programme? Then 'unknowns'"
         yield from simulator.try_out()
         if not simulator.capabilities.has_mission:
             return
-        check_free_numbers(checked)
+        for name, block in find_entry_points(BLOCKS).items():
+            if getattr(campaign, name, None) is not None:
+                block.load()(checked)
         flown = campaign.vehicle, campaign.mission
         pending += [(campaign.vehicle, "vehicle", None), (campaign.mission, "mission", None)]
         pending += [
@@ -114,12 +107,13 @@ def _check(
 def _try_law(
     file: Path, controller: UserController, flown: tuple[Path, Path] | None
 ) -> Iterator[str]:
-    """Compile a controller and fly one tick, on the campaign's vehicle and mission or shipped ones; its warnings.
+    """Compile a controller, simulate one tick and yield warnings.
 
-    Code of a campaign's folder that this user has not flown is not run. Raises InputError.
+    It uses the campaign's vehicle and mission or shipped ones. Code in a campaign's folder that
+    this user has not run is skipped. Raise InputError.
     """
-    place = law_place(controller)
-    if is_in_a_folder(place) and not is_trusted(read_law_source(controller)):
+    location = law_place(controller)
+    if is_in_a_folder(location) and not is_trusted(read_law_source(controller)):
         yield "its code was not run: it is a folder's, and you have not flown it"
         return
     configs = shipped_configs()
@@ -132,8 +126,8 @@ def _try_law(
     try:
         block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
     except TimeoutError:
-        found = f"a law whose first tick is not done in {_LONGEST:g} s"
-        raise InputError(place, found, "a law whose loops end") from None
+        problem = f"a law whose first tick is not done in {_LONGEST:g} s"
+        raise InputError(location, problem, "a law whose loops end") from None
     broken = _BROKEN.get(Outcome(int(block.outcome[0])))
     if broken is not None:
-        raise InputError(place, broken, "finite commands")
+        raise InputError(location, broken, "finite commands")

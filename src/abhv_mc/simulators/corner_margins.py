@@ -1,4 +1,4 @@
-"""Margins of each controller in steady flight at the mission's start: nominal, and at corners of the dispersions."""
+"""Steady-flight margins at the mission's start: nominal and at dispersion corners."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -14,12 +14,15 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.simulators.margin_plans import make_steady
 
-_ALL_CORNERS, _SOME = 6, 64  # up to so many parameters all corners, else so many random ones
+_ALL_CORNERS, _SOME = (
+    6,
+    64,
+)  # up to this many parameters all corners, otherwise this many random ones
 _DIGITS = 6
 
 
 def make_corners(campaign: Experiment) -> Floats:
-    """Parameter rows: the nominal vehicle, then corners of the dispersions' ranges (of their extreme quantiles)."""
+    """Return parameter rows: nominal, then corners of the dispersions' ranges."""
     count = len(campaign.names)
     ends = np.array([campaign.ends_of(i)[[0, 2]] for i in range(count)]).reshape(count, 2)
     if count <= _ALL_CORNERS:
@@ -37,24 +40,25 @@ def make_corners(campaign: Experiment) -> Floats:
 
 @one_blas_thread()
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
-    """What ``margins.json`` holds: for each controller its nominal rows, and the least over the corners by loop.
+    """Return the content of ``margins.json``: nominal rows and minima over the corners.
 
-    ``plans`` are the controllers', with the code of laws of the user's own. Controllers of which no steady flight was
-    found, or whose margins could not be computed, say why. Empty for vehicles without surfaces or engine.
+    ``plans`` are the controllers' plans with the code of custom control laws. A controller without
+    a steady flight or margins has the reason. The result is empty for vehicles without control
+    surfaces or engine.
     """
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         return {}
-    rows, found = make_corners(campaign), {}
+    rows, controllers = make_corners(campaign), {}
     for name, file in campaign.model.controllers.items():
         try:
-            found[name] = _describe(name, make_steady(campaign, plans[name], file), rows)
+            controllers[name] = _describe(name, make_steady(campaign, plans[name], file), rows)
         except InputError as error:
-            found[name] = {"fault": error.found}
-        except Exception as error:  # the flights are flown, whatever becomes of this
-            found[name] = {"fault": f"not computed ({type(error).__name__}: {error})"}
-    whole = len(rows) == 1 + 2 ** len(campaign.names)
-    return {"corners": len(rows) - 1, "all_corners": whole, "controllers": found}
+            controllers[name] = {"fault": error.found}
+        except Exception as error:  # margins must not stop the campaign, whose flights are done
+            controllers[name] = {"fault": f"not computed ({type(error).__name__}: {error})"}
+    has_all_corners = len(rows) == 1 + 2 ** len(campaign.names)
+    return {"corners": len(rows) - 1, "all_corners": has_all_corners, "controllers": controllers}
 
 
 def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
@@ -63,7 +67,9 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.probe import compile_probes
     from abhv_mc.stability.steady import trim_points
 
-    compile_probes(steady)  # before the trims, which wait where another process compiles the flight
+    compile_probes(
+        steady
+    )  # before the trims, which wait if another process compiles the simulation
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
@@ -71,11 +77,11 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]
-    known = [
+    is_trimmed = [
         poles.size and not fault
         for poles, fault in zip(stability.poles, points.faults, strict=True)
     ]
-    trimmed = [rows for rows, trim in zip(table[1:], known[1:], strict=True) if trim]
+    trimmed = [rows for rows, trim in zip(table[1:], is_trimmed[1:], strict=True) if trim]
     stable = [rows for rows in trimmed if rows[-1]["stable"]]
     return {
         "nominal": [_rounded(row) for row in table[0]],
@@ -88,7 +94,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
 
 
 def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """The margins of one loop that are least among the corners; None where nothing makes it unstable."""
+    """Return the smallest margins of one loop over the corners; None if unbounded."""
     least: dict[str, Any] = {"loop": rows[0]["loop"]}
     for key in rows[0]:
         if key.endswith(
@@ -108,12 +114,12 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    """Numbers to the digits that are known of them."""
+    """Return numbers rounded to their significant digits."""
     return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}
 
 
 def is_compiled() -> bool:
-    """Whether what finds margins was compiled on this machine before."""
+    """Return whether the margin code was compiled on this machine before."""
     from abhv_mc.kernel.jit import is_kept
     from abhv_mc.kernel.stability.structured import LAST_COMPILED
 

@@ -1,4 +1,4 @@
-"""How a flight ended, in words; of one that was no longer finite, which quantity was the first, and when."""
+"""Descriptions of how flights ended, including the first non-finite quantity."""
 
 import numpy as np
 
@@ -14,24 +14,27 @@ from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
 
-_NEVER = "stagnation_heat_flux_w_m2"  # of a vehicle without a nose radius
+_NEVER = "stagnation_heat_flux_w_m2"  # absent without a nose radius
 _ORDER = sorted(
     range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
-)  # laws see what is measured
+)  # control laws use measured values
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
-    """Sentences on the end of the flight of ``parameters`` [1, parameter], flown again where it was not finite."""
+    """Return sentences on a flight's end; re-run it to find a non-finite quantity.
+
+    ``parameters`` is a row [1, parameter].
+    """
     if outcome != Outcome.NOT_FINITE:
         return SENTENCES[outcome]
-    found = (
+    quantity = (
         in_child(_find, plan, parameters) if must_fly_elsewhere(plan) else _find(plan, parameters)
     )
-    return f"{SENTENCES[outcome]} The first was the {found}."
+    return f"{SENTENCES[outcome]} The first was the {quantity}."
 
 
 def _find(plan: FlightPlan, parameters: Floats) -> str:
-    """The first quantity that is not finite in a flight that ended so, and when."""
+    """Return the first non-finite quantity of a flight and its time."""
     recording, memory = Recording(1), make_memory(LANES)
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
@@ -41,7 +44,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
     ]
     for tick in range(max(end - 1, 0), end + 1):
         row = results.history[0, tick]
-        if np.isfinite(row).any():  # else a sample that does not count
+        if np.isfinite(row).any():  # otherwise it does not count
             broken = [
                 CHANNELS[i]
                 for i in _ORDER
@@ -52,7 +55,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
             ):  # which all effectors' make
                 return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
     states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
-    words = (
+    description = (
         f"command of the effector {commands[0]}" if commands else f"state {', '.join(states[:1])}"
     )
-    return f"{words} at {end * plan.timing.tick:g} s"
+    return f"{description} at {end * plan.timing.tick:g} s"

@@ -1,4 +1,4 @@
-"""The one way to simulate rows of an experiment's inputs."""
+"""Simulation of rows of an experiment's inputs; the only entry to the simulators."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,23 +13,27 @@ from abhv_mc.io.documents import InputError
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
-    """Refuse to go on with other code than the one that flew so far. Raises InputError."""
+    """Raise InputError if the program changed since the folder's flights were computed."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
-        found = f"flights of another version of the program (source {flown}, now {now})"
-        raise InputError(folder.root, found, "the same again, another folder (-o DIR), or --fresh")
+        problem = f"flights of another version of the program (source {flown}, now {now})"
+        raise InputError(
+            folder.root, problem, "the same again, another folder (-o DIR), or --fresh"
+        )
 
 
 def make_ready(
     experiment: Experiment, plans: Mapping[str, Plan], margins: bool = False
 ) -> Experiment:
-    """The experiment with the controllers of ``plans`` ready to fly; with stability margins, where it asks for them.
+    """Return the experiment with ``plans`` as its systems.
 
-    Raises InputError where there can be none.
+    Plans with ``margins`` are added if the campaign requests them. Raise InputError if margins
+    cannot be computed.
     """
-    found = experiment.simulator.add_margins(plans) if margins else {}
+    margin_plans = experiment.simulator.add_margins(plans) if margins else {}
     return replace(
-        experiment, systems={name: System(plan, found.get(name)) for name, plan in plans.items()}
+        experiment,
+        systems={name: System(plan, margin_plans.get(name)) for name, plan in plans.items()},
     )
 
 
@@ -39,13 +43,14 @@ def simulate(
     rows: Floats,
     recording: Recorded = None,
     executor: Fly | None = None,
+    *,
     margins: bool = False,
 ) -> FlightBlock:
-    """Fly ``rows`` [flight, input], SI, whose columns are ``experiment.inputs``; what is none of them is nominal.
+    """Simulate ``rows`` [flight, input] in SI, in the columns of ``experiment.inputs``.
 
-    ``recording``: what is recorded, or control ticks between samples of every channel; ``executor``: what flies, by
-    default this thread; ``margins``: the flights have stability margins, too, where the experiment was made ready with
-    these.
+    Other parameters are nominal. ``recording`` is a recorder, or the number of control ticks
+    between samples of every channel. ``executor`` runs the flights, by default in this thread.
+    ``margins`` adds stability margins if the experiment has plans with them.
     """
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan

@@ -1,4 +1,4 @@
-"""A controller's gains along a mission in a file of another program: MATLAB, CSV, C arrays."""
+"""Export of a controller's gains along a mission to MATLAB, CSV or C arrays."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
 
 
 def check_gain_format(file: Path) -> None:
-    """Raise InputError for a file name with another ending."""
+    """Raise InputError if a file name has another suffix."""
     if file.suffix not in (".mat", ".csv", ".h"):
         raise InputError(
             file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h"
@@ -22,9 +22,10 @@ def check_gain_format(file: Path) -> None:
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
-    """Write a plan's gains [tick, gain] with their names and the time (s) of each tick, SI and radians.
+    """Write gains [tick, gain] with names and times (s), SI and radians.
 
-    Numbers read back to the same bits. Raises InputError for another ending, and for a law without gains.
+    Numbers read back to the same bits. Raise InputError for another suffix, and for a control law
+    without gains.
     """
     check_gain_format(file)
     names = _BUILT_IN.get(plan.commanding_law) or tuple(plan.gain_names.tolist())
@@ -50,7 +51,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
 def _make_header(
     controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray
 ) -> str:
-    """C99: an enumerator for each column, the times, the gains."""
+    """Return a C99 header: an enumerator of the columns, the times, the gains."""
     columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
     rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
     return (

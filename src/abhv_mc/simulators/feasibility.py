@@ -1,6 +1,6 @@
-"""What a campaign asks for and cannot get: requirements that no flight decides, laws that leave what has a meaning.
+"""Requirements that no flight can decide, and dispersions outside physical ranges.
 
-`validate` refuses these; `run` says them and flies, since the rest of the campaign may be worth it.
+`validate` rejects these; `run` warns, because the rest of the campaign may be useful.
 """
 
 import re
@@ -16,45 +16,49 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
 from abhv_mc.statistics.evidence import flights_to_pass
 
-# Without a meaning at or below zero. A factor on a coefficient has one: the part is absent or turned around.
+# Meaningless at or below zero. A factor on a coefficient may be: the component is absent or
+# reversed.
 _ABOVE_ZERO = re.compile(
     r"^(atmosphere\.|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
-_RARELY = 1e-6  # probability that an unbounded law may have beyond a bound
-_FIRST = 1000  # flights whose derived inputs are looked at
+_RARELY = 1e-6  # probability beyond a bound that is tolerated of an unbounded distribution
+_FIRST = 1000  # flights whose derived inputs are checked
 
 
 def find_impossible(campaign: Experiment) -> list[InputError]:
-    """Everything of that kind, each with its place in the file."""
+    """Return all such problems with their source locations."""
     return [*_requirements(campaign), *_meaningless(campaign)]
 
 
 def find_lacking(campaign: Experiment, vehicle: Vehicle) -> list[InputError]:
-    """Dispersions of parts that the vehicle does not have, and that would leave every flight as it is."""
-    wish = "a dispersion that matters to this vehicle"
+    """Return dispersions of components that the vehicle lacks, which have no effect."""
+    expected = "a dispersion that matters to this vehicle"
     return [
-        refuse_input(campaign, name, f"'{name}' of a vehicle that has no such part", wish)
+        refuse_input(campaign, name, f"'{name}' of a vehicle that has no such part", expected)
         for name in campaign.varied
         if not _has(vehicle, name)
     ]
 
 
-def refuse_input(campaign: Experiment, name: str, found: str, expected: str) -> InputError:
-    """What to raise for an input that varies, where the file says that it does."""
-    place: tuple[str, ...] = (
+def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -> InputError:
+    """Return the error for a varied input, at its location in the file."""
+    location: tuple[str, ...] = (
         ("dispersions", name) if campaign.sample_file is None else ("sampling",)
     )
     if name not in campaign.names:
-        place = ("unknowns" if name in campaign.unknowns.names else "derived", name)
-    return campaign.document.key_error(place, found, expected)
+        location = ("unknowns" if name in campaign.unknowns.names else "derived", name)
+    return campaign.document.key_error(location, problem, expected)
 
 
 def values_of(campaign: Experiment, name: str) -> Floats:
-    """Values of an input that varies, with its ends; of unbounded laws all but one in 1e6."""
+    """Return values of a varied input with its ends, or quantiles if unbounded.
+
+    The quantiles cover all but one in 1e6.
+    """
     if name in campaign.unknowns.names:
-        at = campaign.unknowns.names.index(name)
-        return np.array([campaign.unknowns.low[at], campaign.unknowns.high[at]])
+        index = campaign.unknowns.names.index(name)
+        return np.array([campaign.unknowns.low[index], campaign.unknowns.high[index]])
     if name not in campaign.names:
         rows = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _FIRST)))
         return rows[:, campaign.parameters.index[name]]
@@ -67,7 +71,7 @@ def values_of(campaign: Experiment, name: str) -> Floats:
 
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
-    """The same in sentences (without their full stops), where it is no reason to refuse the campaign."""
+    """Return the problems as sentences without full stops, for use as warnings."""
     return [
         f"the campaign asks for {error.found}; it takes {error.expected}"
         for error in find_impossible(campaign)
@@ -81,33 +85,36 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         if not campaign.metrics[entry.metric].never_negative:
             continue
         if high is not None and high <= 0.0:
-            found = f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"
-            yield document.error(("requirements", i, "below"), found, "a limit above zero")
+            problem = (
+                f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"
+            )
+            yield document.error(("requirements", i, "below"), problem, "a limit above zero")
         elif low is not None and low < 0.0:
-            found = (
+            problem = (
                 f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
             )
-            yield document.error(("requirements", i, "above"), found, "a limit from zero on")
+            yield document.error(("requirements", i, "above"), problem, "a limit from zero on")
     if not campaign.judged:
         return
     family = campaign.family_risk
     verdicts = len(entries) * len(campaign.controllers)
     for i, entry in enumerate(entries):
-        # Every requirement is judged on every controller; where each flight met all, Holm's first step decides.
+        # All requirements are judged on all controllers; if each flight met all, Holm's first step
+        # decides.
         risk = min(entry.consumer_risk, family / verdicts) if family else entry.consumer_risk
         needed = flights_to_pass(0, entry.probability, risk)
         if needed <= campaign.runs_at_point:
             continue
-        found = (
+        problem = (
             f"a probability of {entry.probability:g} that no outcome of {campaign.runs_at_point} flights shows at a "
             f"risk of {risk:g}"
         )
-        wish = f"at least {needed} flights, or a lower probability"
-        yield document.error(("requirements", i, "probability"), found, wish)
+        expected = f"at least {needed} flights, or a lower probability"
+        yield document.error(("requirements", i, "probability"), problem, expected)
 
 
 def _meaningless(campaign: Experiment) -> Iterator[InputError]:
-    """Values at or below zero of what has a meaning above it only."""
+    """Yield values at or below zero of quantities that must be positive."""
     for name in campaign.varied:
         if campaign.parameters[name].of_user:
             continue
@@ -123,28 +130,31 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
                 and isinstance(marginal, ContinuousMarginal)
                 and marginal.density(np.array(1e-12)) < 1e-6
             ):
-                continue  # a law that comes near zero and never reaches it
-            wish = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
+                continue  # a distribution that approaches zero and never reaches it
+            expected = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
             entry = campaign.dispersions.get(name, {})
             width = entry.get("half_width", entry.get("sigma"))
             if isinstance(width, (int, float)) and width >= 1:
-                wish = f"did you mean '{width:g} %' in place of {width:g}?"
-            yield refuse_input(campaign, name, f"'{name}' down to {least:g}", wish)
+                expected = f"did you mean '{width:g} %' in place of {width:g}?"
+            yield refuse_input(campaign, name, f"'{name}' down to {least:g}", expected)
 
 
 def _has(vehicle: Vehicle, name: str) -> bool:
-    """Whether a parameter multiplies anything of the vehicle. What is added, and what no file lacks, does."""
-    group, _, rest = name.partition(".")
+    """Return whether a parameter affects the vehicle.
+
+    Only factors on absent components do not.
+    """
+    group, _, suffix = name.partition(".")
     if (vehicle.foreign.aerodynamics and group == "aero") or (
         vehicle.foreign.propulsion and group == "propulsion"
     ):
         return True
-    if group == "aero" and not rest.endswith(".increment"):
-        coefficient, _, variable = rest.partition(".")
+    if group == "aero" and not suffix.endswith(".increment"):
+        coefficient, _, variable = suffix.partition(".")
         if variable:
             return bool(np.any(vehicle.build_up.factor == PARAMETER_INDEX[name]))
         return bool(np.any(vehicle.build_up.coefficient == COEFFICIENTS.index(coefficient)))
-    if effector := re.match(r"effector_(\d+)", rest):
+    if effector := re.match(r"effector_(\d+)", suffix):
         return int(effector[1]) < len(vehicle.effector_mix)
     if group == "engine":
         return vehicle.constants.equivalence_ratio_max > 0.0
@@ -158,7 +168,7 @@ def _has(vehicle: Vehicle, name: str) -> bool:
 
 
 def _values(vehicle: Vehicle, row: str) -> np.ndarray:
-    """All nodes of one of the fixed tables."""
+    """Return all nodes of one of the fixed tables."""
     tables = vehicle.tables
     number = int(tables.fixed_row[FIXED_TABLE_ROWS.index(row)])
     group = int(np.searchsorted(tables.group_row, number, side="right")) - 1

@@ -1,4 +1,4 @@
-"""The plans that a campaign flies: made from its files, or taken from another folder."""
+"""Plans of a campaign: made from its files, or taken from another folder."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -36,25 +36,26 @@ def make_plans(
     names: Iterable[str],
     prepare: Callable[[Path, Path, Path, str], FlightPlan],
 ) -> dict[str, FlightPlan]:
-    """The plans of some of a campaign's controllers, with what it declares. Raises InputError."""
+    """Return plans of the named controllers with declared metrics. Raise InputError."""
     model = campaign.model
     check_user_code(campaign)
-    made = {
+    prepared = {
         name: prepare(model.vehicle, model.mission, model.controllers[name], name) for name in names
     }
-    plans = {name: declare(campaign, plan) for name, plan in made.items()}
+    plans = {name: declare(campaign, plan) for name, plan in prepared.items()}
     for plan in plans.values():
         _check_dispersions(campaign, plan)
         if plan.channels_source is not None:
-            compile_channels(plan.channels_source, LANES)  # now, before anything is written
+            compile_channels(plan.channels_source, LANES)  # before any file is written
     return plans
 
 
 def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
-    """Raise InputError, at its place, for dispersions that this plan's flights cannot have.
+    """Raise InputError, at its location, for dispersions that a plan cannot simulate.
 
-    Delays, lags or intervals of sensors out of range by more than one in 1e6; a limit on oscillation where gusts,
-    turbulence or noise swing the angles; failures of axes where effectors are driven or commanded.
+    These are sensor delays, lags or intervals out of range with probability above 1e-6, a limit on
+    oscillation if gusts, turbulence or noise excite the angles, and failures of axes if effectors
+    are driven or commanded.
     """
     for name in (name for name in SENSOR_TIMES if name in campaign.varied):
         drawn = values_of(campaign, name)
@@ -67,13 +68,13 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
         raise refuse_input(campaign, moving[0], refused, STILL_AIR)
     failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
     if failing and plan.vehicle.constants.driven:
-        found = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
+        problem = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
         names = ", ".join(name_effectors(plan.vehicle))
-        raise refuse_input(campaign, failing[0], found, f"a failure of an effector: {names}")
+        raise refuse_input(campaign, failing[0], problem, f"a failure of an effector: {names}")
 
 
 def check_rows(plan: FlightPlan, parameters: Floats) -> None:
-    """Raise InputError for dispersions of these rows [flight, parameter] that this plan's flights cannot have."""
+    """Raise InputError for rows [flight, parameter] that a plan cannot simulate."""
     if late := find_late(parameters, plan.timing.tick):
         raise InputError("dispersions", *late)
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
@@ -82,9 +83,9 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
 
 
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
-    """The plan with the metrics and channels that the campaign itself declares: no file of plans holds them.
+    """Return the plan with the campaign's own metrics, channels and actuators.
 
-    All of its laws fly one list of actuators.
+    Plan files do not contain these. All control laws use one list of actuators.
     """
     if find_driven(campaign.model.vehicle, campaign.model.controllers.values()):
         plan = replace(plan, vehicle=drive(plan.vehicle), settings=plan.settings.copy())
@@ -101,7 +102,7 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
-    """The plan with the metrics of this campaign, for what it varies."""
+    """Return the plan with this campaign's metrics, restricted to what it varies."""
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
     laws = [name for name in campaign.parameters.index if name.startswith("law.")]
     return replace(
@@ -113,20 +114,23 @@ def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """What the plans say about their mission, and what of the campaign cannot come out, each sentence once."""
+    """Return warnings about mission, sensing and feasibility, without duplicates."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
     return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Where there is wind, what the instruments measure."""
+    """Return a sentence on what the instruments measure, if there is wind."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []
 
 
 def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:
-    """The mission's reference: ``time`` and REFERENCE_CHANNELS, each [time] in its unit, every ``stride``-th tick."""
+    """Return the mission's reference: ``time`` (s) and REFERENCE_CHANNELS, each [time].
+
+    Every ``stride``-th tick is returned.
+    """
     reference = plan.reference[::stride]
     columns: dict[str, Floats] = {
         "time": np.arange(float(len(reference))) * (stride * plan.timing.tick)

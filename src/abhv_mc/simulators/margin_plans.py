@@ -1,4 +1,4 @@
-"""Stability margins that a campaign asks for: plans of its flights with them, and those of any vehicle at the start."""
+"""Plans with stability margins of flights, and margins of vehicles at the start."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,20 +14,23 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
-if TYPE_CHECKING:  # which a worker process need not import
+if TYPE_CHECKING:  # workers do not import it
     from abhv_mc.campaign.file.experiment import Experiment
 
 Margins = tuple[
     Floats, list[str]
 ]  # [flight, margin] in the order of MARGIN_NAMES, and why a flight has none
 TrimMargins = Callable[[Floats], Margins]  # of rows [flight, parameter]
-_LOOKED_AT = 1000  # flights whose sensors are to repeat with the law
+_LOOKED_AT = 1000  # flights whose sensor intervals must fit the control law's period
 
 
 def make_margin_plans(
     campaign: "Experiment", plans: Mapping[str, FlightPlan]
 ) -> dict[str, MarginPlan]:
-    """The plans with margins; none where the campaign asks for none. Raises InputError where there can be none."""
+    """Return plans with margins, empty if none are requested.
+
+    Raise InputError if margins cannot be computed.
+    """
     model = campaign.model
     if model.margins is None:
         return {}
@@ -37,21 +40,26 @@ def make_margin_plans(
 
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
-        found = "margins of a vehicle without control surfaces or engine"
-        raise InputError(model.vehicle, found, "one with both")
+        problem = "margins of a vehicle without control surfaces or engine"
+        raise InputError(model.vehicle, problem, "one with both")
     sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
-    made: dict[str, MarginPlan] = {}
+    margin_plans: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
         steady = make_steady(campaign, plan, model.controllers[name])
-        period = find_period(steady).ticks  # a law that has none is refused before anything flies
+        period = find_period(
+            steady
+        ).ticks  # a law without a period is rejected before any simulation
         for ticks in np.unique(sensor_ticks(steady, sampled), axis=0):
             repeats_after(ticks, period)
-        made[name] = add_margins(plan, steady, model.margins.at)
-    return made
+        margin_plans[name] = add_margins(plan, steady, model.margins.at)
+    return margin_plans
 
 
 def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> FlightPlan:
-    """The plan of a controller's steady flight at the mission's start. Raises InputError where there is none."""
+    """Return the plan of steady flight at the mission's start.
+
+    Raise InputError if there is none.
+    """
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import user_parts_of
@@ -65,25 +73,26 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
 
 
 def count_metrics(plan: FlightPlan) -> int:
-    """Columns of the metrics of this plan's flights."""
+    """Return the number of metric columns of the plan's flights."""
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 
 def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:
-    """For each controller what finds the margins of rows [flight, parameter] in steady flight; nothing flies.
+    """Return functions of rows [flight, parameter] to steady-flight margins.
 
-    Raises InputError where there can be none.
+    The keys are controllers; no flight is simulated. Raise InputError if margins cannot be
+    computed.
     """
     from abhv_mc.campaign.file.config import MarginsOfFlights
 
     model = campaign.model.model_copy(update={"margins": MarginsOfFlights()})
     simulator = replace(campaign, model=model).simulator
-    made = simulator.add_margins(simulator.make_plans(controllers))
-    return {name: partial(_margins_of, plan) for name, plan in made.items()}
+    margin_plans = simulator.add_margins(simulator.make_plans(controllers))
+    return {name: partial(_margins_of, plan) for name, plan in margin_plans.items()}
 
 
 def _margins_of(plan: Any, rows: Floats) -> Margins:
     from abhv_mc.stability.analysis import margins_of_flights
 
-    found = margins_of_flights(plan, plan.steady, rows, ("trim",))
-    return found.table, found.faults[0]
+    flight_margins = margins_of_flights(plan, plan.steady, rows, ("trim",))
+    return flight_margins.table, flight_margins.faults[0]

@@ -1,4 +1,4 @@
-"""A folder to start from: a campaign and every file that it needs, or a simulator of one's own and what flies it."""
+"""Starter folders: a campaign with all its files, or a user's simulator."""
 
 import json
 import os
@@ -35,35 +35,114 @@ _QUESTION = (
 )
 
 
-def write_new_campaign(folder: Path, name: str = DEFAULT, law: str | None = None) -> list[Path]:
-    """Fill a new or empty folder with the shipped campaign ``name`` and all that it refers to; name what was written.
+_TUNE = """
+# `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` searches these numbers of control/tlc.yaml.
+tune:
+  free: # a fifth to five times the number in the file, or the factor given
+    - altitude.damping
+    - {key: altitude.bandwidth, factor: 10}
+  minimise: {metric: altitude_error_rms_m, quantile: 0.95}
+  limits: # what the smaller error may cost
+    - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
+    - {metric: gain_margin_min_db, above: 6} # of the nominal vehicle
+    - {metric: phase_margin_min_deg, above: 30}
+  margins_at: [trim]
+  usage: {metric: elevator_travel_deg, quantile: 0.5} # what the page draws the error against
+  flights: 32 # of each candidate, the same for all
+  candidates: 64
+  validation: 400 # fresh flights of the result and of the start
+"""
 
-    The campaign, ``campaign.yaml``, comes first; ``law`` (``python`` or ``c``) adds a commented controller of one's
-    own to it.
-    Raises :class:`InputError` for an unknown name, or where the folder holds something already.
+
+def write_new_campaign(
+    folder: Path,
+    name: str = DEFAULT,
+    law: str | None = None,
+    vehicle: Path | None = None,
+    tune: bool = False,
+) -> list[Path]:
+    """Fill a new or empty folder with a shipped campaign; return the written files.
+
+    The first file is ``campaign.yaml``. ``law`` (``python`` or ``c``) adds a commented custom
+    controller, ``tune`` a block of free numbers, and ``vehicle`` replaces the vehicle and removes
+    controllers designed for another one. Raise InputError, and write nothing, for an unknown name,
+    a folder that is not empty, or a vehicle that does not fit the campaign.
     """
     if law is not None and law not in LAWS:
         raise InputError("--law", f"'{law}'", one_of(LAWS, law))
-    known = shipped_files("campaign")
-    if name not in known:
-        raise InputError("--from", f"'{name}'", one_of(known, name))
+    campaigns = shipped_files("campaign")
+    if name not in campaigns:
+        raise InputError("--from", f"'{name}'", one_of(campaigns, name))
     refuse_filled(folder)
-    source = known[name]
+    source = campaigns[name]
     campaign = read_campaign(source).model
-    named = (campaign.vehicle, campaign.mission, *campaign.controllers.values())
+    text = source.read_text(encoding="utf-8").replace("../configs/", "")
+    controllers = dict(campaign.controllers)
+    if vehicle is not None:
+        text, controllers = _replace_vehicle(text, controllers, vehicle)
+    if tune and "tlc" not in controllers:
+        raise InputError(
+            "--tune", f"'{name}', which has no tlc", "a campaign with the controller tlc"
+        )
+    craft = vehicle or campaign.vehicle
+    named = (craft, campaign.mission, *controllers.values())
     files = {file for path in named for file in (path, *find_references(path.resolve()))}
+    targets = {file.resolve(): folder / _place(file.resolve(), craft) for file in files}
     written = [folder / "campaign.yaml"]
-    for file in sorted({path.resolve() for path in files}):
-        target = folder / file.relative_to(shipped_configs().resolve())
+    for file, target in sorted(targets.items()):
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
         written.append(target)
-    written[0].write_text(
-        source.read_text(encoding="utf-8").replace("../configs/", ""), encoding="utf-8"
-    )
-    if law is not None:
-        written += _add_law(folder, written[0], law)
+    written[0].write_text(text + _TUNE * tune, encoding="utf-8")
+    try:
+        if law is not None:
+            written += _add_law(folder, written[0], law)
+        read_campaign(written[0])
+    except InputError:
+        shutil.rmtree(folder)
+        raise
     return written + write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
+
+
+def _place(file: Path, vehicle: Path) -> Path:
+    """Return the path of a file below the campaign's folder.
+
+    Raise InputError for a file outside the vehicle's folder.
+    """
+    for home, below in (
+        (shipped_configs().resolve(), Path()),
+        (vehicle.resolve().parent, Path("vehicle")),
+    ):
+        if file.is_relative_to(home):
+            return below / file.relative_to(home)
+    raise InputError(
+        vehicle, f"a vehicle that names {file}", "files in its own folder, or below it"
+    )
+
+
+def _replace_vehicle(
+    text: str, controllers: dict[str, Path], vehicle: Path
+) -> tuple[str, dict[str, Path]]:
+    """Return a campaign's text and controllers with another vehicle.
+
+    Controllers designed for one vehicle are used with that vehicle only.
+    """
+    designed = {name for name in shipped_files("vehicle") if name != vehicle.stem}
+    fitting = {name: file for name, file in controllers.items() if file.parent.name not in designed}
+    own = shipped_configs() / "control" / vehicle.stem
+    fitting |= {
+        file.stem: file for file in sorted(own.glob("*.yaml")) if file not in fitting.values()
+    }
+    location = _place(vehicle.resolve(), vehicle).as_posix()
+    text = re.sub(r"(?m)^vehicle:.*$", f"vehicle: {location}", text)
+    lines = [
+        f"  {name}: {file.resolve().relative_to(shipped_configs().resolve()).as_posix()}\n"
+        for name, file in fitting.items()
+    ]
+    text = re.sub(
+        r"(?m)^(controllers:.*\n)(?:  .*\n)*", lambda head: head[1] + "".join(lines), text
+    )
+    return re.sub(r"(?m)^asks:.*\n", "", text), fitting
 
 
 def refuse_filled(folder: Path) -> None:
@@ -75,7 +154,7 @@ def refuse_filled(folder: Path) -> None:
 
 
 def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS) -> list[Path]:
-    """Write the schemas of ``kinds``, and begin each of the YAML files with the line by which editors find its own."""
+    """Write the schemas of ``kinds`` and link the YAML files to them for editors."""
     written = []
     (folder / _SCHEMAS).mkdir()
     for kind in kinds:
@@ -91,7 +170,10 @@ def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS
 
 
 def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
-    """The shipped example of a user law, by the name ``my_law``; in C with its design, headers, and a Makefile."""
+    """Add the shipped example of a custom control law as ``my_law``; return its files.
+
+    The C example has its design, headers and a Makefile.
+    """
     source, target = shipped_configs() / "control", folder / "control"
     python, text = (
         (source / f"cascade.{ending}").read_text(encoding="utf-8") for ending in ("py", "yaml")
@@ -126,10 +208,11 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
 
 
 def write_new_simulator(folder: Path, kind: str) -> list[Path]:
-    """Fill a new or empty folder with the shipped rocket, a Python function or a program in C; name what was written.
+    """Fill a new or empty folder with the shipped rocket simulator; return its files.
 
-    The campaign comes first. A program is built where there is a C compiler: ``rocket`` is then the last.
-    Raises :class:`InputError` for another kind, or where the folder holds something already.
+    ``kind`` is a Python function or a program in C. The campaign is the first file. With a C
+    compiler the program is built, and ``rocket`` is the last file. Raise InputError for another
+    kind, or if the folder is not empty.
     """
     if kind not in SIMULATORS:
         raise InputError("--simulator", f"'{kind}'", one_of(SIMULATORS, kind))
@@ -150,5 +233,5 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
             subprocess.run(["make", "--quiet"], cwd=folder, capture_output=True, check=True)  # noqa: S607
             written.append(folder / "rocket")
         except (OSError, subprocess.CalledProcessError):
-            pass  # whoever asked is told how to
+            pass  # the caller prints how to build it
     return written

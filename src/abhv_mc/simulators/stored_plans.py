@@ -1,4 +1,4 @@
-"""The plans of a folder, and those that travel to other machines: rebuilt whole, with the code that they need."""
+"""Plans of a results folder and plans sent to workers, rebuilt with their code."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator
@@ -39,9 +39,9 @@ _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), 
 
 
 def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
-    """A stored plan, equal to the bit. ``vehicle`` is of the campaign that wrote it.
+    """Return a stored plan, bit-identical; ``vehicle`` is the campaign's.
 
-    Raises InputError where it is missing, damaged, or of another vehicle.
+    Raise InputError if it is missing, damaged, or of another vehicle.
     """
     try:
         return _rebuild_plan(read_stored_parts(path), vehicle)
@@ -86,23 +86,23 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 def read_trusted_plan(
     root: Path, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
-    """The stored plan of one of a folder's controllers with the code that it needs, from the folder's copies.
+    """Return the stored plan of a controller with its code from the folder's copies.
 
-    Raises InputError where the code is missing, or is not in the user's list of what he has flown.
+    Raise InputError if the code is missing or untrusted.
     """
     folder = CampaignFolder(root)
     check_vehicle_trusted(campaign.model.vehicle, trusted)
     plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
     if plan.source_hash:
-        place = folder.inputs / "controllers" / controller
+        code_folder = folder.inputs / "controllers" / controller
         plan = dataclasses.replace(
-            plan, source=_take(_read_laws(place), place, plan.source_hash, trusted)
+            plan, source=_take(_read_laws(code_folder), code_folder, plan.source_hash, trusted)
         )
     if plan.channels_hash:
-        place = folder.inputs / "channels"
-        sources = map(read_source, sorted(place.rglob("*.py")))
+        code_folder = folder.inputs / "channels"
+        sources = map(read_source, sorted(code_folder.rglob("*.py")))
         plan = dataclasses.replace(
-            plan, channels_source=_take(sources, place, plan.channels_hash, trusted)
+            plan, channels_source=_take(sources, code_folder, plan.channels_hash, trusted)
         )
     return declare_metrics(
         campaign, dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
@@ -112,9 +112,9 @@ def read_trusted_plan(
 def open_flown(
     folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
 ) -> Experiment:
-    """The experiment of a folder with some of its controllers ready to fly again, its files proven whole.
+    """Return a folder's experiment with controllers ready to re-run, after an integrity check.
 
-    Raises InputError for another controller, and where code is not in the user's list of what he has flown.
+    Raise InputError for another controller, or if code is untrusted.
     """
     read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
     experiment, flown = (
@@ -132,31 +132,31 @@ def open_flown(
     )
 
 
-def _read_laws(place: Path) -> Iterator[UserSource]:
-    """The code of every controller file in a folder."""
-    for path in sorted(place.rglob("*.y*ml")):
+def _read_laws(folder: Path) -> Iterator[UserSource]:
+    """Yield the code of every controller file in a folder."""
+    for path in sorted(folder.rglob("*.y*ml")):
         controller = read_controller(path)
         if isinstance(controller, UserController):
             yield read_law_source(controller)
 
 
-def _take(sources: Iterable[UserSource], place: Path, digest: str, trusted: bool) -> UserSource:
+def _take(sources: Iterable[UserSource], folder: Path, digest: str, trusted: bool) -> UserSource:
     for source in sources:
         if source.hash == digest:
             check_trusted(source, trusted)
             return with_library(source)
-    raise InputError(place, "no copy of the code that was flown", WISH)
+    raise InputError(folder, "no copy of the code that was flown", WISH)
 
 
 def code_of(plan: FlightPlan) -> Code:
-    """Return what travels beside a plan's arrays."""
+    """Return the fields sent along with a plan's arrays."""
     fields = (field for field in dataclasses.fields(plan) if not is_stored(field))
     code = {field.name: getattr(plan, field.name) for field in fields}
     return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})
 
 
 def rebuild_sent(arrays: dict[str, np.ndarray], code: Code) -> FlightPlan:
-    """Rebuild a plan from its arrays (:func:`abhv_mc.folder.plan_file.flatten`) and its code."""
+    """Return a plan from its code and arrays (:func:`abhv_mc.folder.plan_file.flatten`)."""
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
         code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}

@@ -1,6 +1,6 @@
-"""The program's own simulator: a vehicle that flies a mission with its controllers."""
+"""Built-in simulator: a vehicle that flies a mission with its controllers."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class VehicleSimulator:
-    """Plans by the vehicle's trim and its controllers' design, flown by the compiled flight."""
+    """Simulator with trimmed plans, designed controllers and the compiled simulation."""
 
     kind = "controller"
     origin = ""
@@ -89,15 +89,15 @@ class VehicleSimulator:
             check_rows(plan, full_rows(names, rows, derived, known))
         return {name: plan.lean_for(varied) for name, plan in plans.items()}
 
-    def find_stride(self, plan: FlightPlan, kept: str) -> int:
-        document, rate = self.experiment.document, getattr(self.experiment.model.keep, kept).rate
+    def find_stride(self, plan: FlightPlan, output: str) -> int:
+        document, rate = self.experiment.document, getattr(self.experiment.model.keep, output).rate
         ticks = 1.0 / (rate * plan.timing.tick)
         every = round(ticks)
         if every < 1 or abs(ticks - every) > 1e-9 * ticks:
             control = f"control ticks at {1.0 / plan.timing.tick:g} Hz"
-            found = f"{rate:g} Hz (keep.{kept}.rate) with {control}"
-            wish = "a rate that divides the control rate"
-            raise document.error(("keep", kept, "rate"), found, wish)
+            problem = f"{rate:g} Hz (keep.{output}.rate) with {control}"
+            expected = "a rate that divides the control rate"
+            raise document.error(("keep", output, "rate"), problem, expected)
         return every
 
     def find_warnings(self, plans: Mapping[str, FlightPlan]) -> list[str]:
@@ -112,6 +112,15 @@ class VehicleSimulator:
 
     def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
         return None
+
+    def prove(self, plan: FlightPlan, check: int = 0) -> FlightPlan:
+        return plan
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        return []
+
+    def find_undeclared_reads(self, plan: FlightPlan, since: float) -> Iterable[str]:
+        return ()
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         from abhv_mc.simulators.end_sentence import describe_end
@@ -130,7 +139,7 @@ class VehicleSimulator:
 
 
 def make_engine() -> Engine:
-    """The compiled flight."""
+    """Return the compiled simulation."""
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.simulators.corner_margins import describe_stability
     from abhv_mc.stability.fly_with_margins import fly_with_margins

@@ -1,1 +1,1 @@
-"""Linear models of the flight under control and their stability margins."""
+"""Linear models of the closed loop and their stability margins."""

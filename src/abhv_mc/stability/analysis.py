@@ -1,4 +1,4 @@
-"""Stability and margins of linear models, as rows of plain numbers too, and of flights of a campaign at given times."""
+"""Poles and margins of linear models, and margins of a campaign's flights over time."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
@@ -23,10 +23,10 @@ from abhv_mc.stability.search import frequency_grid
 from abhv_mc.stability.steady import trim_points
 
 FREQUENCIES = 200
-GROWTH = 1e-5  # 1/s: a pole that grows slower is taken for neutral, as rounding cannot tell
+GROWTH = 1e-5  # 1/s: a pole that grows more slowly is neutral within rounding
 _TOGETHER = 64  # flights at a time: their states at every tick are 1 MB each
 
-# What a campaign's metrics hold where nothing makes a loop unstable.
+# Values of a campaign's metrics if no perturbation destabilizes a loop.
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
 NO_SLOPES = "the vehicle or the law has no slopes there: what it gives is not a number"
@@ -35,7 +35,7 @@ Time = Literal["trim"] | float  # s
 
 
 class Stability(NamedTuple):
-    """What is known of each linear model."""
+    """Poles and margins of each linear model."""
 
     stable: Mask  # [system]
     poles: list[
@@ -50,21 +50,26 @@ class Stability(NamedTuple):
 
 
 class FlightMargins(NamedTuple):
-    """The least margins of each flight over loops and times; 0 where a flight has none."""
+    """Smallest margins of each flight over loops and times; 0 if a flight has none."""
 
     table: Floats  # [flight, 4] gain (dB, the smaller side), phase (deg), delay (ms), disk of all loops at once
     faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
 
 
 def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False) -> Stability:
-    """Poles of the closed loops and margins of those that are stable; ``apart``: those of single effectors, too."""
+    """Return closed-loop poles, and the margins of stable systems.
+
+    With `apart` also those of single effectors.
+    """
     if apart and linear.apart is not None:
         return analyse(linear, frequencies)._replace(apart=analyse(linear.apart, frequencies))
     discrete, span = _closed_poles(linear), linear.period * max(len(linear.phases), 1)
     with np.errstate(divide="ignore"):
         poles = [np.log(z[z != 0.0].astype(np.complex128)) / span for z in discrete]
-    poles = [each[np.argsort(-each.real)] for each in poles]
-    stable = np.array([each.size > 0 and each[0].real < GROWTH for each in poles])
+    poles = [system_poles[np.argsort(-system_poles.real)] for system_poles in poles]
+    stable = np.array(
+        [system_poles.size > 0 and system_poles[0].real < GROWTH for system_poles in poles]
+    )
     systems, inputs = len(poles), linear.law_D.shape[1]
     margins = Margins._make(
         np.full(shape, np.nan) for shape in [(systems, inputs)] * 9 + [(systems,)] * 3
@@ -83,30 +88,28 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
                 **{name: getattr(linear, name)[chosen] for name in Linear._fields[1:-3]}
             )
         )
-        found = find_margins(lambda i, w: loop_gains(loops, i, w), grid, linear.period)
-        for into, value in zip(margins, found, strict=True):
+        stable_margins = find_margins(lambda i, w: loop_gains(loops, i, w), grid, linear.period)
+        for into, value in zip(margins, stable_margins, strict=True):
             into[chosen] = value
     return Stability(stable, poles, margins, linear.cut, linear.inputs)
 
 
 def _closed_poles(linear: Linear) -> list[Complexes]:
-    """Eigenvalues of the sampled closed loops over the law's period; none of one that is not finite."""
+    """Return eigenvalues of the closed loops over the period; empty if not finite."""
     poles: list[Complexes] = [np.empty(0, np.complex128)] * len(linear.A)
     for delay in np.unique(linear.delay):
         systems = np.flatnonzero(linear.delay == delay)
         loops = np.stack([closed_period(linear, int(i)) for i in systems])
-        finite = np.isfinite(loops).all(
-            axis=(1, 2)
-        )  # not where a law has no slopes, or nothing has a meaning
-        for i, each in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
-            poles[i] = each
+        finite = np.isfinite(loops).all(axis=(1, 2))  # not finite if the law has no slopes
+        for i, loop_poles in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
+            poles[i] = loop_poles
     return poles
 
 
 def points_at(
     plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time
 ) -> tuple[FlightPlan, Found]:
-    """The points of flights at a time, or their trims, with the plan whose reference belongs to them."""
+    """Return the points of flights at a time, or their trims, with the matching plan."""
     if time == "trim":
         return steady, trim_points(steady, parameters)
     return plan, flown_points(plan, parameters, time)
@@ -120,10 +123,11 @@ def margins_of_flights(
     times: Sequence[Time],
     frequencies: int = FREQUENCIES,
 ) -> FlightMargins:
-    """Least margins of flights with ``parameters`` [flight, parameter] over ``times``.
+    """Return the smallest margins over `times` of flights [flight, parameter].
 
-    ``steady`` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. Unstable, ended
-    before or behind a limit at any of the times: 0. Without a crossing: 60 dB, 180 deg, 1000 ms.
+    `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. A
+    flight that is unstable, has ended or is saturated at any of the times has 0. Without a crossing
+    the values are 60 dB, 180 deg and 1000 ms.
     """
     count = len(parameters)
     least = np.tile(
@@ -132,15 +136,15 @@ def margins_of_flights(
     faults: list[list[str]] = [[] for _ in times]
     for first in range(0, count, _TOGETHER):
         some = parameters[first : first + _TOGETHER]
-        for time, words in zip(times, faults, strict=True):
-            of, found = points_at(plan, steady, some, time)
-            stability = analyse(linearize(of, found.points), frequencies)
-            for i, (fault, stable) in enumerate(zip(found.faults, stability.stable, strict=True)):
+        for time, reasons in zip(times, faults, strict=True):
+            point_plan, flown = points_at(plan, steady, some, time)
+            stability = analyse(linearize(point_plan, flown.points), frequencies)
+            for i, (fault, stable) in enumerate(zip(flown.faults, stability.stable, strict=True)):
                 grows = "" if stable else "unstable" if stability.poles[i].size else NO_SLOPES
-                words.append(
+                reasons.append(
                     "; ".join(filter(None, (fault, grows))) if fault in ("", AT_LIMIT) else fault
                 )
-                values = np.zeros(4) if words[-1] else _least(stability.margins, i)
+                values = np.zeros(4) if reasons[-1] else _least(stability.margins, i)
                 least[first + i] = np.minimum(least[first + i], values)
     return FlightMargins(least, faults)
 
@@ -166,8 +170,11 @@ _LOOP = (
 
 
 def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, float]]:
-    """Margins of each loop and of ``all`` by name: inf where nothing destabilizes, nan if unstable or no loop."""
-    values = {name: _margins_of_loop(of, system, i) for name, of, i in _loops(stability)}
+    """Return margins by loop, and of `all`; inf if unlimited, NaN if unstable or cut."""
+    values = {
+        name: _margins_of_loop(loop_stability, system, i)
+        for name, loop_stability, i in _loops(stability)
+    }
     m = stability.margins
     with np.errstate(divide="ignore"):
         gain, phase = disk_gain_and_phase(m.all_disk[system])
@@ -182,7 +189,7 @@ def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, 
 
 
 def _loops(stability: Stability) -> Iterator[tuple[str, Stability, int]]:
-    """Name and place of each loop: those that count, then those of single effectors."""
+    """Yield name, stability and index of each loop; loops of single effectors come last."""
     yield from ((name, stability, i) for i, name in enumerate(stability.inputs))
     if stability.apart is not None:
         for i, name in enumerate(stability.apart.inputs[:-1]):
@@ -202,29 +209,34 @@ def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, flo
 
 
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
-    """Why an input has no loop: ``stuck``, or ``no effect`` (as of an engine without fuel)."""
+    """Return the reason by input that has no loop: `stuck` or `no effect` (no fuel)."""
     return {
-        name: REASONS[why] for name, of, i in _loops(stability) if (why := int(of.cut[system, i]))
+        name: REASONS[why]
+        for name, loop_stability, i in _loops(stability)
+        if (why := int(loop_stability.cut[system, i]))
     }
 
 
 def make_rows(
     controller: str, time: float | None, stability: Stability, system: int = 0
 ) -> list[dict[str, Any]]:
-    """A row for each loop and one, ``all``, for all at once; ``time`` (s) is None at the trim.
+    """Return a row for each loop, and one, `all`, for all loops together.
 
-    What is infinite, or without meaning because the closed loop is unstable, is None. The row of a loop that is not
-    there has its ``reason``, the row ``all`` of an unstable loop its growing poles (1/s, real and imaginary part), and
-    single effectors' rows under a law that commands axes say that they do not count.
+    `time` (s) is None at the trim. Infinite values, and those of an unstable closed loop, are None.
+    The row of a cut loop has its `reason`, the row `all` of an unstable system its growing poles
+    (1/s, real and imaginary part), and rows of single effectors have `counts: False` if the
+    controller commands axes.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
-    apart = [name for name, of, _ in _loops(stability) if of is stability.apart]
+    effector_loops = [
+        name for name, loop_stability, _ in _loops(stability) if loop_stability is stability.apart
+    ]
     rows: list[dict[str, Any]] = [
         {"controller": controller, "time_s": time, "loop": loop}
         | {key: value if np.isfinite(value) else None for key, value in values.items()}
         | {"stable": stable}
         | ({"reason": reasons[loop]} if loop in reasons else {})
-        | ({"counts": False} if loop in apart else {})
+        | ({"counts": False} if loop in effector_loops else {})
         for loop, values in margin_values(stability, system).items()
     ]
     if not stable:

@@ -1,4 +1,4 @@
-"""How every flight is flown on a processor: its margins are metrics, too, where the plan asks for them."""
+"""Simulation of flights with stability margins as additional metrics."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -15,46 +15,48 @@ if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Time
 
 AT_TRIM = -1.0  # of MarginPlan.times
-_GROUP = 32  # flights that are linearized together: always as many, as sums of matrices depend on it in the last bits
-_DIGITS = 6  # that are kept of a margin, which is not known better: the last bits depend on the machine's libraries
+_GROUP = (
+    32  # flights linearized together: a fixed number, on which the last bits of matrix sums depend
+)
+_DIGITS = 6  # significant digits of a margin: the last bits depend on the machine's libraries
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarginPlan(FlightPlan):
-    """A plan whose flights are linearized too: their metrics have the columns of MARGIN_VALUES at the end."""
+    """Flight plan with margins: MARGIN_VALUES are appended to the metrics."""
 
     steady: FlightPlan  # of :func:`abhv_mc.stability.steady.make_steady_plan`
     margin_times: Floats  # [time] s, AT_TRIM for the trim
 
 
 def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]") -> MarginPlan:
-    """The plan with margins at these times."""
-    at = np.array([AT_TRIM if time == "trim" else time for time in times], np.float64)
+    """Return the plan with margins at `times`."""
+    margin_times = np.array([AT_TRIM if time == "trim" else time for time in times], np.float64)
     return MarginPlan(
         **{name: getattr(plan, name) for name in plan.__dataclass_fields__},
         steady=steady,
-        margin_times=at,
+        margin_times=margin_times,
     )
 
 
 def fly_with_margins(
     plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None
 ) -> FlightBlock:
-    """As :func:`abhv_mc.flight.fly.fly`, a :class:`MarginPlan`'s flights linearized too; nan where that fails."""
+    """Simulate flights, and add margins if `plan` is a MarginPlan; NaN if that fails."""
     block = fly(plan, parameters, record_every)
     if not isinstance(plan, MarginPlan):
         return block
-    found = [
+    groups = [
         _find_any(plan, parameters[first : first + _GROUP])
         for first in range(0, len(parameters), _GROUP)
     ]
-    values = np.concatenate(found) if found else np.empty((0, len(MARGIN_VALUES)))
+    values = np.concatenate(groups) if groups else np.empty((0, len(MARGIN_VALUES)))
     values[np.isin(block.outcome, (Outcome.FAILED_TO_RUN, *LAW_LOST))] = np.nan
     return replace(block, metrics=np.hstack([block.metrics, values]))
 
 
 def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
-    """As :func:`_find`, each flight alone where that fails: no margin costs a flight that was flown."""
+    """Return `_find`, flight by flight if it fails for the group."""
     try:
         return _find(plan, parameters)
     except Exception:
@@ -64,16 +66,16 @@ def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
 
 
 def _find(plan: MarginPlan, parameters: Floats) -> Floats:
-    """Values ``[flight, value]`` of a group, filled up with copies of its last flight."""
+    """Return margins [flight, value] of a group, padded with copies of its last flight."""
     from abhv_mc.stability.analysis import margins_of_flights
 
     count = len(parameters)
     rows = np.vstack([parameters, np.tile(parameters[-1], (_GROUP - count, 1))])
     times: list[Time] = ["trim" if time == AT_TRIM else time for time in plan.margin_times.tolist()]
-    found = margins_of_flights(plan, plan.steady, rows, times)
-    faults = np.array(found.faults)  # [time, flight]
+    margins = margins_of_flights(plan, plan.steady, rows, times)
+    faults = np.array(margins.faults)  # [time, flight]
     columns = [
-        found.table,
+        margins.table,
         *((np.char.find(faults, word) >= 0).sum(axis=0) for word in ("unstable", "limit")),
     ]
     return np.array(

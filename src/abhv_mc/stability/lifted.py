@@ -1,12 +1,13 @@
-"""Margins of laws of several rates, from the responses of their loops lifted over the law's whole period.
+"""Margins of multi-rate controllers, from responses lifted over the controller's period.
 
-A law that repeats after N ticks of T answers a frequency w with all of w + 2 pi m / (N T), m = 0 .. N - 1: a loop gain
-is a matrix over these harmonics. A factor of an actuator in every tick is a number times the identity there, so that a
-loop alone, the others closed, has N characteristic loci in place of one. Bittanti and Colaneri, Periodic Systems
-(2009), chapters 2 and 6. A law that does the same in every tick has the margins of a single rate.
+A controller that repeats after N ticks of T responds to a frequency w with all of w + 2 pi m / (N
+T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant factor of an actuator
+is a multiple of the identity, so a single loop, with the others closed, has N characteristic loci
+instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2 and 6). If all ticks are
+equal, the margins are those of a single rate.
 
-Responses are those from the N inputs to the N commands of a period: a unitary change away from the harmonics, with the
-same loci and norms, and what costs least.
+Responses are computed from the N inputs to the N commands of a period. They differ from those in
+harmonics by a unitary transformation with the same loci and norms, and cost less.
 """
 
 from functools import partial
@@ -36,7 +37,7 @@ _NEWTON_STEPS = 12
 
 
 class _Lifted(NamedTuple):
-    """Loops of k inputs over a period, from N ticks' inputs to minus N ticks' commands, input by input."""
+    """Loops of k inputs over a period, from N inputs to the negative of N commands."""
 
     loops: Loops
     ahead: Floats  # [system, k N, k N] what a command does to those later in its own period
@@ -45,7 +46,7 @@ class _Lifted(NamedTuple):
 
 
 def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
-    """Margins of one system at frequencies ``omega`` [frequency] (rising to pi / (N T)) to look at first."""
+    """Return the margins of one system; `omega` [frequency] rises to pi / (N T)."""
     every, single = _lift(linear, system)
     rows, eye = np.arange(len(linear.inputs)), np.eye(single.ticks)
     grid, shape = np.tile(omega, (rows.size, 1)), (rows.size, omega.size, *eye.shape)
@@ -70,19 +71,19 @@ def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
     all_L = _gains(every, 0 * rows[:1], omega)
     mu, mu_at = _largest_scaled(every, omega, all_L, rows.size)
     together = _phase_margins(every, omega[None], all_L[None])[2]
-    each = (*gain, *phase, farthest(0.0), 1.0 / farthest(0.5))
-    return Margins._make([*(found[None] for found in each), 1.0 / mu, mu_at, together])
+    loop_margins = (*gain, *phase, farthest(0.0), 1.0 / farthest(0.5))
+    return Margins._make([*(values[None] for values in loop_margins), 1.0 / mu, mu_at, together])
 
 
 def fundamental_gains(linear: Linear, omega: Floats) -> Complexes:
-    """Gains [frequency, loop] of the first system's loops at the frequency itself, its harmonics left out."""
+    """Return the gains [frequency, loop] of the first system, without harmonics."""
     _, single = _lift(linear, 0)
     rows = np.arange(len(linear.inputs))
     return np.stack([_in_harmonics(single, rows[[i]], omega)[:, 0, 0] for i in rows], axis=1)
 
 
 def _lift(linear: Linear, system: int) -> tuple[_Lifted, _Lifted]:
-    """All loops of a system at once, and each alone, the others closed."""
+    """Return all loops of a system together, and each alone with the others closed."""
     closes, inputs = (linear.cut[system] == 0)[:, None], np.arange(len(linear.inputs))
     ticks = [
         (A, B, closes * C) for A, B, C in (open_loop(phase, system) for phase in linear.phases)
@@ -95,7 +96,7 @@ def _lift(linear: Linear, system: int) -> tuple[_Lifted, _Lifted]:
 
 
 def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: float) -> _Lifted:
-    """Systems of A, B, C of each tick."""
+    """Return the lifted loops of systems, given A, B, C of each tick."""
     parts = []
     for ticks in systems:
         (n, k), count = ticks[0][1].shape, len(ticks)
@@ -107,7 +108,7 @@ def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: floa
             driven[:, :, tick] = B
         flat = (state, driven.reshape(n, -1), np.stack(out, 1).reshape(-1, n), np.stack(ahead, 1))
         parts.append((*flat[:3], flat[3].reshape(k * count, -1)))
-    A, B, C, D = (np.stack(each) for each in zip(*parts, strict=True))
+    A, B, C, D = (np.stack(matrices) for matrices in zip(*parts, strict=True))
     s, size = D.shape[:2]
     no = np.zeros((s, 0, 0)), np.zeros((s, 0, size)), np.zeros((s, size, 0))
     minus = np.tile(-np.eye(size), (s, 1, 1))
@@ -116,19 +117,19 @@ def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: floa
 
 
 def _gains(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
-    """Loop gains [point, k N, k N] from what goes into the actuators in a period to minus the commands."""
+    """Return loop gains [point, k N, k N] from actuator inputs to minus the commands."""
     system = system + np.zeros(omega.size, np.int64)
     return loop_gains(law.loops, system, np.maximum(omega, _SLOWEST)) + law.ahead[system]
 
 
 def _harmonics(law: _Lifted, omega: Floats) -> Floats:
-    """Frequencies [point, harmonic] between - and + pi / T that answer ``omega`` [point]."""
+    """Return the frequencies [point, harmonic] within +-pi / T that respond to `omega`."""
     m = (np.arange(law.ticks) + (law.ticks - 1) // 2) % law.ticks - (law.ticks - 1) // 2
     return np.asarray(omega[:, None] + 2.0 * np.pi / (law.ticks * law.period) * m)
 
 
 def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
-    """Loop gains from harmonics to harmonics in place of from ticks to ticks: a unitary change."""
+    """Return loop gains between harmonics instead of ticks, by a unitary transformation."""
     L, count = _gains(law, system, omega), law.ticks
     ticks = L.reshape(omega.size, -1, count, L.shape[-1] // count, count).swapaxes(2, 3)
     wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[
@@ -140,16 +141,16 @@ def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
 
 
 def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Floats:
-    """The frequency [point], rad/s, of the harmonic that the eigenvector of a locus has most of."""
+    """Return the frequency [point], rad/s, of the dominant harmonic of a locus' eigenvector."""
     values, vectors = np.linalg.eig(_in_harmonics(law, system, omega))
     share = np.abs(inverse(vectors) * np.swapaxes(vectors, -1, -2))
     points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
-    of = share[points, nearest].reshape(omega.size, -1, law.ticks).sum(axis=1)
-    return np.asarray(_harmonics(law, omega)[points, of.argmax(axis=1)])
+    content = share[points, nearest].reshape(omega.size, -1, law.ticks).sum(axis=1)
+    return np.asarray(_harmonics(law, omega)[points, content.argmax(axis=1)])
 
 
 def _loci(matrices: Complexes) -> Complexes:
-    """Eigenvalues [..., locus], zero where rounding hides them."""
+    """Return eigenvalues [..., locus]; zero if they are below the rounding error."""
     values, vectors = np.linalg.eig(matrices)
     condition = np.linalg.norm(inverse(vectors), axis=-1)
     size = np.linalg.norm(matrices, axis=(-2, -1))[..., None]
@@ -163,7 +164,10 @@ def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Fl
 
 
 def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tuple[Floats, Floats]:
-    """The true frequencies of loci of size 1, and the delays at which one near them is -1, by Newton's method."""
+    """Return the true frequencies of loci of size 1, and the delays at which they become -1.
+
+    The delays are found by Newton's method.
+    """
 
     def left(x: Floats) -> Floats:
         w = np.exp(x[:, 0])
@@ -174,18 +178,21 @@ def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tupl
 
     harmonic, turn = _harmonic(law, system, omega, locus), np.angle(locus) + np.pi
     guess = np.where(harmonic > 0.0, turn, 2.0 * np.pi - turn) / np.abs(harmonic)
-    x, one = np.column_stack([np.log(omega), guess]), np.full(omega.size, 1e-7)
+    x, small_step = np.column_stack([np.log(omega), guess]), np.full(omega.size, 1e-7)
     for _ in range(_NEWTON_STEPS):
         f = left(x)
         if np.abs(f).max(initial=0.0) < 1e-11:
             break
-        steps = np.column_stack([one, 0.0 * one]), np.column_stack([0.0 * one, one * x[:, 1]])
+        steps = (
+            np.column_stack([small_step, 0.0 * small_step]),
+            np.column_stack([0.0 * small_step, small_step * x[:, 1]]),
+        )
         J = np.stack(
             [(left(x + d) - left(x - d)) / (2.0 * d.sum(axis=1))[:, None] for d in steps], axis=2
         )
         x = x - np.clip(np.einsum("pij,pj->pi", np.linalg.pinv(J), f), -1.0, 1.0)
-    found = (np.abs(left(x)).max(axis=1) < 1e-6) & (x[:, 1] > 0.0)
-    return np.abs(harmonic), np.where(found, x[:, 1], guess)
+    is_converged = (np.abs(left(x)).max(axis=1) < 1e-6) & (x[:, 1] > 0.0)
+    return np.abs(harmonic), np.where(is_converged, x[:, 1], guess)
 
 
 def _norm(matrices: Complexes) -> Floats:
@@ -195,7 +202,10 @@ def _norm(matrices: Complexes) -> Floats:
 def _largest_scaled(
     law: _Lifted, omega: Floats, L: Complexes, inputs: int
 ) -> tuple[Floats, Floats]:
-    """Largest over frequency [1] of the least norm of D M D^-1, D one scale for each input, M = S - I/2, and where."""
+    """Return the peak over frequency of the scaled norm of M = S - I/2, and its frequency.
+
+    The scaled norm is the least norm of D M D^-1 with one scale for each input.
+    """
     eye = np.eye(L.shape[-1])
     M = inverse(eye + L) - 0.5 * eye
     bounds, scales, tight = (
@@ -206,12 +216,14 @@ def _largest_scaled(
     while not tight[best := int(bounds.argmax())]:
         bounds[best], scales = _least_norm(M[best], scales)
         tight[best] = True
-        others = np.flatnonzero(~tight & (bounds > bounds[best]))
-        bounds[others] = np.minimum(bounds[others], _norm(_scaled(M[others], scales)))
+        open_points = np.flatnonzero(~tight & (bounds > bounds[best]))
+        bounds[open_points] = np.minimum(
+            bounds[open_points], _norm(_scaled(M[open_points], scales))
+        )
 
     def size(system: Ints, w: Floats) -> Floats:
-        found = inverse(eye + _gains(law, system, w)) - 0.5 * eye
-        return np.array([_least_norm(each, scales)[0] for each in found])
+        responses = inverse(eye + _gains(law, system, w)) - 0.5 * eye
+        return np.array([_least_norm(response, scales)[0] for response in responses])
 
     return refine_peaks(size, omega[None], np.array([best]), bounds[[best]])
 
@@ -222,7 +234,7 @@ def _scaled(M: Complexes, log_scales: Floats) -> Complexes:
 
 
 def _least_norm(M: Complexes, start: Floats) -> tuple[float, Floats]:
-    """The least norm of D M D^-1 and its logarithmic scales; convex, with the gradient of the singular vectors."""
+    """Return the least norm of D M D^-1 and its log scales, by convex minimization."""
     from scipy.optimize import minimize
 
     def norm(x: Floats) -> tuple[float, Floats]:
@@ -230,5 +242,5 @@ def _least_norm(M: Complexes, start: Floats) -> tuple[float, Floats]:
         slope = np.abs(u[:, 0]) ** 2 - np.abs(v[0]) ** 2
         return float(np.log(size[0])), slope.reshape(len(x), -1).sum(axis=1)
 
-    found = minimize(norm, start, jac=True, method="BFGS")
-    return float(np.exp(found.fun)), np.asarray(found.x)
+    optimum = minimize(norm, start, jac=True, method="BFGS")
+    return float(np.exp(optimum.fun)), np.asarray(optimum.x)

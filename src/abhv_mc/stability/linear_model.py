@@ -1,4 +1,4 @@
-"""Record of a linearised flight under control: plant, control law, sensors and delay at each point."""
+"""Linear models of the closed loop: plant, controller, sensors and delay at each point."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,10 @@ REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
 
 class Linear(NamedTuple):
-    """Linear models, one per point. Discrete models are x+ = A x + B u, y = C x + D u at the control rate."""
+    """Linear models, one per point, continuous and discrete.
+
+    Discrete models are x+ = A x + B u, y = C x + D u at the control rate.
+    """
 
     period: float  # s, of the control
     plant_A: (

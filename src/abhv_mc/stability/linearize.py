@@ -1,7 +1,8 @@
-"""The flight under control as a linear sampled system, about points of it: the plant and the law, apart and closed.
+"""Linearization of the closed loop about points of flights as a sampled system.
 
-Continuous plant in path coordinates; surfaces and engine of second order without limits; exact zero-order hold over
-the control period; the law as the slopes of its own compiled tick with its memory. Arrays have the point first.
+The plant is continuous in path coordinates; surfaces and engine are of second order without limits;
+the zero-order hold over the control period is exact; the controller is represented by the slopes of
+its compiled tick, including its memory. The first dimension of arrays is the point.
 """
 
 import numpy as np
@@ -28,35 +29,37 @@ from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.actuators import list_actuators
 
 _N_PATH = len(path.COORDINATES)
-_MEASURED = _N_PATH + 1  # behind the rates and the sideslip to the air, in what plant_slopes gives
-_WHOLE = 1e-7  # how near to a whole number a slope of the measurement is taken for one
+_MEASURED = (
+    _N_PATH + 1
+)  # row after the rates and the aerodynamic sideslip in the result of plant_slopes
+_WHOLE = 1e-7  # largest distance of a slope of the measurement that is rounded to an integer
 _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
-_FELT = 1e-8  # slope of a rate over a control, of which rounding leaves some
+_FELT = 1e-8  # slope of a rate over a control below which it is rounding
 
 
 def linearize(plan: FlightPlan, points: Points) -> Linear:
-    """Linear models at points of flights."""
+    """Return linear models at points of flights."""
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
-    # Path and custom states are those that forces move; actuators stand between them in the whole state.
+    # Path and custom states are moved by forces; the actuators are between them in the full state.
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
     moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
     driven = slice(_N_PATH, _N_PATH + k)
     plant_A, plant_B = plant.slope[:, rates][:, :, moved], plant.slope[:, rates, driven]
     held_B = np.zeros_like(plant_B)
     if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
-        held_B = plant_slopes(plan, points, held=True).slope[:, rates, driven] - plant_B
+        held_B = plant_slopes(plan, points, hold_slow=True).slope[:, rates, driven] - plant_B
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
-    stuck, here = (
+    stuck, sticks = (
         held_at(plan.vehicle, points.lane) != NEVER,
         sticks_here(plan.vehicle, points.lane),
     )
     cut[:, :-1][stuck] = STUCK
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
-        A[here[:, i], :, 11 + 2 * i] = 0.0  # its rate is taken from it at every tick
+        A[sticks[:, i], :, 11 + 2 * i] = 0.0  # its rate is set to zero at every tick
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
         np.int64
     )
@@ -79,30 +82,31 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
         for law in law_phases(plan, points)
     )
     phases = add_sensors(plan, points, phases)
-    whole = phases[0]._replace(phases=phases if len(phases) > 1 else ())
+    model = phases[0]._replace(phases=phases if len(phases) > 1 else ())
     if not mixes(plan):
-        return whole
+        return model
     axes = tuple(_mixed(phase, mix_matrix(plan.vehicle)) for phase in phases)
-    return axes[0]._replace(phases=axes if len(phases) > 1 else (), apart=whole)
+    return axes[0]._replace(phases=axes if len(phases) > 1 else (), apart=model)
 
 
 def _mixed(linear: Linear, mix: Floats) -> Linear:
-    """The same with the axes, which ``mix`` [effector, axis] makes effectors' commands of, as inputs."""
-    back, moves = np.linalg.pinv(mix), linear.cut == 0
+    """Return the model with axes as inputs; `mix` [effector, axis] maps them to effectors."""
+    inverse_mix, moves = np.linalg.pinv(mix), linear.cut == 0
     felt = (moves[:, :, None] & (mix != 0.0)).any(axis=1)
     stuck = ((linear.cut == STUCK)[:, :, None] & (mix != 0.0)).any(axis=1)
     cut = np.where(felt, 0, np.where(stuck, STUCK, NO_EFFECT))
-    law_C, law_D = back @ linear.law_C, back @ linear.law_D
+    law_C, law_D = inverse_mix @ linear.law_C, inverse_mix @ linear.law_D
     return linear._replace(B=linear.B @ mix, law_C=law_C, law_D=law_D, cut=cut, inputs=INPUTS)
 
 
 def _sensing(slope: Floats, inputs: int) -> Floats:
-    """Measurement of the plant's states from its slopes [point, measured, 10 + input + custom state].
+    """Return the measurement matrix of the plant's states from slopes, rounded to integers.
 
-    It is cleared of the last digits.
+    `slope` is [point, measured, 10 + input + custom state]; only values close to an integer are
+    rounded.
     """
-    whole = np.round(slope)
-    clean = np.where(np.abs(slope - whole) < _WHOLE, whole, slope)
+    rounded = np.round(slope)
+    clean = np.where(np.abs(slope - rounded) < _WHOLE, rounded, slope)
     last = 10 + 2 * inputs
     sense = np.zeros((*slope.shape[:2], slope.shape[2] + inputs))
     sense[:, :, :10], sense[:, :, 10:last:2] = clean[:, :, :10], clean[:, :, 10 : 10 + inputs]
@@ -111,7 +115,10 @@ def _sensing(slope: Floats, inputs: int) -> Floats:
 
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
-    """A [point, 2 k, 2 k], B [point, 2 k, k] of actuators: position and rate, from the kernel's memory ``lane``."""
+    """Return A [point, 2 k, 2 k], B [point, 2 k, k] of actuators: position and rate.
+
+    `lane` [point, row] is the kernel's memory.
+    """
     c, actuator = (
         plan.vehicle.constants,
         list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1],
@@ -132,7 +139,10 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 def hold(
     plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats
 ) -> tuple[Floats, Floats]:
-    """Plant and actuators under held commands, discrete; ``held_B``: what positions do that are held over the tick."""
+    """Return plant and actuators with commands held over a tick, discrete.
+
+    `held_B` is the effect of positions that are held over the tick.
+    """
     from scipy.linalg import expm
 
     actuator_A, actuator_B = actuator_matrices(plan, lane)
@@ -156,7 +166,10 @@ def hold(
 
 
 def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
-    """A, B, C of all loops cut at the plant's inputs, to minus the commands; states: plant, law, late measurements."""
+    """Return A, B, C with all loops cut at the plant's inputs, to minus the commands.
+
+    The states are those of the plant, the controller and the delayed measurements.
+    """
     m, d = linear.law_A.shape[1], int(linear.delay[point])
     sense = linear.sense[point]
     measured, p = sense.shape
@@ -179,12 +192,12 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
 
 
 def closed_loop(linear: Linear, point: int) -> Floats:
-    """The sampled map of one control period with the law in command, on the states of :func:`open_loop`."""
+    """Return the map over one control period, on the states of :func:`open_loop`."""
     A, B, C = open_loop(linear, point)
     return A - B @ C
 
 
 def closed_period(linear: Linear, point: int) -> Floats:
-    """The map of a whole period of the law: the product of those of its ticks, the first one rightmost."""
-    maps = [closed_loop(each, point) for each in linear.phases or (linear,)]
+    """Return the map over the controller's period: the product of its ticks' maps."""
+    maps = [closed_loop(phase, point) for phase in linear.phases or (linear,)]
     return maps[0] if len(maps) == 1 else np.linalg.multi_dot(maps[::-1])

@@ -1,11 +1,12 @@
 """Stability margins of sampled loops from their frequency responses.
 
-A system's loop gain L is a matrix: all loops are cut at the plant's inputs, the law commands -L v when v goes in. Loop
-i alone, the others closed, is ``L_i = T_ii / S_ii`` with ``S = (1 + L)^-1`` and ``T = S L``. Disk margins: Seiler,
-Packard and Gahinet, IEEE Control Systems 40 (2020) 78-95, with the symmetric disk (skew 0).
+The loop gain L of a system is a matrix: all loops are cut at the plant's inputs, and the controller
+commands -L v for an input v. Loop i alone, with the others closed, is ``L_i = T_ii / S_ii`` with
+``S = (1 + L)^-1`` and ``T = S L``. Disk margins: Seiler, Packard and Gahinet, IEEE Control Systems
+40 (2020) 78-95, with the symmetric disk (skew 0).
 
-Responses are solved for in Hessenberg form (Laub, IEEE Trans. Automatic Control 26 (1981) 407-408): polynomials of the
-18- to 36-state models have roots that mean nothing in double precision.
+Responses are computed in Hessenberg form (Laub, IEEE Trans. Automatic Control 26 (1981) 407-408):
+roots of polynomials of the 18- to 36-state models are meaningless in double precision.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,7 @@ from abhv_mc.stability.search import Quantity, changes_of_sign, refine_crossings
 
 
 class Loops(NamedTuple):
-    """Plant and law of each system, their A in Hessenberg form."""
+    """Plant and controller of each system, with A in Hessenberg form."""
 
     plant_A: Floats  # [system, n, n]
     plant_B: Floats  # [system, n, input]
@@ -38,8 +39,8 @@ class Loops(NamedTuple):
 
 
 def make_loops(linear: Linear) -> Loops:
-    """The loops of linear models."""
-    closes = (linear.cut == 0)[:, :, None]  # what commands a stuck surface belongs to no loop
+    """Return the loops of linear models."""
+    closes = (linear.cut == 0)[:, :, None]  # the command of a stuck surface belongs to no loop
     plant = to_hessenberg(linear.A, linear.B, linear.sense)
     law = to_hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))
     law_D = np.where(closes, linear.law_D, 0.0)
@@ -47,7 +48,7 @@ def make_loops(linear: Linear) -> Loops:
 
 
 def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floats]:
-    """The same systems in coordinates in which A has but one diagonal below the main one."""
+    """Return the systems in coordinates in which A is an upper Hessenberg matrix."""
     from scipy.linalg import hessenberg
 
     if A.shape[1] == 0:
@@ -60,7 +61,7 @@ def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floa
 
 
 def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
-    """L [point, input, input] of ``system`` at ``omega`` (rad/s), cut at the plant's inputs: the law commands -L v."""
+    """Return L [point, input, input] of `system` at `omega` (rad/s), cut at the inputs."""
     points, inputs = len(omega), loops.law_D.shape[1]
     result = np.empty((points, inputs, inputs), dtype=np.complex128)
     fill_loop_gains(
@@ -75,12 +76,15 @@ def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
 # Loop gains [point, input, input] of systems [point] at frequencies [point], rad/s.
 Response = Callable[[Ints, Floats], Complexes]
 
-_FARTHEST = 1e6  # a gain margin beyond 120 dB is none
-_APART = 1e-14  # of the identity, by which a matrix is moved that may be singular
+_FARTHEST = 1e6  # a gain margin beyond 120 dB counts as infinite
+_APART = 1e-14  # multiple of the identity that is added to a possibly singular matrix
 
 
 class Margins(NamedTuple):
-    """Margins of each loop, the others closed [system, loop], and of all at once [system], if stable; inf: none."""
+    """Margins of each loop with the others closed [system, loop] and of all loops [system].
+
+    They assume a stable system; inf if there is no limit.
+    """
 
     gain_low: (
         Floats  # the gain below 1 nearest to it that makes the loop neutral, 0 where none does
@@ -112,7 +116,7 @@ Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 
 def close(L: Complexes) -> tuple[Complexes, Closed]:
-    """Sensitivity [..., input, input] and the single loops of loop gains [..., input, input]."""
+    """Return the sensitivity [..., input, input] and the single loops of loop gains."""
     S = inverse(np.eye(L.shape[-1]) + L)
     alone = np.einsum("...ij,...ji->...i", S, L)
     own = np.einsum("...ii->...i", S)
@@ -120,7 +124,10 @@ def close(L: Complexes) -> tuple[Complexes, Closed]:
 
 
 def inverse(matrices: Complexes) -> Complexes:
-    """Return the inverses of matrices [..., n, n], each moved a little: at a pole of the closed loop it is singular."""
+    """Return the inverses of matrices [..., n, n], shifted slightly against singularity.
+
+    Loops are singular at a pole of the closed loop.
+    """
     identity = np.eye(matrices.shape[-1])
     moved = matrices + _APART * identity
     try:
@@ -132,20 +139,20 @@ def inverse(matrices: Complexes) -> Complexes:
 
 
 def find_margins(response: Response, omega: Floats, period: float) -> Margins:
-    """Margins of systems with frequencies ``omega`` [system, frequency] (rising to pi / period) to look at first."""
+    """Return the margins of systems; `omega` [system, frequency] rises to pi / period."""
     systems, count = omega.shape
     L = response(np.repeat(np.arange(systems), count), omega.ravel())
     inputs = L.shape[-1]
     L = L.reshape(systems, count, inputs, inputs)
     S, closed = close(L)
-    # From here on a row for each loop of each system.
+    # The following arrays have a row for each loop of each system.
     grid, half = np.repeat(omega, inputs, axis=0), 0.5 * np.eye(inputs)
-    gains, own = (np.moveaxis(each, -1, 1).reshape(-1, count) for each in closed)
+    gains, own = (np.moveaxis(responses, -1, 1).reshape(-1, count) for responses in closed)
 
     def at(loop: Ints, frequency: Floats) -> Closed:
-        _, found = close(response(loop // inputs, frequency))
+        _, single_loops = close(response(loop // inputs, frequency))
         rows = np.arange(loop.size)
-        return Closed(found.L[rows, loop % inputs], found.S[rows, loop % inputs])
+        return Closed(single_loops.L[rows, loop % inputs], single_loops.S[rows, loop % inputs])
 
     def alone(loop: Ints, frequency: Floats) -> Complexes:
         return at(loop, frequency).L[:, None]
@@ -163,58 +170,61 @@ def find_margins(response: Response, omega: Floats, period: float) -> Margins:
         value,
     )
     delay = phase_margins(lambda i, w: eigenvalues(response(i, w)), omega, eigenvalues(L))[2]
-    each = (*gain, *phase, farthest(0.0), 1.0 / farthest(0.5))
+    loop_margins = (*gain, *phase, farthest(0.0), 1.0 / farthest(0.5))
     return Margins._make(
-        [*(found.reshape(systems, inputs) for found in each), 1.0 / mu, mu_at, delay]
+        [*(values.reshape(systems, inputs) for values in loop_margins), 1.0 / mu, mu_at, delay]
     )
 
 
 def eigenvalues(matrices: Complexes) -> Complexes:
-    """Of matrices [..., n, n]."""
+    """Return the eigenvalues of matrices [..., n, n]."""
     return np.asarray(np.linalg.eigvals(matrices))
 
 
 def largest(size: Quantity, grid: Floats, values: Floats) -> Floats:
-    """Largest over frequency [row] of a size that is ``values`` [row, frequency] at the grid's."""
+    """Return the peak [row] over frequency of a size; `values` [row, frequency] on the grid."""
     return refine_peaks(size, grid, values.argmax(axis=1), values.max(axis=1))[0]
 
 
 def _crossings(
-    of: Loci, quantity: Callable[[Complexes], Floats], grid: Floats, values: Complexes
+    loci: Loci, quantity: Callable[[Complexes], Floats], grid: Floats, values: Complexes
 ) -> tuple[Ints, Floats, Complexes]:
-    """Rows, frequencies, loci where a quantity crosses zero, by its rank; ``values`` [row, frequency, locus]."""
+    """Return rows, frequencies and loci of zero crossings of a quantity, by its rank.
+
+    `values` is [row, frequency, locus].
+    """
     count = values.shape[-1]
     ranked = np.moveaxis(np.sort(quantity(values), axis=-1), -1, 1).reshape(-1, grid.shape[1])
-    each, interval = changes_of_sign(ranked)
+    branch, interval = changes_of_sign(ranked)
 
-    def at(each: Ints, frequency: Floats) -> Complexes:
-        found = of(each // count, frequency)
-        order = np.argsort(quantity(found), axis=-1)
+    def at(branch: Ints, frequency: Floats) -> Complexes:
+        candidates = loci(branch // count, frequency)
+        order = np.argsort(quantity(candidates), axis=-1)
         return np.asarray(
-            np.take_along_axis(found, order, axis=-1)[np.arange(each.size), each % count]
+            np.take_along_axis(candidates, order, axis=-1)[np.arange(branch.size), branch % count]
         )
 
     grids = np.repeat(grid, count, axis=0)
-    where = refine_crossings(lambda i, w: quantity(at(i, w)), ranked, grids, each, interval)
-    return each // count, where, at(each, where)
+    where = refine_crossings(lambda i, w: quantity(at(i, w)), ranked, grids, branch, interval)
+    return branch // count, where, at(branch, where)
 
 
 def gain_margins(
-    of: Loci, grid: Floats, values: Complexes, period: float
+    loci: Loci, grid: Floats, values: Complexes, period: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Gains [row] below and above 1 that are nearest to it and make a loop neutral, each with its frequency."""
+    """Return the neutral gains [row] nearest to 1 below and above, with their frequencies."""
 
-    def turned(gains: Complexes) -> Floats:  # of what is no locus last, whatever there is of it
+    def turned(gains: Complexes) -> Floats:  # zero gains, which are no loci, last
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))
 
-    row, where, value = _crossings(of, turned, grid, values)
+    row, where, value = _crossings(loci, turned, grid, values)
     # At zero frequency and at half the sampling rate every loop is real.
     rows = np.arange(len(grid))
-    each = np.repeat(rows, values.shape[-1])
+    end_rows = np.repeat(rows, values.shape[-1])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ends = [of(rows, np.full(rows.size, w)).ravel() for w in (0.0, np.pi / period)]
-    row = np.concatenate([row, each, each])
-    where = np.concatenate([where, 0.0 * each, np.pi / period + 0.0 * each])
+        ends = [loci(rows, np.full(rows.size, w)).ravel() for w in (0.0, np.pi / period)]
+    row = np.concatenate([row, end_rows, end_rows])
+    where = np.concatenate([where, 0.0 * end_rows, np.pi / period + 0.0 * end_rows])
     value = np.concatenate([value, *ends])
     with np.errstate(divide="ignore", invalid="ignore"):
         k = -1.0 / value.real
@@ -226,7 +236,7 @@ def gain_margins(
     low_at, high_at = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
     order = np.argsort(
         -np.abs(np.log(np.where(crosses, k, _FARTHEST)))
-    )  # the nearest last, which then stands
+    )  # the nearest last, which overwrites the others
     for i in order[crosses[order]]:
         if k[i] < 1.0:
             low[row[i]], low_at[row[i]] = k[i], where[i]
@@ -240,10 +250,13 @@ def _delays_at_once(_: Ints, frequency: Floats, locus: Complexes) -> tuple[Float
 
 
 def phase_margins(
-    of: Loci, grid: Floats, values: Complexes, delays: Delays = _delays_at_once
+    loci: Loci, grid: Floats, values: Complexes, delays: Delays = _delays_at_once
 ) -> tuple[Floats, Floats, Floats]:
-    """Phase margin, rad, its frequency, rad/s, and delay margin, s, [row]: where a locus has size 1."""
-    row, where, value = _crossings(of, _log_size, grid, values)
+    """Return phase margin (rad), its frequency (rad/s) and delay margin (s) [row].
+
+    They are evaluated where a locus has size 1.
+    """
+    row, where, value = _crossings(loci, _log_size, grid, values)
     turn = np.angle(value) + np.pi  # 0 .. 2 pi
     where, late = delays(row, where, value)
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
@@ -258,12 +271,12 @@ def phase_margins(
 
 
 def _log_size(gains: Complexes) -> Floats:
-    """Where there is no loop, its gain is zero."""
+    """Return the logarithm of the size of gains; a loop that is cut has gain zero."""
     return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
 
 
 def disk_gain_and_phase(alpha: Floats) -> tuple[Floats, Floats]:
-    """Gain factor and phase (rad) that a disk margin allows in either direction; inf where it allows any gain."""
+    """Return gain factor and phase (rad) that a disk margin allows; inf for any gain."""
     with np.errstate(divide="ignore"):
         gain = np.where(
             alpha >= 2.0, np.inf, (1.0 + 0.5 * alpha) / np.maximum(1.0 - 0.5 * alpha, 1e-300)

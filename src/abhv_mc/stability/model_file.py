@@ -1,4 +1,4 @@
-"""A linear model in a file: for numpy (.npz), MATLAB (.mat) or anything else (.json)."""
+"""Linear models in files for numpy (.npz), MATLAB (.mat) and other programs (.json)."""
 
 import json
 from collections.abc import Sequence
@@ -28,12 +28,13 @@ FORMATS = (".npz", ".mat", ".json")
 
 
 def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, Any]:
-    """Matrices and names of the first point: arrays, and lists of text.
+    """Return matrices and names of the first point: arrays, and lists of text.
 
-    ``plant``: measurement from commands; ``loop``: minus the law's commands from what goes into the actuators, all
-    loops cut there; ``closed``: truth and commands from disturbances of the commands. ``plant_continuous`` has the
-    actuators' commands as inputs. All but that one are sampled with ``period``. Of a law that repeats after several
-    ``ticks`` they are those of the point's tick, and ``closed_over_ticks`` is the map of all of its ticks.
+    `plant` maps commands to the measurement; `loop` maps actuator inputs to minus the controller's
+    commands, with all loops cut there; `closed` maps disturbances of the commands to truth and
+    commands. `plant_continuous` has the actuators' commands as inputs. All but that one are sampled
+    with `period`. For a controller that repeats after several `ticks` they belong to the point's
+    tick, and `closed_over_ticks` is the map over all of its ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
@@ -67,20 +68,28 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     ) | {
         "period_s": linear.period,
         "measurement_delay_periods": d,
-        "plant_continuous": _part(A, B, C, none, plant, commands, truth),
-        "plant": _part(linear.A[0], linear.B[0], C, none, plant, commands, truth),
+        "plant_continuous": _part(A, B, C, none, plant, inputs=commands, outputs=truth),
+        "plant": _part(linear.A[0], linear.B[0], C, none, plant, inputs=commands, outputs=truth),
         "law": _part(
             linear.law_A[0],
             linear.law_B[0],
             linear.law_C[0],
             linear.law_D[0],
             memory,
-            truth,
-            commands,
+            inputs=truth,
+            outputs=commands,
         ),
-        "loop": _part(loop_A, loop_B, loop_C, np.zeros((k, k)), states, commands, commands),
+        "loop": _part(
+            loop_A, loop_B, loop_C, np.zeros((k, k)), states, inputs=commands, outputs=commands
+        ),
         "closed": _part(
-            closed_loop(linear, 0), loop_B, closed_C, no_feedthrough, states, commands, both
+            closed_loop(linear, 0),
+            loop_B,
+            closed_C,
+            no_feedthrough,
+            states,
+            inputs=commands,
+            outputs=both,
         ),
         "point": {
             "states": np.concatenate(
@@ -104,7 +113,7 @@ class _Named(NamedTuple):
 
 
 def _part(
-    A: Floats, B: Floats, C: Floats, D: Floats, states: _Named, inputs: _Named, outputs: _Named
+    A: Floats, B: Floats, C: Floats, D: Floats, states: _Named, *, inputs: _Named, outputs: _Named
 ) -> dict[str, Any]:
     signals = {"state": states, "input": inputs, "output": outputs}
     named = {f"{kind}s": list(signal.names) for kind, signal in signals.items()}
@@ -113,7 +122,7 @@ def _part(
 
 
 def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> dict[str, Any]:
-    """Models along a flight as one: numbers and arrays have the time first, names are those of the first."""
+    """Return models along a flight as one, with time as the first dimension of arrays."""
 
     def stack(values: list[Any]) -> Any:
         if isinstance(values[0], dict):
@@ -129,7 +138,10 @@ def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> di
 
 
 def write_model(file: Path, model: dict[str, Any]) -> None:
-    """As the file's ending says, in ``.npz`` with entries such as ``plant_A``. Raises InputError for another ending."""
+    """Write a model in the format of the file's suffix.
+
+    Entries of `.npz` have names such as `plant_A`. Raise InputError for another suffix.
+    """
     check_format(file)
     with atomic_write(file) as temporary, temporary.open("wb") as stream:
         _write_to(stream, file.suffix, model)
@@ -143,21 +155,21 @@ def _write_to(stream: BinaryIO, suffix: str, model: dict[str, Any]) -> None:
         flat: dict[str, Any] = {}
         for key, value in model.items():
             parts = value.items() if isinstance(value, dict) else [("", value)]
-            flat.update({f"{key}_{name}".rstrip("_"): np.array(each) for name, each in parts})
+            flat.update({f"{key}_{name}".rstrip("_"): np.array(array) for name, array in parts})
         np.savez_compressed(stream, **flat)
         return
     from scipy.io import savemat
 
     def cells(value: Any) -> Any:
         if isinstance(value, dict):
-            return {name: cells(each) for name, each in value.items()}
+            return {name: cells(array) for name, array in value.items()}
         return np.array(value, dtype=object) if isinstance(value, list) else value
 
     savemat(stream, cells(model), oned_as="column")
 
 
 def check_format(file: Path) -> None:
-    """Raise InputError for a file name with an ending that is none of FORMATS."""
+    """Raise InputError if the suffix of a file name is not in FORMATS."""
     if file.suffix not in FORMATS:
-        found = f"the ending '{file.suffix}'"
-        raise InputError(file, found, "a file name that ends in .npz, .mat or .json")
+        problem = f"the ending '{file.suffix}'"
+        raise InputError(file, problem, "a file name that ends in .npz, .mat or .json")

@@ -1,8 +1,9 @@
-"""Path coordinates of a flight, relative to the Earth, and their rates from those of the plant's own states.
+"""Path coordinates of a flight, relative to the Earth, and their rates.
 
-The ten: geodetic altitude, speed, flight path angle, heading, angle of attack, sideslip, bank and the body rates.
-Attitude is the path's (heading, flight path angle, bank as 3-2-1 angles) turned about its z axis by minus the sideslip
-and about the y axis by the angle of attack. SI and radians; points stand in the first dimension.
+The ten coordinates are geodetic altitude, speed, flight path angle, heading, angle of attack,
+sideslip, bank and the body rates. The attitude is that of the path (heading, flight path angle,
+bank as 3-2-1 angles) rotated about its z axis by minus the sideslip and about the y axis by the
+angle of attack. Units are SI and radians; the first dimension is the point.
 """
 
 import numpy as np
@@ -28,7 +29,10 @@ CONTROLS = (s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA)
 
 
 def make_states(path: Floats, controls: Floats, latitude: Floats, mass: Floats) -> Floats:
-    """Plant states [point, state] from path coordinates [point, 10] and actuator positions [point, 4], longitude 0."""
+    """Return plant states [point, state] from path coordinates and actuator positions.
+
+    `path` is [point, 10], `controls` [point, 4]; the longitude is 0.
+    """
     x = np.zeros((len(path), s.N_STATES))
     V, alpha, beta = path[:, SPEED], path[:, ALPHA], path[:, BETA]
     x[:, s.ALTITUDE], x[:, s.LATITUDE], x[:, s.MASS] = path[:, ALTITUDE], latitude, mass
@@ -46,17 +50,17 @@ def make_states(path: Floats, controls: Floats, latitude: Floats, mass: Floats) 
 
 
 def make_path(states: Floats) -> Floats:
-    """Path coordinates [point, 10] of plant states [point, state]."""
+    """Return path coordinates [point, 10] of plant states [point, state]."""
     return _motion(states, np.zeros((len(states), s.AILERON)))[0]
 
 
 def path_rates(states: Floats, rates: Floats) -> Floats:
-    """Rates [point, 10] of the path coordinates from those [point, 14] of the states before the actuators."""
+    """Return rates [point, 10] of path coordinates from state rates [point, 14]."""
     return _motion(states, rates)[1]
 
 
 def _turned(quaternion: Floats, angle: Floats, axis: int) -> Floats:
-    """The quaternion after a turn about its own body axis 1, 2 or 3."""
+    """Return the quaternion rotated about its own body axis 1, 2 or 3."""
     cosine, sine = np.cos(0.5 * angle), np.sin(0.5 * angle)
     q = quaternion.T
     j, k = axis % 3 + 1, (axis + 1) % 3 + 1  # right-handed after it
@@ -67,7 +71,7 @@ def _turned(quaternion: Floats, angle: Floats, axis: int) -> Floats:
 
 
 def _axes(attitude: Floats) -> Floats:
-    """[3, 3, point]: rows north, east and down of the body axes' matrix."""
+    """Return the north, east and down rows [3, 3, point] of the body axes' matrix."""
     a, b, c, d = attitude
     return np.array(
         [

@@ -1,8 +1,8 @@
-"""Laws of several rates: after how many ticks a law does the same again, and its slopes over such a period.
+"""Period of multi-rate controllers, and their slopes over it.
 
-Counters, clocks and modes among its memory, which no small change of the measurement moves, run on as they are and are
-never perturbed: half a tick of a counter means nothing. While a period passes, measurement, reference and gains stand
-still; time and the law's memory go on.
+Counters, clocks and modes in the memory, which small changes of the measurement do not affect, run
+on without perturbation: half a tick of a counter has no meaning. During a period measurement,
+reference and gains are constant; time and the controller's memory advance.
 """
 
 import hashlib
@@ -25,27 +25,30 @@ from abhv_mc.stability.probe import begin, law_at, law_memory_rows, run_law
 LONGEST = 100  # ticks of a period
 _SETTLING = 2.0  # s
 _WATCHED = 2 * LONGEST  # ticks
-_SAME = 0.01  # of a response: how far it may be from the one a period later
-_NOTHING = 1e-9  # a slope, or a change of a command, that counts for none
+_SAME = 0.01  # of a response: allowed difference from the one a period later
+_NOTHING = 1e-9  # largest slope or change of a command taken as zero
 _STEP = 1e-6  # of the memory
 
 SWITCHES = "the law switches at its rest"
 
 
 class Period(NamedTuple):
-    """After how many ticks a law does the same again, and what it carries along."""
+    """Number of ticks after which a controller repeats, and the memory it carries."""
 
     ticks: int
-    carried: Mask  # [memory] what no small change of the measurement moves
-    start: Floats  # [memory] when it has settled, before a tick that is one more than a multiple of the period
-    modes: tuple[str, ...]  # of what is carried, those that stay: name and value
+    carried: Mask  # [memory] unaffected by small changes of the measurement
+    start: Floats  # [memory] after the transient, before a tick that is one more than a multiple of the period
+    modes: tuple[str, ...]  # constant carried memory: name and value
 
 
 _known: dict[str, Period] = {}
 
 
 def find_period(plan: FlightPlan) -> Period:
-    """As the plan declares it, else the smallest found. Raises InputError for a law that does not repeat, or not so."""
+    """Return the period that the plan declares, else the smallest one detected.
+
+    Raise InputError if the controller does not repeat, or contradicts its declaration.
+    """
     if plan.commanding_law not in USER_LAWS:
         count = len(law_memory_rows(plan))
         return Period(1, np.zeros(count, bool), np.zeros(count), ())
@@ -75,11 +78,9 @@ def _find_period(plan: FlightPlan) -> Period:
     begun = start + change
     begun[1, :n] += steps[:n]
     values = run_law(
-        go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change
+        go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change=change
     )
-    values = np.nan_to_num(
-        values
-    )  # where the law has no slopes it is refused for that, when they are asked for
+    values = np.nan_to_num(values)  # a law without slopes is rejected where slopes are needed
     memory = values[:, :, : len(names)]
     carried = (memory[:, 1] == memory[:, 0]).all(axis=0)
     moved = np.append(np.ones(n, bool), ~carried)
@@ -96,20 +97,20 @@ def _find_period(plan: FlightPlan) -> Period:
     clocks = np.where(
         only_grow, np.append(np.diff(clocks, axis=0), clocks[:1] * 0.0, axis=0), clocks
     )[:-1]
-    found = next(
+    repeat = next(
         (N for N in range(1, LONGEST + 1) if _repeats(N, responses, clocks, command)), None
     )
     file = str(plan.source and plan.source.file)
-    if found is None:
+    if repeat is None:
         raise InputError(
             file, f"a law that does not repeat within {LONGEST} ticks", "one that does, for margins"
         )
-    if plan.period % found:
-        words = f"a law that repeats after {found} ticks, not {plan.period}"
+    if plan.period % repeat:
+        problem = f"a law that repeats after {repeat} ticks, not {plan.period}"
         raise InputError(
-            file, words, f"'period: {found}', or a multiple of it, in its controller file"
+            file, problem, f"'period: {repeat}', or a multiple of it, in its controller file"
         )
-    period = plan.period or found
+    period = plan.period or repeat
     stay = carried & (before == before[0]).all(axis=0)
     modes = tuple(
         f"{name} {value:g}"
@@ -120,17 +121,22 @@ def _find_period(plan: FlightPlan) -> Period:
 
 
 def _repeats(N: int, responses: Floats, clocks: Floats, command: Floats) -> bool:
-    """Whether what a law does [tick, ...] is the same ``N`` ticks later; a command may drift besides."""
+    """Return whether the controller's behaviour [tick, ...] repeats after `N` ticks.
+
+    A command may drift in addition.
+    """
     size = np.abs(responses).max(axis=0)
-    apart = np.abs(responses[N:] - responses[:-N]).max(axis=0)
+    difference = np.abs(responses[N:] - responses[:-N]).max(axis=0)
     drift = np.ptp(command[N:] - command[:-N], axis=0)
     same = np.abs(clocks[N:] - clocks[:-N]) <= _NOTHING * np.maximum(1.0, np.abs(clocks[N:]))
     steady = drift <= _SAME * np.ptp(command, axis=0) + _NOTHING
-    return bool(((apart <= _SAME * size) | (size < _NOTHING)).all() and same.all() and steady.all())
+    return bool(
+        ((difference <= _SAME * size) | (size < _NOTHING)).all() and same.all() and steady.all()
+    )
 
 
 def go_on(plan: FlightPlan, tick: int, ticks: int) -> FlightPlan:
-    """The plan whose reference and gains stand still from ``tick`` on, while their time goes on, for some ticks."""
+    """Return the plan extended by `ticks` ticks with reference and gains fixed from `tick`."""
     rows = np.minimum(np.arange(tick + ticks + 2), min(tick, len(plan.reference) - 1))
     reference = plan.reference[rows]
     reference[tick:, ref.TIME] = plan.timing.tick * np.arange(tick, len(rows))
@@ -141,7 +147,7 @@ def go_on(plan: FlightPlan, tick: int, ticks: int) -> FlightPlan:
 
 
 def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
-    """Slopes of the law in each tick of its period, from the points' tick and memory on."""
+    """Return the controller's slopes in each tick of its period, from the points' tick on."""
     period = find_period(plan)
     if period.ticks == 1 and not period.carried.any():
         return [law_slopes(plan, points)]
@@ -149,16 +155,16 @@ def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
     carried, n, phases = np.flatnonzero(period.carried), points.measured.shape[1], []
     for tick in range(first, first + period.ticks):
         law = law_slopes(still, points._replace(tick=tick))
-        for each in (law.slope, law.uneven):
-            each[:, carried] = 0
-            each[:, :, n + carried] = 0
+        for slopes in (law.slope, law.uneven):
+            slopes[:, carried] = 0
+            slopes[:, :, n + carried] = 0
         points = points._replace(memory=law.value[:, : points.memory.shape[1]])
         phases.append(law)
     return phases
 
 
 def over_period(plan: FlightPlan, points: Points) -> Slopes:
-    """The memory after a period and the mean command in it; slopes over measurement and memory before."""
+    """Return memory after a period, mean command, and their slopes over the initial values."""
     phases = law_phases(plan, points)
     if len(phases) == 1:
         return phases[0]
@@ -175,5 +181,5 @@ def over_period(plan: FlightPlan, points: Points) -> Slopes:
 
 
 def switching(plan: FlightPlan, law: Slopes) -> Mask:
-    """Whether a user law has other slopes to the left of the point than to the right of it, [point]."""
+    """Return whether a custom controller has different one-sided slopes [point]."""
     return np.asarray(law.uneven.any(axis=(1, 2)) & (plan.law in USER_LAWS))

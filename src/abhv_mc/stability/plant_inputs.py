@@ -1,4 +1,4 @@
-"""What moves the plant in a linear model: the three surfaces, or effectors that have actuators, and the engine."""
+"""Inputs of the plant in a linear model: surfaces or effectors, and the engine."""
 
 import numpy as np
 
@@ -21,62 +21,68 @@ INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 
 def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
-    """Their names, the engine last."""
+    """Return the names of the inputs, the engine last."""
     return (*name_effectors(vehicle), INPUTS[3]) if vehicle.constants.driven else INPUTS
 
 
 def plant_states(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of plant states: path coordinates, position and rate of each input, custom states."""
+    """Return the names of the plant's states.
+
+    They are path coordinates, position and rate of each input, and custom states.
+    """
     return (
         *path.COORDINATES,
-        *(f"{name}{part}" for name in name_inputs(vehicle) for part in ("", "_rate")),
+        *(f"{name}{suffix}" for name in name_inputs(vehicle) for suffix in ("", "_rate")),
         *(f"state.{name}" for name, _ in name_states(find_code(vehicle))),
     )
 
 
 def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
-    """Units of these states."""
+    """Return the units of the plant's states."""
     surfaces = len(name_inputs(vehicle)) - 1
     own = (unit for _, unit in name_states(find_code(vehicle)))
     return (*path.UNITS, *["rad", "rad/s"] * surfaces, "-", "1/s", *own)
 
 
 def solved_states(plan: FlightPlan) -> Ints:
-    """Places of the custom states that a trim finds; those with a start of their own stay there."""
+    """Return the indices of the custom states that a trim solves for.
+
+    Custom states with a start value keep it.
+    """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
     return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
 
 
 def custom_of(vehicle: Vehicle, lane: Floats) -> Floats:
-    """Custom states [point, state] in the kernel's memory ``lane`` [point, row]."""
+    """Return custom states [point, state] of the kernel's memory `lane` [point, row]."""
     return np.ascontiguousarray(lane[:, s.CUSTOM_STATE : s.CUSTOM_STATE + vehicle.foreign.states])
 
 
 def mixes(plan: FlightPlan) -> bool:
-    """Whether the plan's law commands axes, which are mixed before the actuators."""
+    """Return whether the controller commands axes, which are mixed into effector commands."""
     own = plan.law in USER_LAWS and plan.source is not None and commands_effectors(plan.source)
     return bool(plan.vehicle.constants.driven) and not own
 
 
 def mix_matrix(vehicle: Vehicle) -> Floats:
-    """[input, 4] inputs of the three axes and the engine."""
-    made = np.pad(list_actuators(vehicle).mix, ((0, 1), (0, 1)))
-    made[-1, -1] = 1.0
-    return made
+    """Return the matrix [input, 4] from the three axes and the engine to the inputs."""
+    mix = np.pad(list_actuators(vehicle).mix, ((0, 1), (0, 1)))
+    mix[-1, -1] = 1.0
+    return mix
 
 
 def from_axes(vehicle: Vehicle, axes: Floats) -> Floats:
-    """Positions or commands [point, input] of the three axes and the engine [point, 4]."""
+    """Return positions or commands [point, input] from those of axes and engine [point, 4]."""
     return axes @ mix_matrix(vehicle).T if vehicle.constants.driven else axes
 
 
 def as_axes(vehicle: Vehicle, inputs: Floats) -> Floats:
-    """What axes [point, 4] these positions or commands [point, input] make."""
+    """Return the axes and engine [point, 4] of positions or commands [point, input]."""
     return inputs @ np.linalg.pinv(mix_matrix(vehicle)).T if vehicle.constants.driven else inputs
 
 
 def range_of(vehicle: Vehicle) -> tuple[Floats, Floats]:
-    """Least and greatest nominal positions, each [input]."""
+    """Return the lowest and highest nominal positions [input]."""
     c, actuator = vehicle.constants, list_actuators(vehicle).actuator
     return np.append(actuator[:, LOW], c.equivalence_ratio_min), np.append(
         actuator[:, HIGH], c.equivalence_ratio_max
@@ -84,13 +90,13 @@ def range_of(vehicle: Vehicle) -> tuple[Floats, Floats]:
 
 
 def held_at(vehicle: Vehicle, lane: Floats) -> Floats:
-    """Deflections [point, input - 1] at which surfaces or effectors stick, NEVER where they do not."""
+    """Return the deflections [point, input - 1] of stuck inputs, NEVER for the others."""
     first = s.STUCK_EFFECTOR if vehicle.constants.driven else s.STUCK_SURFACE
     return lane[:, first : first + len(list_actuators(vehicle).mix)]
 
 
 def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
-    """Which of these stick where they were [point, input - 1]."""
+    """Return the mask [point, input - 1] of inputs that stick at their present position."""
     stuck = held_at(vehicle, lane) != NEVER
     names = EFFECTORS[: len(vehicle.effector_mix)] if vehicle.constants.driven else INPUTS[:3]
     for i, name in enumerate(names):
@@ -98,18 +104,18 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
     return np.asarray(stuck)
 
 
-def moving_of(plan: FlightPlan, kept: Kept) -> Floats:
-    """The memory of the effectors' actuators [flight, row]; without columns where there are none."""
+def moving_of(plan: FlightPlan, saved: Kept) -> Floats:
+    """Return the memory [flight, row] of the effector actuators; no columns without them."""
     return np.ascontiguousarray(
-        kept.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else kept.rows[:, :0]
+        saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
     )
 
 
 def actuator_columns(vehicle: Vehicle) -> list[int]:
-    """Columns of kept flights' rows that hold position and rate of each input, in turns."""
+    """Return the columns of saved rows with position and rate of each input, alternating."""
     first = s.X + s.AILERON, s.X + s.AILERON_RATE
     pairs = [(first[0] + i, first[1] + i) for i in range(3)]
     if vehicle.constants.driven:
-        places = (Z_ROWS + O_ROWS + e * N_EFFECTOR_ROWS for e in range(len(vehicle.effectors.mix)))
-        pairs = [(place + POSITION, place + MOVES) for place in places]
+        starts = (Z_ROWS + O_ROWS + e * N_EFFECTOR_ROWS for e in range(len(vehicle.effectors.mix)))
+        pairs = [(start + POSITION, start + MOVES) for start in starts]
     return [column for pair in (*pairs, (s.X + s.ETA, s.X + s.ETA_RATE)) for column in pair]

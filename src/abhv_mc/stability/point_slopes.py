@@ -1,7 +1,7 @@
-"""Slopes of the plant and of the law about points of flights, by differences of order 4 of their compiled code.
+"""Slopes of plant and controller about points of flights, by fourth-order differences.
 
-Tables are linear between their nodes, so slopes jump there. A point close to a node is differentiated to the side on
-which it lies; one exactly on a node to the right of it, as the look-up does.
+Tables are linear between their nodes, so slopes jump at nodes. Close to a node the difference is
+one-sided, on the side of the point; exactly at a node it is to the right, as in the table look-up.
 """
 
 from collections.abc import Callable
@@ -19,34 +19,34 @@ from abhv_mc.stability.probe import ask_plant, law_tick
 
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # of the path coordinates
 _MOVE = 2e-5  # of the actuators' positions
-# Of what laws of the user's own may ask for besides: m/s, -, g, rad (attitude, position), m, m/s, m.
+# Of additional measurements of custom laws: m/s, -, g, rad (attitude, position), m, m/s, m.
 _MORE_STEPS = np.array([0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5])
-_CHANGE = 2e-5  # rad: what a step in the law's memory is to change in a command
-_NO_CHANGE = 1e-14  # of one that the memory changes at a later tick only
+_CHANGE = 2e-5  # rad: change of a command that a step in the law's memory should cause
+_NO_CHANGE = 1e-14  # below it the memory changes the command only at a later tick
 _TURNING = (path.CHI, path.BANK)  # measured between -180 and 180 deg
 
-# Offsets in steps, their weights, and, where it has one, the weight of the point itself.
+# Offsets in steps, their weights and, if any, the weight of the point itself.
 _CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0)
 _RIGHT = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12.0, -25.0 / 12.0)
 
-_UNEVEN = 0.01  # of a change, what it may differ by to the other side
+_UNEVEN = 0.01  # allowed difference of one-sided changes
 _ROUNDED = 1e-10  # a change of a value that rounding may leave
 
-# What is differentiated: values [point, value] and cells [point, axis] of points [point, coordinate] whose
-# originals are numbered by the second argument [point].
+# Function to differentiate: values [point, value] and cells [point, axis] of points
+# [point, coordinate]; the second argument [point] is the index of the original point.
 Function = Callable[[Floats, Ints], tuple[Floats, Ints]]
 
 
 class Slopes(NamedTuple):
-    """Values at the points and slopes there."""
+    """Values at points, and their slopes."""
 
     value: Floats  # [point, value]
     slope: Floats  # [point, value, coordinate]
-    uneven: Mask  # [point, value, coordinate] it is another to the left than to the right, by more than 1 %
+    uneven: Mask  # [point, value, coordinate] one-sided slopes differ by more than 1 %
 
 
 def cells_of(tables: Tables, variables: Floats) -> Ints:
-    """Cell [point, axis] that each axis of the tables is in, from variables [point, variable]."""
+    """Return the table cell [point, axis] of variables [point, variable]."""
     cells = np.empty((len(variables), tables.axis_start.size), dtype=np.int64)
     for axis, (start, length) in enumerate(zip(tables.axis_start, tables.axis_length, strict=True)):
         grid = tables.grid[start : start + length]
@@ -57,7 +57,7 @@ def cells_of(tables: Tables, variables: Floats) -> Ints:
 
 
 def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
-    """Slopes at ``points`` [point, coordinate] with ``steps`` of the same shape."""
+    """Return the slopes at `points` [point, coordinate] with `steps` of the same shape."""
     count, width = points.shape
     value, cells = function(points, np.arange(count))
     expected = np.ones((count, width), dtype=bool)
@@ -77,17 +77,22 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
 
 
 def newton_step(J: Floats, left: Floats) -> Floats:
-    """What points [point, unknown] are off by, the least of the steps that are nearest; zero where not finite."""
-    known, step = (
+    """Return the least-squares Newton step [point, unknown]; zero if not finite."""
+    is_finite, step = (
         np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1),
         np.zeros((len(J), J.shape[2])),
     )
-    step[known] = np.einsum("pij,pj->pi", np.linalg.pinv(J[known], rcond=1e-13), left[known])
+    step[is_finite] = np.einsum(
+        "pij,pj->pi", np.linalg.pinv(J[is_finite], rcond=1e-13), left[is_finite]
+    )
     return step
 
 
 def _is_uneven(change: Floats) -> Mask:
-    """Whether slopes left and right differ: a curve's change grows fourfold in two steps, a kink's twofold."""
+    """Return whether one-sided slopes differ.
+
+    From one to two steps the change grows fourfold for a curve, twofold for a kink.
+    """
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
     return np.asarray(
@@ -98,13 +103,16 @@ def _is_uneven(change: Floats) -> Mask:
 def _ask(
     function: Function, points: Floats, steps: Floats, expected: Mask, offsets: Floats
 ) -> tuple[Floats, Ints]:
-    """Values [point, coordinate, offset, value] and cells, at ``offsets`` [point, coordinate, offset] in steps."""
+    """Return values [point, coordinate, offset, value] and cells at offsets.
+
+    `offsets` [point, coordinate, offset] are in steps.
+    """
     point, coordinate = np.nonzero(expected)
     number = offsets.shape[-1]
     moved = np.repeat(points[point], number, axis=0)
     rows = np.arange(len(moved))
-    each = np.repeat(coordinate, number)
-    moved[rows, each] += (offsets[point, coordinate] * steps[point, coordinate, None]).ravel()
+    columns = np.repeat(coordinate, number)
+    moved[rows, columns] += (offsets[point, coordinate] * steps[point, coordinate, None]).ravel()
     values, cells = function(moved, np.repeat(point, number))
     shape = (*expected.shape, number)
     all_values, all_cells = (
@@ -117,7 +125,7 @@ def _ask(
 
 
 class Points(NamedTuple):
-    """Where the flights are linearized, one row each, SI and radians."""
+    """Points of linearization, one row each, in SI units and radians."""
 
     path: Floats  # [point, 10] path coordinates of the truth
     controls: Floats  # [point, input] positions, see abhv_mc.stability.plant_inputs
@@ -130,28 +138,31 @@ class Points(NamedTuple):
     tick: int  # row of the reference and of the gains
 
 
-def plant_slopes(plan: FlightPlan, points: Points, held: bool = False) -> Slopes:
-    """Rates of the path, sideslip to the air, measurement [point, 10 + 1 + 10], then rates of custom states.
+def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> Slopes:
+    """Return path rates, sideslip, measurement and custom rates with their slopes.
 
-    Slopes over path, controls and custom states.
+    Values are [point, 10 + 1 + measured + custom]; slopes are over path coordinates, controls and
+    custom states. The sideslip is aerodynamic.
     """
     n = 10 + points.controls.shape[1]
 
     def rates(x: Floats, point: Ints) -> tuple[Floats, Ints]:
-        answer, states = ask_at(plan, points, x[:, :10], x[:, 10:n], x[:, n:], point, held)
+        answer, states = ask_at(
+            plan, points, x[:, :10], x[:, 10:n], x[:, n:], point=point, hold_slow=hold_slow
+        )
         measured = answer.measured
         for angle in _TURNING:  # without the step at half a turn
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
         sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
-        found = path.path_rates(states, answer.rates), sideslip, measured, answer.custom_rates
-        values = np.hstack(found)
+        quantities = path.path_rates(states, answer.rates), sideslip, measured, answer.custom_rates
+        values = np.hstack(quantities)
         return values, cells_of(plan.vehicle.tables, answer.variables)
 
-    at = np.hstack([points.path, points.controls, points.custom])
-    steps = np.append(_STEPS, np.full(at.shape[1] - 10, _MOVE))
-    steps = np.tile(steps, (len(at), 1))
+    coordinates = np.hstack([points.path, points.controls, points.custom])
+    steps = np.append(_STEPS, np.full(coordinates.shape[1] - 10, _MOVE))
+    steps = np.tile(steps, (len(coordinates), 1))
     steps[:, n:] *= np.maximum(np.abs(points.custom), 1.0)
-    return differentiate(rates, at, steps)
+    return differentiate(rates, coordinates, steps)
 
 
 def ask_at(
@@ -160,14 +171,25 @@ def ask_at(
     coordinates: Floats,
     controls: Floats,
     custom: Floats,
+    *,
     point: Ints,
-    held: bool = False,
+    hold_slow: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
-    """The plants of ``point`` at path coordinates, positions and custom states, and their states."""
-    shown = as_axes(plan.vehicle, controls)
-    states = path.make_states(coordinates, shown, points.latitude[point], points.mass[point])
-    at = controls if plan.vehicle.constants.driven else None
-    return ask_plant(plan, points.lane, points.tick, point, states, custom, held, at), states
+    """Return the plants' results at coordinates, positions and custom states."""
+    axes = as_axes(plan.vehicle, controls)
+    states = path.make_states(coordinates, axes, points.latitude[point], points.mass[point])
+    positions = controls if plan.vehicle.constants.driven else None
+    answer = ask_plant(
+        plan,
+        points.lane,
+        points.tick,
+        point,
+        states,
+        custom,
+        hold_slow=hold_slow,
+        effectors_at=positions,
+    )
+    return answer, states
 
 
 def _wrapped(angle: Floats) -> Floats:
@@ -175,7 +197,10 @@ def _wrapped(angle: Floats) -> Floats:
 
 
 def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
-    """The law's memory after its tick and its commands, and their slopes over the measurement and the memory."""
+    """Return the controller's memory and commands after its tick, with their slopes.
+
+    Slopes are over the measurement and the memory.
+    """
     n = points.measured.shape[1]
 
     def tick(x: Floats, point: Ints) -> tuple[Floats, Ints]:
@@ -186,18 +211,18 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
         ]
         return np.hstack([answer.memory, answer.command]), np.hstack(cells)
 
-    at = np.hstack([points.measured, points.memory])
+    coordinates = np.hstack([points.measured, points.memory])
     steps = np.broadcast_to(measured_steps(n), points.measured.shape)
-    return differentiate(tick, at, np.hstack([steps, memory_steps(plan, points)]))
+    return differentiate(tick, coordinates, np.hstack([steps, memory_steps(plan, points)]))
 
 
 def measured_steps(count: int) -> Floats:
-    """Steps of the first ``count`` measured quantities."""
+    """Return the steps of the first `count` measured quantities."""
     return np.append(_STEPS, _MORE_STEPS)[:count]
 
 
 def memory_steps(plan: FlightPlan, points: Points) -> Floats:
-    """Steps [point, memory] of the law's memory with about the same effect on its commands, whatever its units."""
+    """Return steps [point, memory] with about the same effect on the commands."""
     count = points.memory.shape[1]
     steps = 1e-6 * np.maximum(1.0, np.abs(points.memory))
     if count == 0:
@@ -206,7 +231,7 @@ def memory_steps(plan: FlightPlan, points: Points) -> Floats:
     moved = points.memory[:, None, :] + steps[:, None, :] * np.eye(count)
     measured = np.repeat(points.measured, count, axis=0)
     answer = law_tick(plan, points.tick, measured, moved.reshape(-1, count))
-    before, after = (np.hstack([each.guidance, each.command]) for each in (base, answer))
+    before, after = (np.hstack([tick.guidance, tick.command]) for tick in (base, answer))
     change = np.abs(after.reshape(len(before), count, -1) - before[:, None, :]).max(axis=-1)
     factor = np.clip(_CHANGE / np.maximum(change, _NO_CHANGE), 1e-3, 1e6)
     return np.asarray(np.where(change > _NO_CHANGE, steps * factor, steps))

@@ -1,6 +1,6 @@
-"""Where flights are linearized: the flight at a time, as the kernel remembers it; warnings near nodes of tables.
+"""Points of linearization along flights, and warnings near table nodes.
 
-From there full flights go on with a small disturbance: what a linear model's closed loop must predict.
+Disturbed flights can be continued from a point, to verify a linear model's prediction.
 """
 
 from typing import NamedTuple
@@ -36,25 +36,28 @@ AT_LIMIT = "a command stands at a limit"
 
 
 class Found(NamedTuple):
-    """Points, and what is wrong with each of them (empty where nothing is)."""
+    """Points, and the fault of each (empty if none)."""
 
     points: Points
     faults: list[str]
 
 
 def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
-    """The flights [flight, parameter] as flown at the tick nearest to ``time`` (s); those that ended at their start."""
+    """Return the points of flights [flight, parameter] at the tick nearest to `time` (s).
+
+    Flights that have ended are at their start, and marked by a fault.
+    """
     tick = min(round(time / plan.timing.tick), plan.timing.ticks)
-    kept = fly_until(plan, parameters, tick)
-    finite = np.isfinite(kept.rows[:, s.X : s.X + s.N_STATES]).all(axis=1)
-    ended = ~finite | (kept.rows[:, Z_ROWS + ALIVE] == 0.0)
-    if ended.any():  # numbers, of which nothing is said
-        kept.rows[ended] = fly_until(plan, parameters[ended], 0).rows
-    sensed, lane = begin(plan, kept)
+    saved = fly_until(plan, parameters, tick)
+    finite = np.isfinite(saved.rows[:, s.X : s.X + s.N_STATES]).all(axis=1)
+    ended = ~finite | (saved.rows[:, Z_ROWS + ALIVE] == 0.0)
+    if ended.any():  # finite numbers instead, which are not reported
+        saved.rows[ended] = fly_until(plan, parameters[ended], 0).rows
+    sensed, lane = begin(plan, saved)
     now = lane[:, s.X : s.X + s.N_STATES]
     points = Points(
         path.make_path(now),
-        kept.rows[:, actuator_columns(plan.vehicle)[::2]],
+        saved.rows[:, actuator_columns(plan.vehicle)[::2]],
         now[:, s.LATITUDE],
         now[:, s.MASS],
         sensed[:, s.MEASURED : s.MEASURED + measured_count(plan)],
@@ -67,12 +70,12 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     switches = np.zeros(len(ended), bool)
     if plan.law in USER_LAWS:
         switches = switching(plan, over_period(plan, points))
-    words = [f"the flight has ended before {time:g} s", SWITCHES, AT_LIMIT]
-    return Found(points, np.select([ended, switches, limited], words, "").tolist())
+    reasons = [f"the flight has ended before {time:g} s", SWITCHES, AT_LIMIT]
+    return Found(points, np.select([ended, switches, limited], reasons, "").tolist())
 
 
 def behind_limit(plan: FlightPlan, points: Points) -> Mask:
-    """Whether the law, left free, commands what it or the vehicle's record does not allow, [point]."""
+    """Return whether the unlimited commands exceed limits of controller or vehicle [point]."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
     low, high = range_of(plan.vehicle)
     outside = (free.command < low) | (free.command > high)
@@ -92,17 +95,17 @@ _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
-    """A sentence for each variable of the first point that lies close to a node of the plant's or guidance's tables."""
+    """Return a sentence for each variable of the first point close to a table node."""
     first = points.path[:1], points.controls[:1], points.custom[:1]
-    variables = ask_at(plan, points, *first, np.zeros(1, np.int64))[0].variables
-    found = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
+    variables = ask_at(plan, points, *first, point=np.zeros(1, np.int64))[0].variables
+    sentences = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
     if plan.commanding_law == "tlc":
         answer = law_tick(plan, points.tick, points.measured[:1], points.memory[:1])
-        found += _near("the tables at trim", plan.trim_tables, answer.guided[0])
-    return list(dict.fromkeys(found))
+        sentences += _near("the tables at trim", plan.trim_tables, answer.guided[0])
+    return list(dict.fromkeys(sentences))
 
 
-def _near(whose: str, tables: Tables, variables: Floats) -> list[str]:
+def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
     sentences = []
     for start, length, variable in zip(
         tables.axis_start, tables.axis_length, tables.axis_variable, strict=True
@@ -117,46 +120,52 @@ def _near(whose: str, tables: Tables, variables: Floats) -> list[str]:
             value, node = np.rad2deg((x, grid[nearest])) if name in _DEGREES else (x, grid[nearest])
             unit = " deg" if name in _DEGREES else ""
             sentences.append(
-                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {whose}: slopes are those on its side"
+                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {owner}: slopes are those on its side"
             )
     return sentences
 
 
-def closed_states(plan: FlightPlan, kept: Kept) -> Floats:
-    """States [flight, n + memory] of the closed loop: path coordinates, actuators, custom states, law's memory."""
-    now = kept.rows[:, s.X : s.X + s.N_STATES]
-    memory = law_at(plan, begin(plan, kept)[0], kept.tick)
-    moving = kept.rows[:, actuator_columns(plan.vehicle)], custom_of(plan.vehicle, kept.rows)
+def closed_states(plan: FlightPlan, saved: Kept) -> Floats:
+    """Return closed-loop states [flight, n + memory] of simulated flights.
+
+    They are path coordinates, actuators, custom states and the controller's memory.
+    """
+    now = saved.rows[:, s.X : s.X + s.N_STATES]
+    memory = law_at(plan, begin(plan, saved)[0], saved.tick)
+    moving = saved.rows[:, actuator_columns(plan.vehicle)], custom_of(plan.vehicle, saved.rows)
     return np.hstack([path.make_path(now), *moving, memory])
 
 
-def disturb(plan: FlightPlan, kept: Kept, change: Floats) -> Kept:
-    """The same flights with ``change`` [n + memory] added to the closed loop's states, but a law's at tick 0."""
-    rows, there = kept.rows.copy(), closed_states(plan, kept) + change
+def disturb(plan: FlightPlan, saved: Kept, change: Floats) -> Kept:
+    """Return saved flights with `change` [n + memory] added to the closed-loop states.
+
+    A controller's memory at tick 0 cannot be changed.
+    """
+    rows, disturbed = saved.rows.copy(), closed_states(plan, saved) + change
     states = rows[:, s.X : s.X + s.N_STATES]
     columns = np.array(actuator_columns(plan.vehicle))
     n = 10 + len(columns)
-    shown = as_axes(plan.vehicle, there[:, 10:n:2])
-    moved = path.make_states(there[:, :10], shown, states[:, s.LATITUDE], states[:, s.MASS])
+    axes = as_axes(plan.vehicle, disturbed[:, 10:n:2])
+    moved = path.make_states(disturbed[:, :10], axes, states[:, s.LATITUDE], states[:, s.MASS])
     moved[:, s.LONGITUDE] = states[:, s.LONGITUDE]
     rows[:, s.X : s.X + s.N_STATES] = rows[:, s.XS : s.XS + s.N_STATES] = moved
-    rows[:, columns] = there[:, 10:n]
+    rows[:, columns] = disturbed[:, 10:n]
     if plan.vehicle.constants.driven:
-        rows[:, columns[:-2:2] + STAGE - POSITION] = there[:, 10 : n - 2 : 2]
+        rows[:, columns[:-2:2] + STAGE - POSITION] = disturbed[:, 10 : n - 2 : 2]
     last = n + plan.vehicle.foreign.states
     for first in (s.CUSTOM_STATE, s.CUSTOM_STAGE):
-        rows[:, first : first + last - n] = there[:, n:last]
-    rows[:, list(law_memory_rows(plan).values())] = there[:, last:]
-    return Kept(kept.tick, rows)
+        rows[:, first : first + last - n] = disturbed[:, n:last]
+    rows[:, list(law_memory_rows(plan).values())] = disturbed[:, last:]
+    return Kept(saved.tick, rows)
 
 
 def fly_disturbed(
     plan: FlightPlan, parameters: Floats, tick: int, change: Floats, ticks: int
 ) -> Floats:
-    """States [tick, n + memory] of one flight's closed loop from ``tick`` on, with ``change`` added to the first."""
-    kept = disturb(plan, fly_until(plan, parameters, tick), change)
-    found = [closed_states(plan, kept)[0]]
+    """Return closed-loop states [tick, n + memory] of a flight disturbed at `tick`."""
+    saved = disturb(plan, fly_until(plan, parameters, tick), change)
+    history = [closed_states(plan, saved)[0]]
     for later in range(tick + 1, min(tick + ticks, plan.timing.ticks) + 1):
-        kept = fly_until(plan, parameters, later, kept)
-        found.append(closed_states(plan, kept)[0])
-    return np.array(found)
+        saved = fly_until(plan, parameters, later, saved)
+        history.append(closed_states(plan, saved)[0])
+    return np.array(history)

@@ -1,7 +1,8 @@
-"""The compiled plant and laws asked at single points: rates of a state, and one tick of a law's own code.
+"""Evaluation of the compiled plant and controllers at single points, vectorized.
 
-Linearizing takes differences of these, so that what is linearized is what flies; they begin with the kernel's own
-memory of a flight, so that it is the vehicle as it is at the tick. Many points are asked abreast.
+Linearization takes differences of these functions, so that the linear model describes the simulated
+code. Evaluation starts from the kernel's memory of a flight, which includes the vehicle's
+dispersions and failures at the tick.
 """
 
 from collections.abc import Callable
@@ -42,8 +43,8 @@ from abhv_mc.kernel.stability.probes import (
 from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
 
-# What a law of the program remembers from tick to tick, as rows of the lane memory; the last commands are among it
-# where it uses them.
+# Memory of the built-in controllers as rows of the lane memory; it includes the last commands if
+# the controller uses them.
 _INTEGRALS = (
     *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
@@ -77,7 +78,7 @@ _N_SEEN = (
 
 
 class LawTick(NamedTuple):
-    """What a law makes of a measurement."""
+    """Result of one controller tick for a measurement."""
 
     memory: Floats  # [point, memory] after the tick
     command: Floats  # [point, input] nan where a user law fails
@@ -86,16 +87,16 @@ class LawTick(NamedTuple):
 
     @property
     def guided(self) -> Floats:
-        """Variables [point, variable] at which guidance looks the trim up: where it sends the vehicle to."""
-        made = self.variables.copy()
-        made[:, VARIABLES.index("angle_of_attack")] = self.guidance[:, 1]
-        made[:, VARIABLES.index("equivalence_ratio")] = self.command[:, -1]
-        return made
+        """Variables [point, variable] at which guidance looks up the trim."""
+        variables = self.variables.copy()
+        variables[:, VARIABLES.index("angle_of_attack")] = self.guidance[:, 1]
+        variables[:, VARIABLES.index("equivalence_ratio")] = self.command[:, -1]
+        return variables
 
 
 @cache
 def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
-    """The compiled probe that serves: the full one where the cache has it."""
+    """Return the compiled probe; the full one if the cache contains it."""
     if not lean:
         return make(False)
     full = choose_probe(make, False)
@@ -103,7 +104,7 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
 
 
 def compile_probes(plan: FlightPlan) -> None:
-    """Have the probes compiled, or loaded, by asking them nothing."""
+    """Compile or load the probes, by calling them without points."""
     _, lane = begin(plan, Kept(0, np.empty((0, SAVED_ROWS))))
     states = np.empty((0, s.N_STATES)), np.empty((0, plan.vehicle.foreign.states))
     ask_plant(plan, lane, 0, np.empty(0, np.int64), *states)
@@ -112,15 +113,15 @@ def compile_probes(plan: FlightPlan) -> None:
     )
 
 
-def begin(plan: FlightPlan, kept: Kept) -> tuple[Floats, Floats]:
-    """Lane memories [flight, row] of kept flights with the measurement of their tick, and with what then has failed."""
-    before = np.ascontiguousarray(kept.rows[:, :Z_ROWS])
+def begin(plan: FlightPlan, saved: Kept) -> tuple[Floats, Floats]:
+    """Return lane memories [flight, row] with the measurement, and with active failures."""
+    before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
     sensed, acting = np.empty_like(before), np.empty_like(before)
     kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
-    numbers, moving = np.arange(len(before)), moving_of(plan, kept)
+    numbers, moving = np.arange(len(before)), moving_of(plan, saved)
     with open_vehicle(plan, LANES) as vehicle:
         arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES), before, moving
-        choose_probe(make_probe_begin, plan.lean)(*arguments, numbers, kept.tick, sensed, acting)
+        choose_probe(make_probe_begin, plan.lean)(*arguments, numbers, saved.tick, sensed, acting)
     return sensed, acting
 
 
@@ -131,14 +132,16 @@ def ask_plant(
     flight: Ints,
     states: Floats,
     custom: Floats | None = None,
-    held: bool = False,
-    at: Floats | None = None,
+    *,
+    hold_slow: bool = False,
+    effectors_at: Floats | None = None,
 ) -> PlantAnswer:
-    """The plants of flights with the memory ``lane`` [flight, row] at ``states`` [point, state] of ``flight`` [point].
+    """Evaluate the plants of `flight` [point] at `states` [point, state].
 
-    ``custom`` [point, state] are those of custom dynamics, by default as ``lane`` has them.
-    ``held``: effectors that failures made slow, and that are held over a tick, are where the state's mix puts them.
-    ``at`` [point, input]: where effectors with actuators are.
+    `lane` [flight, row] is the memory of the flights. `custom` [point, state] are custom states, by
+    default those of `lane`. With `hold_slow` effectors that a failure slows down, and that are held
+    over a tick, are at the state's mix. `effectors_at` [point, input] are the positions of
+    effectors with actuators.
     """
     points = len(states)
     count = measured_count(plan)
@@ -149,7 +152,11 @@ def ask_plant(
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
     kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
     rows = np.ascontiguousarray(lane[:, : s.LAW])
-    positions = np.empty((points, 0)) if at is None else np.ascontiguousarray(at[:, :-1])
+    positions = (
+        np.empty((points, 0))
+        if effectors_at is None
+        else np.ascontiguousarray(effectors_at[:, :-1])
+    )
     numbers = (
         np.asarray(flight, dtype=np.int64),
         np.ascontiguousarray(states),
@@ -159,13 +166,16 @@ def ask_plant(
     )
     with open_vehicle(plan, LANES) as vehicle:
         user_code = vehicle._replace(more=int(count > s.N_MEASURED))
-        arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), held
+        arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), hold_slow
         choose_probe(make_probe_plant, plan.lean)(*arguments, rows, *numbers, tick, answer)
     return answer
 
 
 def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
-    """Rows of the lane memory that the law remembers, by name. Raises InputError where a user's is not known."""
+    """Return the rows of the lane memory that the controller uses, by name.
+
+    Raise InputError if those of a custom controller are unknown.
+    """
     if plan.law == "fmu":
         check_states(plan)
     own: dict[str, int] = {}
@@ -175,7 +185,10 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 
 
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
-    """One tick past the first, limits off but those in a user's code, of [point, measured] and [point, memory]."""
+    """Run one tick after the first, without limits other than those in custom code.
+
+    `measured` is [point, measured], `memory` is [point, memory].
+    """
     count = measured.shape[1]
     rows = np.array(
         [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
@@ -194,7 +207,7 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
 
 
 def _commands(plan: FlightPlan, seen: Floats) -> Floats:
-    """Commands [..., input] to the actuators, of what the probe has seen."""
+    """Return actuator commands [..., input] from the values the probe recorded."""
     command = from_axes(plan.vehicle, seen[..., _N_SEEN - 4 : _N_SEEN])
     if plan.vehicle.constants.driven and not mixes(plan):
         command[..., :-1] = seen[..., _N_SEEN:]
@@ -202,18 +215,21 @@ def _commands(plan: FlightPlan, seen: Floats) -> Floats:
 
 
 def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
-    """The law's memory [flight, memory] before its tick, of :func:`begin`; at tick 0 differentiators are at rest."""
-    kept = law_memory_rows(plan)
-    memory = sensed[:, list(kept.values())]
+    """Return the controller's memory [flight, memory] before its tick.
+
+    `sensed` is that of :func:`begin`; at tick 0 differentiators are at rest.
+    """
+    memory_rows = law_memory_rows(plan)
+    memory = sensed[:, list(memory_rows.values())]
     if tick > 0:
         return memory
     if plan.law in USER_LAWS:
         starts = [start for _, start in law_memory(plan).values()]
         memory[:, : len(starts)] = starts
     rows = np.arange(Z_ROWS)
-    resting = [name.startswith("differentiator") for name in kept]
+    resting = [name.startswith("differentiator") for name in memory_rows]
     if any(resting):
-        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][0][:, list(kept.values())][
+        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][0][:, list(memory_rows.values())][
             :, resting
         ]
     return memory
@@ -222,16 +238,16 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
 def run_law(
     plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
 ) -> Floats:
-    """The law's memory after each of some ticks and its commands there, [tick, point, memory + input], its limits off.
+    """Return memory and commands [tick, point, memory + input] after each tick, unlimited.
 
-    ``start`` [point, measured + memory]; each point goes on with what point ``follow`` [point] has after the tick, plus
-    ``change`` [point, measured + memory].
+    `start` is [point, measured + memory]; each point continues from the result of point `follow`
+    [point], plus `change` [point, measured + memory].
     """
     count = start.shape[1] - len(law_memory_rows(plan))
     rows = np.array(
         [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
     )
-    start, change = (np.pad(each, ((0, 0), (0, 1))) for each in (start, change))
+    start, change = (np.pad(array, ((0, 0), (0, 1))) for array in (start, change))
     after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
     return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)
 
@@ -244,7 +260,10 @@ def _run_law(
     ticks: int = 1,
     goes_on: tuple[Ints, Floats] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Memory rows [tick, point, row] after each tick, and what the law saw and gave; ``goes_on`` as of run_law."""
+    """Return memory rows [tick, point, row] after each tick, and the recorded values.
+
+    `goes_on` holds `follow` and `change` of run_law.
+    """
     if must_fly_elsewhere(plan):
         return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)
     width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
@@ -272,7 +291,7 @@ def _run_law(
 
 
 def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
-    """The plan as a law sees it that nothing limits; the row of ``tick`` 0 stands for tick 1, too."""
+    """Return the plan without limits on commands; row 0 also serves as tick 1."""
     constants = plan.vehicle.constants._replace(
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )
@@ -282,5 +301,5 @@ def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
     free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
     if tick > 0:
         return free
-    reference, gains = (np.repeat(each[:1], 2, axis=0) for each in (plan.reference, plan.gains))
+    reference, gains = (np.repeat(table[:1], 2, axis=0) for table in (plan.reference, plan.gains))
     return replace(free, timing=plan.timing._replace(ticks=1), reference=reference, gains=gains)

@@ -1,7 +1,8 @@
-"""Where a flight comes to rest under a law that does not hold the trim: without integrals it keeps an error.
+"""Equilibria of controllers that do not hold the trim, such as those without integrators.
 
-A law of the user's own has its limits in its code. At a trim that it does not hold it may stand behind one of them, as
-NASA's F-16 does with its stick full aft at an error of two metres of altitude; its slopes there are no closed loop's.
+The limits of a custom controller are in its code. At a trim that it does not hold it may be
+saturated: NASA's F-16 controller has full aft stick at an altitude error of two metres. Slopes at a
+saturated point do not describe a closed loop.
 """
 
 import numpy as np
@@ -16,53 +17,59 @@ from abhv_mc.stability.plant_inputs import held_at, mixes, solved_states
 from abhv_mc.stability.point_slopes import Points, Slopes, newton_step, plant_slopes
 
 _ITERATIONS = 40
-_AT_REST = 1e-8  # of all rates, of the memory's change in a tick and of what commands and controls differ by
+_AT_REST = (
+    1e-8  # largest rate, change of the memory in a tick and difference of commands and controls
+)
 _ROUNDING = 1e-8  # of the law's slopes over the measurement
-_LOST = 1e-3  # of a slope, what is left of it behind a limit
-_MEASURED = 11  # the first measurement of what plant_slopes gives
+_LOST = 1e-3  # share of a slope below which the controller is saturated
+_MEASURED = 11  # row of the first measurement in the result of plant_slopes
 
 
 def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, Mask]:
-    """Trims, or where a law behind a limit of its code comes to rest; which stay behind it [point]."""
+    """Return points, with saturated ones moved to the equilibrium, and those still saturated."""
     free = over_period(plan, points._replace(measured=at_errors_zero))
-    limited = apart = _limited(plan, points, free)
-    if plan.vehicle.constants.driven and not mixes(plan):  # no mix says where it rests
+    limited = is_off_trim = _limited(plan, points, free)
+    if plan.vehicle.constants.driven and not mixes(
+        plan
+    ):  # the mix does not determine the equilibrium
         command = over_period(plan, points).value[:, points.memory.shape[1] :]
-        apart = limited | (np.abs(command - points.controls) > _AT_REST).any(axis=1)
-    rows = np.flatnonzero(apart)
+        is_off_trim = limited | (np.abs(command - points.controls) > _AT_REST).any(axis=1)
+    rows = np.flatnonzero(is_off_trim)
     if not rows.size:
         return points, limited
     some = points._replace(**{name: getattr(points, name)[rows] for name in Points._fields[:-1]})
     free = Slopes(free.value[rows], free.slope[rows], free.uneven[rows])
-    found, at_rest = _come_to_rest(plan, some, free)
-    at_rest &= ~_limited(plan, found, free)
+    equilibria, at_rest = _come_to_rest(plan, some, free)
+    at_rest &= ~_limited(plan, equilibria, free)
     for name in ("path", "controls", "custom", "measured", "memory"):
-        getattr(points, name)[rows[at_rest]] = getattr(found, name)[at_rest]
+        getattr(points, name)[rows[at_rest]] = getattr(equilibria, name)[at_rest]
     limited[rows] &= ~at_rest
     return points, limited
 
 
 def _moves(plan: FlightPlan, points: Points) -> Mask:
-    """Whether the law moves each of the inputs, [point, input]."""
+    """Return the mask [point, input] of the inputs that the controller moves."""
     free = held_at(plan.vehicle, points.lane) == NEVER
     return np.hstack([free, np.ones((len(free), 1), bool)])
 
 
 def _limited(plan: FlightPlan, points: Points, free: Slopes) -> Mask:
-    now = over_period(plan, points)
-    here, at_zero = (_strengths(each.slope[:, points.memory.shape[1] :]) for each in (now, free))
-    lost = (at_zero > _ROUNDING) & (here < _LOST * at_zero)
+    present = over_period(plan, points)
+    strength, free_strength = (
+        _strengths(slopes.slope[:, points.memory.shape[1] :]) for slopes in (present, free)
+    )
+    lost = (free_strength > _ROUNDING) & (strength < _LOST * free_strength)
     return np.asarray((lost.any(axis=2) & _moves(plan, points)).any(axis=1))
 
 
 def _strengths(slope: Floats) -> Floats:
-    """How much the speed, and all angles and rates together, move each command, [point, input, 2]."""
+    """Return the sizes [point, input, 2] of slopes over speed and over angles and rates."""
     angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 
 
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
-    """Where nothing but the heading changes under the law, and whether [point], by Newton's method."""
+    """Return equilibria, except for a constant heading rate, and whether Newton converged."""
     m, n = points.memory.shape[1], points.measured.shape[1]
     law_measured, law_memory = (
         free.slope[:, :, :n],
@@ -79,8 +86,8 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         memory = np.where(find_period(plan).carried, points.memory, memory)
         rates = plant.value[:, :10].copy()
         rates[:, path.CHI] -= plan.reference[0, ref.HEADING_RATE]
-        apart = np.where(moves, command - points.controls, 0.0)
-        left = np.hstack([rates, memory - points.memory, apart, plant.value[:, seen.stop + own]])
+        mismatch = np.where(moves, command - points.controls, 0.0)
+        left = np.hstack([rates, memory - points.memory, mismatch, plant.value[:, seen.stop + own]])
         at_rest = np.asarray(np.abs(left).max(axis=1) < _AT_REST)
         if iteration == _ITERATIONS or at_rest.all():
             break

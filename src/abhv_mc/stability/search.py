@@ -1,4 +1,4 @@
-"""Crossings and peaks over frequency of many loops at once: bracketed on a grid, then refined together."""
+"""Vectorized search for zero crossings and peaks over frequency."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ Quantity = Callable[[Ints, Floats], Floats]
 
 
 def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
-    """Loop and interval [crossing] in which ``values`` [loop, frequency] change their sign."""
+    """Return loop and interval [crossing] in which `values` [loop, frequency] change sign."""
     positive = values > 0.0
     loop, interval = np.nonzero(positive[:, 1:] != positive[:, :-1])
     return loop, interval
@@ -25,7 +25,10 @@ def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
 def refine_crossings(
     quantity: Quantity, values: Floats, omega: Floats, loop: Ints, interval: Ints
 ) -> Floats:
-    """Frequencies [crossing] of zeros in intervals of ``omega`` [loop, frequency], by Anderson and Bjorck."""
+    """Return the frequencies [crossing] of zeros in intervals of `omega` [loop, frequency].
+
+    The method is that of Anderson and Bjorck, with bisection in every third step.
+    """
     a, b = np.log(omega[loop, interval]), np.log(omega[loop, interval + 1])
     fa, fb = values[loop, interval].copy(), values[loop, interval + 1].copy()
     end = b.copy()
@@ -50,51 +53,56 @@ def refine_crossings(
 
 
 def refine_peaks(
-    quantity: Quantity, omega: Floats, at: Ints, value: Floats
+    quantity: Quantity, omega: Floats, start: Ints, value: Floats
 ) -> tuple[Floats, Floats]:
-    """Largest value [loop] near the grid's ``at``, and where: parabolas, every third time a golden section."""
+    """Return the maximum [loop] near grid index `start` [loop], and its frequency.
+
+    Parabolic steps, with a golden section in every third step.
+    """
     loops = np.arange(len(omega))
     x = np.log(omega)
-    low, here, high = (x[loops, np.clip(at + step, 0, omega.shape[1] - 1)] for step in (-1, 0, 1))
-    f_here = value.copy()
+    low, middle, high = (
+        x[loops, np.clip(start + step, 0, omega.shape[1] - 1)] for step in (-1, 0, 1)
+    )
+    f_middle = value.copy()
     f_low, f_high = (quantity(loops, np.exp(end)) for end in (low, high))
     for step in range(_PEAK_STEPS):
-        left, right = here - low, high - here
-        longer = np.where(right > left, here + _SECTION * right, here - _SECTION * left)
+        left, right = middle - low, high - middle
+        longer = np.where(right > left, middle + _SECTION * right, middle - _SECTION * left)
         with np.errstate(divide="ignore", invalid="ignore"):
-            p, q = right * (f_here - f_low), left * (f_here - f_high)
-            vertex = here + 0.5 * (right * p - left * q) / (p + q)
+            p, q = right * (f_middle - f_low), left * (f_middle - f_high)
+            vertex = middle + 0.5 * (right * p - left * q) / (p + q)
         far = np.minimum(np.abs(vertex - low), np.abs(vertex - high)) > 0.0
-        useful = np.isfinite(vertex) & (vertex > low) & (vertex < high) & (vertex != here) & far
+        useful = np.isfinite(vertex) & (vertex > low) & (vertex < high) & (vertex != middle) & far
         new = np.where(useful & (step % 3 != 2), vertex, longer)
         f_new = quantity(loops, np.exp(new))
-        better, after = f_new > f_here, new > here
-        low, f_low = _choose(better & after, here, f_here, ~better & ~after, new, f_new, low, f_low)
-        high, f_high = _choose(
-            better & ~after, here, f_here, ~better & after, new, f_new, high, f_high
+        better, after = f_new > f_middle, new > middle
+        low, f_low = _choose(
+            better & after, middle, f_middle, ~better & ~after, new, fb=f_new, x=low, f=f_low
         )
-        here, f_here = np.where(better, new, here), np.where(better, f_new, f_here)
-    return np.asarray(f_here), np.asarray(np.exp(here))
+        high, f_high = _choose(
+            better & ~after, middle, f_middle, ~better & after, new, fb=f_new, x=high, f=f_high
+        )
+        middle, f_middle = np.where(better, new, middle), np.where(better, f_new, f_middle)
+    return np.asarray(f_middle), np.asarray(np.exp(middle))
 
 
-def _choose(  # the first that is so
-    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, fb: Floats, x: Floats, f: Floats
+def _choose(  # the first case that applies
+    a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, *, fb: Floats, x: Floats, f: Floats
 ) -> tuple[Floats, Floats]:
     return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
 
 
 def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
-    """Frequencies [system, frequency], rad/s, even in the logarithm, and those of the (discrete) ``poles``."""
+    """Return logarithmic frequencies [system, frequency] in rad/s, with those of `poles`."""
     own = count // 10
     top = np.pi / period
     base = np.geomspace(1e-4, top, count - own)
     grid = np.empty((len(poles), count))
-    for i, each in enumerate(poles):
-        s = np.log(each[each != 0.0].astype(np.complex128)) / period
+    for i, system_poles in enumerate(poles):
+        s = np.log(system_poles[system_poles != 0.0].astype(np.complex128)) / period
         slow = s[(s.imag > 1e-3) & (s.imag < 0.999 * top)]
         chosen = slow[np.argsort(np.abs(slow.real) / slow.imag)][:own].imag
-        spare = np.geomspace(
-            0.1, 100.0, own - chosen.size
-        )  # where the margins of flying vehicles mostly are
+        spare = np.geomspace(0.1, 100.0, own - chosen.size)  # typical frequencies of margins
         grid[i] = np.sort(np.concatenate([base, chosen, np.minimum(spare, top)]))
     return grid

@@ -1,4 +1,4 @@
-"""Steady flight: the plan of a level or turning flight for all time, and the true vehicles' trims under it."""
+"""Steady flight: a plan of level or turning flight, and trims of the true vehicles."""
 
 from dataclasses import replace
 
@@ -39,11 +39,11 @@ from abhv_mc.stability.rest import leave_limits
 from abhv_mc.user_code.design import DesignModel
 
 _ITERATIONS = 25
-_AT_REST = 1e-12  # what the law's memory at a trim may change by in a tick
-_STILL = 1e-10  # a step of the memory after which it is no nearer
-_GROWS = 1e-7  # what it changes by where the law finds no equilibrium: a sideslip of 6e-4 deg, integrated
-_RESTING = 1e5  # how much more that counts than the controls, where not both can be met
-_BALANCED = 1e-9  # rad/s2 and so on: what a trim may leave of any rate
+_AT_REST = 1e-12  # largest change of the law's memory in a tick at a trim
+_STILL = 1e-10  # a step of the memory below which it has converged
+_GROWS = 1e-7  # change in a tick without an equilibrium: a sideslip of 6e-4 deg, integrated
+_RESTING = 1e5  # weight of an equilibrium relative to the controls, if not both are possible
+_BALANCED = 1e-9  # rad/s2 and so on: largest rate at a trim
 _UNKNOWNS = [
     path.ALPHA,
     path.BETA,
@@ -61,7 +61,7 @@ _LARGEST = np.array(
 )  # a Newton step of the unknowns
 _EXPECTED = slice(
     1, 11
-)  # of what plant_slopes gives: all rates but the altitude's, and the sideslip to the air
+)  # rows of plant_slopes: all rates but the altitude's, and the aerodynamic sideslip
 _BEYOND = "the trim is beyond the limits of surfaces or engine"
 
 
@@ -73,10 +73,10 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserParts | None = None,
 ) -> FlightPlan:
-    """A plan whose reference is steady flight at the mission's start for all time, with the gains that belong to it.
+    """Return a plan of steady flight at the mission's start for all time, with its gains.
 
-    ``bank`` (rad) is the guidance trim's in a steady turn; 0 asks for straight flight, whatever bank that takes.
-    ``user_code``: of a controller of the user's own. Raises InputError where no steady turn has that bank.
+    `bank` (rad) is the guidance trim's bank in a steady turn; 0 means straight flight, at any bank.
+    `user_code` belongs to a custom controller. Raise InputError if no steady turn has that bank.
     """
     level = mission.model_copy(
         update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate}
@@ -103,8 +103,10 @@ def make_steady_plan(
 def _trim_turn(
     vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float
 ) -> GuidanceTrim:
-    known = row[[ref.SPEED, ref.DENSITY, ref.SOUND_SPEED, ref.GRAVITY, ref.RADIUS, ref.LATITUDE]]
-    values = *known, 0.0, row[ref.HEADING], 0.0, 0.0, row[ref.SPEED] * heading_rate
+    conditions = row[
+        [ref.SPEED, ref.DENSITY, ref.SOUND_SPEED, ref.GRAVITY, ref.RADIUS, ref.LATITUDE]
+    ]
+    values = *conditions, 0.0, row[ref.HEADING], 0.0, 0.0, row[ref.SPEED] * heading_rate
     points = GuidancePoints(*np.array(values)[:, None])
     return trim_along(
         vehicle, plan.trim_tables, points, vehicle.constants.mass_start, plan.timing.tick
@@ -112,7 +114,7 @@ def _trim_turn(
 
 
 def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) -> float:
-    """Heading rate of the steady turn whose guidance trim has the bank, rad/s."""
+    """Return the heading rate (rad/s) of the steady turn with the bank."""
     from scipy.optimize import brentq
 
     def off(heading_rate: float) -> float:
@@ -127,7 +129,10 @@ def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) 
 
 
 def steady_air(parameters: Floats) -> Floats:
-    """The same dispersions [flight, parameter] without gusts and turbulence; steady wind stays."""
+    """Return dispersions [flight, parameter] without gusts and turbulence.
+
+    The steady wind is unchanged.
+    """
     steady, nominal = parameters.copy(), nominal_parameters()[0]
     for name, i in PARAMETER_INDEX.items():
         if name.startswith(("wind.gust", "wind.turbulence")):
@@ -136,12 +141,12 @@ def steady_air(parameters: Floats) -> Floats:
 
 
 def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
-    """The true plants' trims under a plan of :func:`make_steady_plan`: ``parameters`` [flight, parameter].
+    """Return the trims of the true plants under a plan of :func:`make_steady_plan`.
 
-    In the steady wind, and with what has failed at the start. Altitude, speed and heading are the reference's, flight
-    path angle and sideslip to the air zero; all else is such that nothing but the heading changes. A stuck aileron or
-    rudder leaves the sideslip free. The law is at rest there: errors zero, integrals whatever holds the trim; a law
-    that finds no rest is a fault.
+    `parameters` is [flight, parameter]. Steady wind and failures at the start are included.
+    Altitude, speed and heading are the reference's, flight path angle and aerodynamic sideslip are
+    zero, and all rates but that of the heading vanish. A stuck aileron or rudder leaves the
+    sideslip free. The controller is in equilibrium with zero errors; it is a fault if it has none.
     """
     row = plan.reference[0]
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
@@ -151,24 +156,34 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     out = lane[:, s.ENGINE_FAILED] > 0.0  # its thrust has decayed
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
     count, nothing = len(lane), np.empty((len(lane), 0))
-    held, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
-    stuck = np.pad(held != NEVER, ((0, 0), (0, 1)))
-    held = np.pad(held, ((0, 0), (0, 1)))
-    at = np.zeros((count, 14))
-    at[:, path.ALTITUDE], at[:, path.SPEED], at[:, path.CHI] = (
+    stuck_at, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
+    stuck = np.pad(stuck_at != NEVER, ((0, 0), (0, 1)))
+    stuck_at = np.pad(stuck_at, ((0, 0), (0, 1)))
+    coordinates = np.zeros((count, 14))
+    coordinates[:, path.ALTITUDE], coordinates[:, path.SPEED], coordinates[:, path.CHI] = (
         row[ref.ALTITUDE],
         row[ref.SPEED],
         row[ref.HEADING],
     )
-    at[:, path.ALPHA], at[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
-    at[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
+    coordinates[:, path.ALPHA], coordinates[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
+    coordinates[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
 
-    def controls(at: Floats) -> Floats:
-        return np.where(stuck, held, from_axes(plan.vehicle, at[:, 10:]))
+    def controls(coordinates: Floats) -> Floats:
+        return np.where(stuck, stuck_at, from_axes(plan.vehicle, coordinates[:, 10:]))
 
     latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
     custom = custom_of(plan.vehicle, lane)
-    points = Points(at[:, :10], controls(at), latitude, mass, nothing, nothing, lane, custom, 1)
+    points = Points(
+        coordinates[:, :10],
+        controls(coordinates),
+        latitude,
+        mass,
+        nothing,
+        nothing,
+        lane,
+        custom,
+        1,
+    )
     last = _EXPECTED.stop + measured_count(
         plan
     )  # of the measurement; rates of custom states follow
@@ -183,12 +198,14 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
         plant_slopes(plan, points).value[:, _EXPECTED.stop : last] if user_law else nothing
     )
     for _ in range(_ITERATIONS):
-        there = points._replace(path=at[:, :10], controls=controls(at), custom=custom)
-        found = plant_slopes(plan, there)
-        left = found.value[:, expected]
+        present = points._replace(
+            path=coordinates[:, :10], controls=controls(coordinates), custom=custom
+        )
+        plant = plant_slopes(plan, present)
+        left = plant.value[:, expected]
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
         left[~holds] = 0.0
-        slope, end = found.slope[:, expected], 10 + mix.shape[0]
+        slope, end = plant.slope[:, expected], 10 + mix.shape[0]
         parts = slope[:, :, _UNKNOWNS[:-4]], slope[:, :, 10:end] @ moved, slope[:, :, end + own]
         J = np.concatenate(parts, axis=2)
         J[~holds] = 0.0
@@ -196,19 +213,23 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
         step[np.abs(left).max(axis=1) < 0.01 * _BALANCED] = 0.0
         if not step.any():
             break
-        at[:, _UNKNOWNS] -= np.clip(step[:, : _LARGEST.size], -_LARGEST, _LARGEST)
+        coordinates[:, _UNKNOWNS] -= np.clip(step[:, : _LARGEST.size], -_LARGEST, _LARGEST)
         custom[:, own] -= step[:, _LARGEST.size :]
-    limits = [np.tile(each, (count, 1)) for each in range_of(plan.vehicle)]
-    for each in limits:
-        each[:, :-1] *= lane[:, [s.parameter_row("actuator.deflection_limit")]]
+    limits = [np.tile(limit, (count, 1)) for limit in range_of(plan.vehicle)]
+    for limit in limits:
+        limit[:, :-1] *= lane[:, [s.parameter_row("actuator.deflection_limit")]]
     limits[1][:, -1] *= lane[:, s.parameter_row("engine.equivalence_ratio_limit")]
-    reached = controls(at)
-    beyond = ((reached < limits[0]) | (reached > limits[1])).any(axis=1)
+    positions = controls(coordinates)
+    beyond = ((positions < limits[0]) | (positions > limits[1])).any(axis=1)
     off = ~(np.abs(left).max(axis=1) < _BALANCED)
-    measured = found.value[:, _EXPECTED.stop : last].copy()
-    frozen = (found.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
-    measured[:, :10][frozen[:, :10]] = at[:, :10][frozen[:, :10]]  # it failed in this steady flight
-    points = points._replace(path=at[:, :10], controls=reached, custom=custom, measured=measured)
+    measured = plant.value[:, _EXPECTED.stop : last].copy()
+    frozen = (plant.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
+    measured[:, :10][frozen[:, :10]] = coordinates[:, :10][
+        frozen[:, :10]
+    ]  # it failed in this steady flight
+    points = points._replace(
+        path=coordinates[:, :10], controls=positions, custom=custom, measured=measured
+    )
     memory, grows, switches = _memory_at_rest(plan, points)
     points = points._replace(memory=memory)
     points, limited = (
@@ -216,23 +237,26 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     )
     beta = np.rad2deg(measured[:, path.BETA])
     unsettled = [_unsettled(plan.controller, angle) for angle in beta.tolist()]
-    words = ["no trim was found", _BEYOND, SWITCHES, unsettled, AT_LIMIT]
-    return Found(points, np.select([off, beyond, switches, grows, limited], words, "").tolist())
+    reasons = ["no trim was found", _BEYOND, SWITCHES, unsettled, AT_LIMIT]
+    return Found(points, np.select([off, beyond, switches, grows, limited], reasons, "").tolist())
 
 
 def _unsettled(controller: str, sideslip: float) -> str:
-    words = f"{controller} finds no equilibrium, as what it integrates goes on growing"
+    message = f"{controller} finds no equilibrium, as what it integrates goes on growing"
     return (
-        f"{words} (it measures {sideslip:.3g} deg of sideslip)" if abs(sideslip) > 1e-4 else words
+        f"{message} (it measures {sideslip:.3g} deg of sideslip)"
+        if abs(sideslip) > 1e-4
+        else message
     )
 
 
 def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:
-    """The law's memory [point, memory] that stays as it is and whose commands are the points' controls.
+    """Return the memory in equilibrium, whether it grows, and whether the controller switches.
 
-    Where no memory does both, as of a law without integrals, it stays as it is and comes closest to the controls.
-    Also whether no memory stays as it is, and whether the law switches there, [point]. Over the law's period: what it
-    carries runs on, and the command is the period's mean.
+    The memory [point, memory] is constant and its commands equal the points' controls. If no memory
+    satisfies both, as for controllers without integrators, it is constant and the commands are as
+    close as possible. All conditions hold over the controller's period: carried memory runs on, and
+    the command is the mean over the period.
     """
     period, count = find_period(plan), len(law_memory_rows(plan))
     memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)

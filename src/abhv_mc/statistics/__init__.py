@@ -1,4 +1,4 @@
-"""Statistics: arrays in, numbers out. Nothing here reads a file or knows a controller's name."""
+"""Statistical functions of arrays, independent of files and controllers."""
 
 from abhv_mc.statistics.binomial import (
     clopper_pearson,

@@ -1,4 +1,4 @@
-"""Bands over time: quantiles over the flights of every cell, a channel at a recorded time."""
+"""Quantiles of time histories over flights."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,10 @@ QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 
 
 def band_quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
-    """``[quantile, cell]`` of ``values[cell, flight]``, of which ``count[cell]`` are numbers; nan where none is."""
+    """Return quantiles [quantile, cell] of `values` [cell, flight]; NaN for an empty cell.
+
+    A cell is a channel at a recorded time; `count` [cell] is its number of finite values.
+    """
     if values.shape[1] == 0:
         return np.full((len(QUANTILES), len(count)), np.nan)
     last = np.maximum(count - 1, 0)

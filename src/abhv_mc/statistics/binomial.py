@@ -1,7 +1,8 @@
-"""Exact binomial statistics for one look at a number of flights that was fixed before.
+"""Exact binomial statistics for a sample size that is fixed in advance.
 
-Sources: Hanson & Beard, "Applying Monte Carlo Simulation to Launch Vehicle Design and Requirements Verification",
-NASA/TP-2010-216447; Clopper & Pearson 1934; McNemar 1947 in its exact form. All of it needs independent flights.
+Sources: Hanson & Beard, "Applying Monte Carlo Simulation to Launch Vehicle Design and Requirements
+Verification", NASA/TP-2010-216447; Clopper & Pearson 1934; McNemar 1947 in its exact form. All
+functions assume independent flights.
 """
 
 from collections.abc import Callable
@@ -19,13 +20,16 @@ def _check(failures: int, runs: int, **probabilities: float) -> None:
 
 
 def consumer_risk(failures: int, runs: int, probability: float) -> float:
-    """Chance of at most `failures` in `runs` flights when the success probability is only `probability`."""
+    """Return the chance of at most `failures` in `runs` flights at this success probability."""
     _check(failures, runs, probability=probability)
     return 1.0 if failures == runs else float(betainc(runs - failures, failures + 1, probability))
 
 
 def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float:
-    """One-sided Clopper-Pearson lower bound on the success probability, wrong with probability `consumer_risk`."""
+    """Return the one-sided Clopper-Pearson lower bound on the success probability.
+
+    The bound is wrong with a probability of at most `consumer_risk`.
+    """
     _check(failures, runs, consumer_risk=consumer_risk)
     return (
         0.0 if failures == runs else float(betaincinv(runs - failures, failures + 1, consumer_risk))
@@ -33,7 +37,7 @@ def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float
 
 
 def first_where(low: int, holds: Callable[[int], bool]) -> int:
-    """Smallest integer >= low where `holds`, which holds from the first one on."""
+    """Return the smallest integer >= `low` for which the monotonic predicate is true."""
     high = max(low, 1)
     while not holds(high):
         low, high = high + 1, 2 * high
@@ -45,7 +49,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=4096)
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Fewest flights with which `failures` failures still prove `probability` at `consumer_risk`."""
+    """Return the fewest flights that prove `probability` with `failures` failures."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,
@@ -55,9 +59,10 @@ def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
 
 @lru_cache(maxsize=4096)
 def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int | None:
-    """Rank (1-based, ascending) of the flight that bounds the `probability` quantile from above.
+    """Return the rank of the flight that bounds the `probability` quantile from above.
 
-    None where even the largest of `runs` values does not reach `confidence`.
+    The rank is 1-based and ascending; None if even the largest of `runs` values does not reach
+    `confidence`.
     """
     _check(0, runs, probability=probability, confidence=confidence)
     if runs == 0 or 1.0 - probability**runs < confidence:
@@ -72,7 +77,10 @@ def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int
 
 
 def mcnemar_exact(b: int, c: int) -> float:
-    """Two-sided exact p-value of McNemar's test; `b` and `c` count the pairs where only one of the two failed."""
+    """Return the two-sided exact p-value of McNemar's test.
+
+    `b` and `c` count the pairs in which only one of the two controllers failed.
+    """
     if b < 0 or c < 0:
         raise ValueError(f"counts cannot be negative, found {b} and {c}")
     least, pairs = min(b, c), b + c
@@ -82,12 +90,12 @@ def mcnemar_exact(b: int, c: int) -> float:
 
 
 def mcnemar_one_sided(only_a: int, only_b: int) -> float:
-    """Exact p-value of McNemar's test that `b` fails no more often than `a`."""
+    """Return the exact p-value of McNemar's test that `b` fails no more often than `a`."""
     return float(betainc(only_b, only_a + 1, 0.5)) if only_b else 1.0
 
 
 def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Two-sided exact interval on the failure probability."""
+    """Return the two-sided exact interval of the failure probability."""
     _check(failures, runs, confidence=confidence)
     tail = (1.0 - confidence) / 2.0
     if runs == 0:
@@ -98,9 +106,10 @@ def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple
 
 
 def jeffreys(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Equal-tailed interval on the failure probability from Jeffreys' prior (Brown, Cai & DasGupta 2001).
+    """Return the equal-tailed interval of the failure probability from Jeffreys' prior.
 
-    Its coverage is close to `confidence` on average over failure probabilities, not at each.
+    Its coverage is close to `confidence` on average over failure probabilities, not for every one
+    of them (Brown, Cai & DasGupta 2001).
     """
     _check(failures, runs, confidence=confidence)
     tail, a, b = (1.0 - confidence) / 2.0, failures + 0.5, runs - failures + 0.5

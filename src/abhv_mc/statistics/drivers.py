@@ -1,9 +1,10 @@
-"""Which inputs drive an output: standardized rank regression.
+"""Input drivers of an output by standardized rank regression.
 
-The coefficients come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity Analysis in Practice",
-2004; Iman & Conover 1979). Their intervals are bootstrapped; each resample is ranked anew, because a coefficient of
-ranks varies with the ranks. An input is a driver if its coefficient is large and passes the test of a regression under
-a controlled false-discovery rate over all inputs and outputs, however much of the output is noise.
+The coefficients come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity
+Analysis in Practice", 2004; Iman & Conover 1979). Their intervals are bootstrapped; ranks are
+recomputed for each resample, because the coefficients vary with the ranks. An input is a driver if
+its coefficient is large and significant at a controlled false-discovery rate over all inputs and
+outputs.
 """
 
 from dataclasses import dataclass
@@ -26,24 +27,23 @@ _MOST_RESAMPLED = 1000  # flights; the standard error of more follows by the squ
 
 @dataclass(frozen=True)
 class RankDrivers:
-    """Rank coefficients of inputs on outputs; arrays are [input, output]; a constant output has NaN."""
+    """Rank coefficients [input, output]; NaN if the output is constant."""
 
     srrc: Floats
     srrc_low: Floats
     srrc_high: Floats
     p_value: Floats  # of a zero coefficient
     found: NDArray[np.bool_]  # drivers
-    moves_with: NDArray[
-        np.intp
-    ]  # the driver with which an input that is none is correlated; -1 for none
+    moves_with: NDArray[np.intp]  # the driver with which another input is correlated; -1 for none
     explained: Floats  # [output] R^2 of the rank regression
     residuals: Floats  # [flight, output] of the ranks, in their standard deviations
 
 
 def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> RankDrivers | None:
-    """Coefficients of `inputs` [flight, input] on `outputs` [flight, output], infinities allowed in the outputs.
+    """Return the rank coefficients of `inputs` on `outputs`, or None for too few flights.
 
-    None where the flights are too few for the number of inputs. Constant inputs get zero coefficients.
+    `inputs` is [flight, input], `outputs` is [flight, output] and may contain infinities. Constant
+    inputs get zero coefficients.
     """
     flights, count = inputs.shape
     freedom = flights - count - 1
@@ -70,9 +70,9 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     p_value = np.asarray(
         betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan)), dtype=np.float64
     )
-    found = discoveries(p_value, FALSE_DISCOVERY_RATE)
+    is_driver = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
-        found &= np.abs(srrc) > LEAST_COEFFICIENT
+        is_driver &= np.abs(srrc) > LEAST_COEFFICIENT
     together = np.abs(correlation[:, :count])
     np.fill_diagonal(together, 0.0)
     return RankDrivers(
@@ -80,25 +80,26 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
         srrc_low=srrc - half,
         srrc_high=srrc + half,
         p_value=p_value,
-        moves_with=split_partners(found, np.abs(srrc), together, _PARTNERS, _TWINS),
-        found=found,
+        moves_with=split_partners(is_driver, np.abs(srrc), together, _PARTNERS, _TWINS),
+        found=is_driver,
         explained=explained,
         residuals=y - x @ slopes,
     )
 
 
 def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
-    """Standard errors of `slopes` by a bootstrap of the flights, the same resamples for all outputs.
+    """Return the standard errors of `slopes` by a bootstrap of the flights.
 
-    Each resample is ranked anew and takes one step from the coefficients of all flights to its own.
+    All outputs share the resamples. Ranks are recomputed for each resample, and one Newton step
+    from the coefficients of all flights gives those of the resample.
     """
     used, count = min(len(values), _MOST_RESAMPLED), len(slopes)
     columns = values[:used].T
     order = np.argsort(columns, axis=1)
     ends = np.empty((2, *columns.shape), dtype=np.intp)  # of equal values in their sorted column
-    for k, (column, places) in enumerate(zip(columns, order, strict=True)):
-        ends[0, k] = np.searchsorted(column[places], column, "left")
-        ends[1, k] = np.searchsorted(column[places], column, "right")
+    for k, (column, sorted_rows) in enumerate(zip(columns, order, strict=True)):
+        ends[0, k] = np.searchsorted(column[sorted_rows], column, "left")
+        ends[1, k] = np.searchsorted(column[sorted_rows], column, "right")
     ends += (used + 1) * np.arange(len(columns))[:, None]
     draw = np.random.default_rng(0)
     total, squares = np.zeros(slopes.shape), np.zeros(slopes.shape)

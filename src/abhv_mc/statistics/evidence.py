@@ -1,13 +1,14 @@
-"""Evidence of k failures in n flights about a failure probability q: e-values that hold at any number of flights.
+"""E-values for k failures in n flights, valid at any number of flights.
 
-Against the allowed failure probability q0 = 1 - `probability` the evidence that a requirement is met is a mixture of
-likelihood ratios,
+Against the allowed failure probability q0 = 1 - `probability` the evidence that a requirement is
+met is a mixture of likelihood ratios,
 
     E_pass = integral over 0 < q < q0 of (q/q0)^k ((1-q)/(1-q0))^(n-k) q^(-3/4) q0^(-1/4) / 4 dq,
 
-and that it is missed the same over q0 < q < 1 with weights proportional to q^(-5/4). By Ville's inequality a system
-that just misses (meets) it ever brings E_pass (E_fail) to 1/risk with at most that probability, whenever and however
-often one looks (Robbins 1970; Howard, Ramdas, McAuliffe & Sekhon 2021; Ramdas, Gruenwald, Vovk & Shafer 2023).
+and the evidence that it is missed is the same integral over q0 < q < 1 with weights proportional to
+q^(-5/4). By Ville's inequality a system that just misses (meets) the requirement brings E_pass
+(E_fail) to 1/risk at any time with at most that probability, however often the results are checked
+(Robbins 1970; Howard, Ramdas, McAuliffe & Sekhon 2021; Ramdas, Gruenwald, Vovk & Shafer 2023).
 """
 
 from functools import lru_cache
@@ -22,15 +23,18 @@ _ENOUGH = 1e-300  # of an incomplete beta function, below which its logarithm is
 
 
 def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
-    """Logarithm of the integral of q^(a-1) (1-q)^(b-1) over 0..x (or x..1) divided by x^a (1-x)^b."""
-    part = float(betaincc(a, b, x) if upper else betainc(a, b, x))
-    if part > _ENOUGH:
-        return log(part) + float(betaln(a, b)) - a * log(x) - b * log1p(-x)
+    """Return log(integral of q^(a-1) (1-q)^(b-1) over 0..x or x..1 / (x^a (1-x)^b))."""
+    fraction = float(betaincc(a, b, x) if upper else betainc(a, b, x))
+    if fraction > _ENOUGH:
+        return log(fraction) + float(betaln(a, b)) - a * log(x) - b * log1p(-x)
     return _log_far(b, a, 1.0 - x) if upper else _log_far(a, b, x)
 
 
 def _log_far(a: float, b: float, x: float) -> float:
-    """The same where x lies far below the mean a/(a + b): the series 2F1(1, a + b; a + 1; x) / a (NIST DLMF 8.17.8)."""
+    """Return `_log_part` for x far below the mean a/(a + b), by a series.
+
+    The series is 2F1(1, a + b; a + 1; x) / a (NIST DLMF 8.17.8).
+    """
     total, term, k = 1.0, 1.0, 0
     while term > 1e-17 * total:
         k += 1
@@ -40,14 +44,14 @@ def _log_far(a: float, b: float, x: float) -> float:
 
 
 def log_pass_evidence(failures: int, flights: int, probability: float) -> float:
-    """Logarithm of E_pass; relative error of E_pass below 1e-7 up to 1e7 flights."""
+    """Return log(E_pass); the relative error of E_pass is below 1e-7 up to 1e7 flights."""
     allowed = 1.0 - probability
     a, b = failures + 0.25, flights - failures + 1.0
     return _log_part(a, b, allowed) + log1p(-allowed) - log(4.0)
 
 
 def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
-    """Logarithm of E_fail; minus infinity with fewer than two failures, which never show a miss."""
+    """Return log(E_fail); minus infinity for fewer than two failures."""
     if failures < _FEWEST_TO_FAIL:
         return float("-inf")
     allowed = 1.0 - probability
@@ -57,13 +61,13 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
 
 
 def log_coin_evidence(heads: int, tails: int) -> float:
-    """Logarithm of the mean likelihood ratio of all chances of heads above one half against a fair coin."""
+    """Return the log of the mean likelihood ratio of P(heads) > 1/2 to a fair coin."""
     return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 
 @lru_cache(maxsize=65536)
 def flights_to_pass(failures: int, probability: float, risk: float) -> int:
-    """Fewest flights with which so many failures PASS."""
+    """Return the fewest flights that PASS with `failures` failures."""
     return first_where(
         failures + 1,
         lambda flights: log_pass_evidence(failures, flights, probability) >= -log(risk),
@@ -72,7 +76,7 @@ def flights_to_pass(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def flights_to_fail(failures: int, probability: float, risk: float) -> int:
-    """Most flights with which so many failures FAIL; 0 where not even failures alone do."""
+    """Return the most flights that FAIL with `failures` failures; 0 if none do."""
 
     def holds_out(flights: int) -> bool:
         return log_fail_evidence(failures, flights, probability) < -log(risk)
@@ -84,7 +88,7 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def most_failures(flights: int, probability: float, risk: float) -> int:
-    """Most failures with which so many flights PASS; -1 where not even none do."""
+    """Return the most failures with which `flights` PASS; -1 if even none would."""
 
     def fails_to_pass(failures: int) -> bool:
         return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)

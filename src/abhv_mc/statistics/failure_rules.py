@@ -1,10 +1,12 @@
-"""Where failures live: half-lines, both ends, corners and differences of inputs that hold more than chance allows.
+"""Regions of the inputs in which failures are significantly more frequent.
 
-Thresholds are deciles of the samples and a few quantiles beyond. A half-line is tested by the exact hypergeometric
-law. A corner, or both ends of an input, counts only if each of its two conditions raises the failure rate given the
-other, so an idle input never rides on a real one; a difference of two inputs only if it says more than each of them
-and than their corner. The best of each input's (pair's) candidates pays for all of them by Bonferroni, and the inputs
-and pairs together pass the Benjamini-Hochberg procedure.
+Regions are half-lines, both ends, corners and differences of inputs, with thresholds at deciles of
+the samples and a few quantiles beyond. A half-line is tested by the exact hypergeometric
+distribution. A corner, or both ends of an input, counts only if each of its two conditions raises
+the failure rate given the other, so that an irrelevant input is not combined with a relevant one; a
+difference of two inputs only if it is more significant than each of them and their corner. The best
+of each input's (pair's) candidates is corrected for their number (Bonferroni), and inputs and pairs
+together pass the Benjamini-Hochberg procedure.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,20 +27,20 @@ _QUANTILES = (0.01, 0.02, 0.05, *(n / 10.0 for n in range(1, 10)), 0.95, 0.98, 0
 _BINS = len(_QUANTILES) + 1
 _DECILES = [
     row for row, quantile in enumerate(_QUANTILES) if 0.1 <= quantile <= 0.9
-]  # what corners are cut at
+]  # thresholds of corners
 _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
 )  # bin between deciles of each bin
-_CLEAR = 2.0  # standard deviations below which neither end of an input is looked at closer
-_DIFFERED = 6  # inputs, those that failures prefer most, whose differences are tried
+_CLEAR = 2.0  # standard deviations below which the ends of an input are not tested
+_DIFFERED = 6  # inputs most related to failures whose differences are tried
 _MOST_RULES = 20
 _CHUNK = 4096
-_NEAR = 0.05  # of the flights, within which a threshold is moved off its quantile
+_NEAR = 0.05  # of the flights: largest shift of a threshold from its quantile
 
 
 @dataclass(frozen=True)
 class Condition:
-    """`input` above (or below) `threshold`; or that input less another, each in its standard deviations."""
+    """Bound on an input, or on the difference of two in their standard deviations."""
 
     input: int  # column of the inputs
     above: bool
@@ -48,7 +50,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Rule:
-    """A region that failures prefer."""
+    """Region in which failures are more frequent."""
 
     conditions: tuple[Condition, ...]
     failures_inside: int
@@ -62,17 +64,17 @@ class Rule:
 
 @dataclass(frozen=True)
 class BinnedInputs:
-    """Inputs as far as rules see them."""
+    """Inputs in bins between quantiles."""
 
     edges: Floats  # [threshold, input]
     bins: NDArray[np.uint8]  # [flight, input], how many thresholds lie below the value
 
 
 def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
-    """Bin `inputs`, each [flight]; one is held at a time."""
+    """Return `inputs`, each [flight], in bins; one input is in memory at a time."""
     edges, bins = [], []
     for values in inputs:
-        # Nothing lies between a number and infinity.
+        # No value can be interpolated between a number and infinity.
         method: Literal["linear", "lower"] = "linear" if np.all(np.isfinite(values)) else "lower"
         edges.append(np.quantile(values, _QUANTILES, method=method))
         bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
@@ -82,7 +84,10 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
 def find_rules(
     inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]
 ) -> list[Rule]:
-    """Rules for the `failed` flights [flight], best first; `column` gives the values [flight] of an input."""
+    """Return the rules for the `failed` flights [flight], most significant first.
+
+    `column` returns the values [flight] of an input.
+    """
     edges, bins = inputs.edges, inputs.bins
     flights, count = bins.shape
     failures = int(failed.sum())
@@ -100,7 +105,7 @@ def find_rules(
         for k, candidate in enumerate(candidates)
         if q_values[k] <= FALSE_DISCOVERY_RATE
     ]
-    # A pair is worth its second condition: ties in p go to the simpler rule.
+    # If p-values are equal, the simpler rule comes first.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
     return [_sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
 
@@ -123,7 +128,7 @@ def _rule(
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
-    """Without the half-lines of an input of which both ends say more."""
+    """Return candidates without the half-lines of an input if both ends are more significant."""
     if len(candidates) < 3:
         return candidates
     below, above, both = _p_values(candidates)
@@ -136,38 +141,45 @@ def _differences(
     column: Callable[[int], Floats],
     pairs: int,
 ) -> list["_Candidate"]:
-    """Half-lines of differences between the inputs that failures prefer most, where these say more than the two."""
+    """Return half-lines of differences that are more significant than their inputs.
+
+    Only the inputs most related to failures are combined.
+    """
     flights, failures = failed.size, int(failed.sum())
     best: dict[frozenset[int], float] = {}
-    # What a corner says as a whole is what its difference has to better, not what each of its conditions adds.
-    whole = [
+    # A difference must be more significant than the whole corner, not than one condition of it.
+    complete = [
         _Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried)
         for c in candidates
     ]
-    for candidate, p_value in zip(candidates, _p_values(whole).tolist(), strict=True):
-        who = frozenset(condition.input for condition in candidate.conditions)
-        best[who] = min(best.get(who, 1.0), p_value)
-    alone = sorted((p_value, min(who)) for who, p_value in best.items() if len(who) == 1)
+    for candidate, p_value in zip(candidates, _p_values(complete).tolist(), strict=True):
+        key = frozenset(condition.input for condition in candidate.conditions)
+        best[key] = min(best.get(key, 1.0), p_value)
+    alone = sorted((p_value, min(key)) for key, p_value in best.items() if len(key) == 1)
     standard = {}
     for _, j in alone[:_DIFFERED]:
         values = column(j)
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             standard[j] = _standardise(values)
-    found = []
-    for one, other in combinations(sorted(standard), 2):
-        values = standard[one] - standard[other]
+    differences = []
+    for first, second in combinations(sorted(standard), 2):
+        values = standard[first] - standard[second]
         edges = np.quantile(values, _QUANTILES)
         bins = np.searchsorted(edges, values, side="left").astype(np.uint8)
-        tried = _drop_ends(_along((one, other), bins, failed, edges, pairs))
-        told = min(best.get(frozenset(who), 1.0) for who in ((one,), (other,), (one, other)))
-        found += [
-            c for c, p_value in zip(tried, _p_values(tried).tolist(), strict=True) if p_value < told
+        tried = _drop_ends(_along((first, second), bins, failed, edges, pairs))
+        simpler_p_value = min(
+            best.get(frozenset(key), 1.0) for key in ((first,), (second,), (first, second))
+        )
+        differences += [
+            c
+            for c, p_value in zip(tried, _p_values(tried).tolist(), strict=True)
+            if p_value < simpler_p_value
         ]
-    return found
+    return differences
 
 
 def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Counts at or below each threshold, then above each, along an axis of bins: 2 (_BINS - 1) half-lines."""
+    """Return counts at or below each threshold, then above each, along an axis of bins."""
     below = np.cumsum(histogram, axis=axis)
     total = np.take(below, [-1], axis=axis)
     below = np.delete(below, -1, axis=axis)
@@ -175,7 +187,7 @@ def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
 
 
 def _score(inside: Any, failed_inside: Any, flights: Any, failures: Any) -> Floats:
-    """Standard deviations by which the failures inside exceed what the hypergeometric law expects."""
+    """Return standard deviations of the failures inside above the hypergeometric mean."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = inside / flights
         variance = (
@@ -186,7 +198,7 @@ def _score(inside: Any, failed_inside: Any, flights: Any, failures: Any) -> Floa
 
 
 def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> float:
-    """Chance of at least ``bad`` of the ``failures`` among ``inside`` of the ``flights`` drawn at random."""
+    """Return the chance of at least `bad` failures among `inside` flights drawn at random."""
 
     def log_choose(n: Any, k: Any) -> Any:
         return gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
@@ -201,7 +213,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
-    """Exact chance of so many failures inside, the larger where there are two tables, times the candidates tried."""
+    """Return exact p-values, the larger of two tables, times the candidates tried."""
     rows = np.array(
         [table for candidate in candidates for table in candidate.tables], dtype=np.int64
     )
@@ -219,7 +231,7 @@ def _p_values(candidates: list["_Candidate"]) -> Floats:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """The best region of an input or a pair: flights and failures inside it and in all that it is held against."""
+    """Best region of an input or a pair, with its counts and those of the reference."""
 
     conditions: tuple[Condition, ...]
     tables: tuple[tuple[int, int, int, int], ...]  # inside, failures inside, flights, failures
@@ -237,11 +249,11 @@ def _along(
     bins: NDArray[np.uint8],
     failed: NDArray[np.bool_],
     edges: Floats,
-    others: int = 1,
+    differences: int = 1,
 ) -> list[_Candidate]:
-    """The best half-line below, the best above, and both ends together where each holds more than chance.
+    """Return the best half-lines below and above, and both ends if each is significant.
 
-    Of one input, or of the difference of two, of which `others` are tried.
+    `inputs` is one input, or the two of a difference of which `differences` are tried.
     """
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
@@ -252,7 +264,9 @@ def _along(
     for first in (0, lines):
         side = first + int(np.argmax(score[first : first + lines]))
         table = (int(inside[side]), int(bad[side]), flights, failures)
-        candidates.append(_Candidate((_condition(inputs, side, edges),), (table,), lines * others))
+        candidates.append(
+            _Candidate((_condition(inputs, side, edges),), (table,), lines * differences)
+        )
     low, high = np.triu_indices(lines, 1)
     both, bad_both = inside[low] + inside[lines + high], bad[low] + bad[lines + high]
     best = int(np.argmax(_score(both, bad_both, flights, failures)))
@@ -270,25 +284,25 @@ def _along(
     if float(np.min(_score(*np.array(needed).T))) < _CLEAR:
         return candidates
     if (
-        float(_p_values([_Candidate(conditions, needed, low.size * others)])[0])
+        float(_p_values([_Candidate(conditions, needed, low.size * differences)])[0])
         <= FALSE_DISCOVERY_RATE
     ):
         table = (int(both[best]), int(bad_both[best]), flights, failures)
-        candidates.append(_Candidate(conditions, (table,), low.size * others, either=True))
+        candidates.append(_Candidate(conditions, (table,), low.size * differences, either=True))
     return candidates
 
 
 def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """How many flights fall into each pair of bins of each pair of inputs: [input, bin, input, bin]."""
+    """Return the counts [input, bin, input, bin] of flights in each pair of bins."""
     flights, count = bins.shape
     cells = len(_DECILES) + 1
     total = np.zeros((count * cells, count * cells))
     for start in range(0, flights, _CHUNK):
-        part = bins[start : start + _CHUNK]
+        chunk = bins[start : start + _CHUNK]
         marks = np.zeros(
-            (part.shape[0], count * cells), dtype=np.float32
+            (chunk.shape[0], count * cells), dtype=np.float32
         )  # sums to _CHUNK stay exact
-        marks[np.arange(part.shape[0])[:, None], np.arange(count) * cells + part] = 1.0
+        marks[np.arange(chunk.shape[0])[:, None], np.arange(count) * cells + chunk] = 1.0
         total += marks.T @ marks
     return total.reshape(count, cells, count, cells).astype(np.int64)
 
@@ -296,7 +310,7 @@ def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
 def _best_corners(
     bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats
 ) -> list[_Candidate]:
-    """The best corner of each pair of inputs (columns of `bins` and `edges`)."""
+    """Return the best corner of each pair of inputs (columns of `bins` and `edges`)."""
     first, second = np.triu_indices(bins.shape[1], 1)
     if not first.size:
         return []
@@ -304,7 +318,10 @@ def _best_corners(
     def sides(
         counts: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Inside both conditions [pair, side, side], and inside one [pair, side, 1] and the other [pair, 1, side]."""
+        """Return counts inside both conditions [pair, side, side] and inside each of them.
+
+        The counts of a single condition are [pair, side, 1] and [pair, 1, side].
+        """
         pairs = counts[first, :, second, :]
         alone = _sides(pairs.sum(axis=2), 1)[:, :, None], _sides(pairs.sum(axis=1), 1)[:, None, :]
         return _sides(_sides(pairs, 1), 2), *alone
@@ -332,9 +349,9 @@ def _best_corners(
 
 
 def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floats]) -> Rule:
-    """The rule of a half-line or of both ends with each threshold moved, between quantiles, to where failures begin.
+    """Return a rule of half-lines with each threshold moved to where failures begin.
 
-    The p-value stays that of the quantiles, which were chosen without looking so close.
+    The p-value remains that of the quantiles, which were chosen before this step.
     """
     if len(rule.conditions) > 1 and not rule.either:
         return rule
@@ -344,9 +361,9 @@ def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floa
         order = np.argsort(
             -values if condition.above else values, kind="stable"
         )  # the most extreme first
-        reached = int(np.sum(_meets(condition, values)))
+        size_inside = int(np.sum(_meets(condition, values)))
         near = max(2, round(_NEAR * failed.size))
-        tried = np.arange(max(1, reached - near), min(failed.size - 1, reached + near) + 1)
+        tried = np.arange(max(1, size_inside - near), min(failed.size - 1, size_inside + near) + 1)
         tried = tried[
             values[order[tried - 1]] != values[order[tried]]
         ]  # equal values are on one side
@@ -368,7 +385,7 @@ def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floa
 
 
 def rule_mask(rule: Rule, column: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Return which flights [flight] lie in the region of a rule; ``column`` gives the values of an input."""
+    """Return the mask [flight] of a rule's region; `column` returns the values of an input."""
     masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
     return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
 
@@ -380,7 +397,7 @@ def _values(condition: Condition, column: Callable[[int], Floats]) -> Floats:
 
 
 def _standardise(values: Floats) -> Floats:
-    """Values [flight] less their mean, in their standard deviations; they must vary."""
+    """Return values [flight] with zero mean and unit standard deviation; they must vary."""
     return (values - np.mean(values)) / np.std(values)
 
 

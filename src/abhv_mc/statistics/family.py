@@ -1,7 +1,7 @@
-"""All verdicts of a campaign together: the manifest and the report judge with this, so that they cannot disagree.
+"""Joint judgement of all verdicts of a campaign, for the manifest and the report.
 
-How likely any of them is a false PASS, and how to keep that within one risk, is Holm's procedure (1979). It does not
-need the verdicts to be independent, and those on the same flights are not.
+Holm's procedure (1979) bounds the chance that any PASS is false. It does not assume independent
+verdicts; verdicts on the same flights are dependent.
 """
 
 from collections.abc import Sequence
@@ -16,24 +16,29 @@ from abhv_mc.statistics.verdicts import Verdict
 def judge_family(
     groups: Sequence[Sequence[Verdict]], independent: bool = True, family_risk: float | None = None
 ) -> list[tuple[Verdict, int]]:
-    """Of verdicts at each value of unknowns the one over these, and which has its counts; all one family with a risk.
+    """Return the verdict of each group of points, with the index of its worst point.
 
-    Flights that are not `independent` draws (stratified designs, sequences) get an ESTIMATE.
+    A group holds the verdicts of one requirement at all points of the unknowns. With `family_risk`
+    the PASS verdicts are judged jointly. If the flights are not `independent` draws (stratified
+    designs, sequences), all verdicts are ESTIMATE.
     """
     if not independent:
         groups = [
-            [replace(each, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for each in group]
+            [replace(point, status="ESTIMATE", E_pass=0.0, E_fail=0.0) for point in group]
             for group in groups
         ]
-    found = [judge_points(group) for group in groups]
-    verdicts = [verdict for verdict, _ in found]
+    judged = [judge_points(group) for group in groups]
+    verdicts = [verdict for verdict, _ in judged]
     if independent and family_risk is not None:
         verdicts = hold_family(verdicts, family_risk)
-    return list(zip(verdicts, [worst for _, worst in found], strict=True))
+    return list(zip(verdicts, [worst for _, worst in judged], strict=True))
 
 
 def holm(p_values: Sequence[float], risk: float) -> list[bool]:
-    """Which hypotheses are rejected so that any false rejection has a chance of at most `risk`, in their order."""
+    """Return which hypotheses Holm's procedure rejects, in the order of `p_values`.
+
+    The chance of any false rejection is at most `risk`.
+    """
     rejected = [False] * len(p_values)
     for rank, k in enumerate(np.argsort(p_values, kind="stable").tolist()):
         if p_values[k] > risk / (len(p_values) - rank):
@@ -43,21 +48,24 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 
 
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
-    """Verdicts with the chance of any false PASS at most `risk`: a PASS that Holm drops is NOT SHOWN.
+    """Return verdicts whose chance of any false PASS is at most `risk`.
 
-    FAIL stands: nothing is accepted by it. What is not shown is to be shown at Bonferroni's share of the risk, with
-    which Holm keeps a PASS whatever the others are.
+    A PASS that Holm's procedure drops becomes NOT SHOWN; FAIL is unchanged, because no system is
+    accepted by it. The consumer's risk of a NOT SHOWN verdict becomes Bonferroni's share, with
+    which Holm's procedure retains a PASS whatever the other verdicts are.
     """
-    kept = holm([verdict.p_value for verdict in verdicts], risk)
-    held = []
+    rejected = holm([verdict.p_value for verdict in verdicts], risk)
+    joint_verdicts = []
     note = f"PASS alone, but not with a chance of at most {100.0 * risk:g} % of any false PASS"
     note += f" among {len(verdicts)} verdicts"
-    for verdict, stands in zip(verdicts, kept, strict=True):
+    for verdict, is_rejected in zip(verdicts, rejected, strict=True):
         share = min(verdict.consumer_risk, risk / len(verdicts))
-        if verdict.status == "PASS" and not stands:
-            held.append(replace(verdict, status="NOT SHOWN", note=note, consumer_risk=share))
+        if verdict.status == "PASS" and not is_rejected:
+            joint_verdicts.append(
+                replace(verdict, status="NOT SHOWN", note=note, consumer_risk=share)
+            )
         else:
-            held.append(
+            joint_verdicts.append(
                 replace(verdict, consumer_risk=share) if verdict.status == "NOT SHOWN" else verdict
             )
-    return held
+    return joint_verdicts

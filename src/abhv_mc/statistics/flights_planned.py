@@ -1,4 +1,4 @@
-"""What a campaign can show before it flies: flights needed, and the chance of PASS against the true failure rate."""
+"""Chance of PASS against the true failure rate, before a campaign is run."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -12,12 +12,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 
 PLANNED_FAILURES = (0, 1, 2, 3)
-_NEGLIGIBLE = 1e-15  # probability of a count of failures that is followed no further
-_MOST_LOOKS = 400  # counts of failures at which a long campaign is followed: a bound from below, by less than 1 %
+_NEGLIGIBLE = 1e-15  # probability below which a number of failures is dropped
+_MOST_LOOKS = 400  # boundary points of a long campaign: a lower bound, by less than 1 %
 
 
 def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Floats:
-    """Chance that exactly `runs` flights PASS, for each true failure rate [rate]."""
+    """Return the chance of PASS after exactly `runs` flights, for each failure rate [rate]."""
     most = most_failures(runs, probability, risk)
     if most < 0:
         return np.zeros_like(rates)
@@ -33,7 +33,7 @@ def ever_chance(
     rates: Floats,
     status: Literal["PASS", "FAIL"] = "PASS",
 ) -> Floats:
-    """Chance of the status at some flight up to `runs`, for each true failure rate [rate]: looked at after each."""
+    """Return the chance that the status is reached at any flight up to `runs` [rate]."""
     failures, flights = _boundary(runs, probability, risk, status)
     return np.array([_reach(failures, flights, float(rate), status == "PASS") for rate in rates])
 
@@ -41,7 +41,10 @@ def ever_chance(
 def _boundary(
     runs: int, probability: float, risk: float, status: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Counts of failures, and the flights at which they settle: the first for a PASS, the last for a FAIL."""
+    """Return numbers of failures and the flights at which each decides the verdict.
+
+    The flights are the fewest for a PASS, the most for a FAIL.
+    """
     passes = status == "PASS"
     if passes:
         failures = np.arange(most_failures(runs, probability, risk) + 1)
@@ -58,19 +61,17 @@ def _boundary(
     flights = np.array([settle(int(k), probability, risk) for k in failures], dtype=np.int64)
     if passes:
         return failures, flights
-    reached = np.minimum(flights, runs)
-    fewest = (
-        int(np.argmax(flights >= runs)) + 1
-    )  # more failures than that settle at no earlier flight
-    kept = (flights > 0) & (np.arange(failures.size) < fewest)
-    return failures[kept], reached[kept]
+    last_flights = np.minimum(flights, runs)
+    fewest = int(np.argmax(flights >= runs)) + 1  # more failures decide at no earlier flight
+    is_relevant = (flights > 0) & (np.arange(failures.size) < fewest)
+    return failures[is_relevant], last_flights[is_relevant]
 
 
 @lru_cache(maxsize=512)
 def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
-    """First count and probabilities of the counts of failures that matter among so many flights."""
+    """Return the first count and the probabilities of non-negligible numbers of failures."""
     mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
-    # Beyond ten standard deviations, and thirty counts for the long tails of rare failures, there is nothing left.
+    # Ten standard deviations, and thirty counts for the long tails of rare failures, hold all.
     low, high = (
         max(0, int(mean - 10.0 * spread - 30.0)),
         min(flights, int(mean + 10.0 * spread + 30.0)),
@@ -83,28 +84,29 @@ def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
 def _reach(
     failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool
 ) -> float:
-    """Chance that the failures up to any of `flights` are at most (`low`) or at least `failures` there.
+    """Return the chance that the failures cross the boundary at any of `flights`.
 
-    The counts that have settled nothing are followed from one to the next (Jennison & Turnbull, "Group Sequential
+    The boundary is at most (`low`) or at least `failures`. The distribution of the undecided counts
+    is propagated from one boundary point to the next (Jennison & Turnbull, "Group Sequential
     Methods", 2000, chapter 12).
     """
-    reached, first, inside, before = 0.0, 0, np.ones(1), 0
+    chance, first, inside, before = 0.0, 0, np.ones(1), 0
     for count, flight in zip(failures.tolist(), flights.tolist(), strict=True):
         if flight > before:
-            start, more = _binomial(flight - before, rate)
-            inside, first, before = np.convolve(inside, more), first + start, flight
+            start, increment = _binomial(flight - before, rate)
+            inside, first, before = np.convolve(inside, increment), first + start, flight
         cut = int(np.clip(count + 1 - first if low else count - first, 0, inside.size))
         settled, left = (inside[:cut], inside[cut:]) if low else (inside[cut:], inside[:cut])
-        reached += float(settled.sum())
+        chance += float(settled.sum())
         first, inside = (first + cut if low else first), left
-        kept = np.flatnonzero(inside > _NEGLIGIBLE)
-        if not kept.size:
+        relevant = np.flatnonzero(inside > _NEGLIGIBLE)
+        if not relevant.size:
             break
-        first, inside = first + int(kept[0]), inside[kept[0] : kept[-1] + 1]
-    return min(reached, 1.0)
+        first, inside = first + int(relevant[0]), inside[relevant[0] : relevant[-1] + 1]
+    return min(chance, 1.0)
 
 
 def together(chances: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Bounds on the chance that all PASS from those of each [rate], however they go together (Frechet 1935)."""
+    """Return Frechet bounds on the chance [rate] that all requirements PASS (Frechet 1935)."""
     stacked = np.stack(list(chances))
     return np.maximum(stacked.sum(axis=0) - (len(stacked) - 1), 0.0), stacked.min(axis=0)

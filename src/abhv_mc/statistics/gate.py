@@ -1,9 +1,9 @@
-"""Whether a change may pass: `b` at most so much worse than `a` on the same flights, in most of them, in the tail and
-in what it loses.
+"""Regression gate: non-inferiority of controller `b` to `a` on the same flights.
 
-Non-inferiority is shown for the median of the pairs alone. Of a tail quantile, of lost and of failed flights it is
-tested whether they are worse: non-inferiority of a tail quantile at 300 flights passes the identical law in 67 of 100.
-The risks below follow from `benchmarks/gate.py`.
+Non-inferiority is shown only for the median of the pairs. Tail quantiles, lost flights and failed
+flights are tested for being worse: a non-inferiority test of a tail quantile at 300 flights would
+pass an identical controller in only 67 of 100 campaigns. The risks follow from
+`benchmarks/gate.py`.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ RISK = 0.05  # of each test; the two quantiles of the tail share it, and so do t
 
 @dataclass(frozen=True)
 class Gate:
-    """What was found; whatever is true or not empty from `worse_tails` on stops `b`."""
+    """Result of a gate; `b` fails if any field from `worse_tails` on is true or not empty."""
 
     margin: float  # share of the value of `a`
     pairs: int
@@ -34,8 +34,8 @@ class Gate:
         bool  # whether b's worst flight that is not lost exceeds a's by more than its size
     )
     loses_more: bool
-    misses_more: tuple[int, ...]  # requirements, by their place
-    at: str = ""  # values of unknowns, in words
+    misses_more: tuple[int, ...]  # indices of requirements
+    at: str = ""  # values of the unknowns as text
 
     shown: bool = field(init=False)  # whether `b` passes
 
@@ -50,13 +50,15 @@ def judge_change(
     lost: tuple[Mask, Mask],
     missed: Sequence[tuple[Mask, Mask]],
     margin: float,
+    *,
     risk: float = RISK,
 ) -> Gate:
-    """Judge severities [pair], larger being worse and +infinity a lost flight; `risk` is of each test of what is worse.
+    """Judge severities [pair] of `a` and `b`; larger is worse, +infinity a lost flight.
 
-    ``lost`` and each of ``missed`` (a requirement) are masks [pair] of `a` and of `b`. On most flights `b` is at most
-    `margin` |a| worse by the sign test: for positive metrics the median ratio of the pairs is at most 1 + margin. A
-    flight that both lost is no worse under `b`.
+    `lost` and each item of `missed` (a requirement) are masks [pair] of `a` and of `b`. By the sign
+    test `b` is at most `margin` |a| worse on most flights: for positive metrics the median ratio of
+    the pairs is at most 1 + margin. `risk` applies to each test for being worse. A flight that both
+    lost is no worse under `b`.
     """
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)

@@ -1,10 +1,12 @@
-"""Sobol indices from flights that were drawn for another purpose, in place of a design of their own.
+"""Sobol indices estimated from existing flights, without a design of their own.
 
-First order by ranks (Gamboa, Gremaud, Klein & Lagnoux, "Global sensitivity analysis: a novel generation of mighty
-estimators based on rank statistics", Bernoulli 28, 2022): flights that are neighbours in one input have similar
-outputs as far as that input decides. What two inputs decide together and neither alone shows as the variance between
-cells of a grid of both, beside what its rows and columns explain; the total index counts an input's own share and that
-of every pair of it which is more than chance. Outputs are taken by rank, so that lost flights and heavy tails count.
+First-order indices are estimated by ranks (Gamboa, Gremaud, Klein & Lagnoux, "Global sensitivity
+analysis: a novel generation of mighty estimators based on rank statistics", Bernoulli 28, 2022):
+flights that are neighbours in one input have similar outputs if that input decides the output. The
+interaction of two inputs is the variance between the cells of a two-dimensional grid that its rows
+and columns do not explain. The total index adds to an input's first-order index those of its
+significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails are
+included.
 """
 
 from dataclasses import dataclass
@@ -21,36 +23,35 @@ LEAST_SHARE = 0.1  # of the variance, of an input that is named
 FEWEST_FLIGHTS = 200
 _CELL = 12  # flights, about, in each cell of a pair's grid
 _MOST_CELLS = 8  # along each input
-_PARTNERS = 0.3  # rank correlation from which inputs are no longer told apart
+_PARTNERS = 0.3  # rank correlation from which two inputs are not distinguished
 
 
 @dataclass(frozen=True)
 class GivenDataIndices:
-    """Shares of the variance of the ranks of each output; arrays are [input, output], a constant output has NaN."""
+    """Shares [input, output] of the rank variance of each output; NaN if it is constant."""
 
     first: Floats  # that the input causes alone
     total: Floats  # with what it causes in pairs
-    p_value: Floats  # of neither being there
+    p_value: Floats  # of the hypothesis that the input has no effect
     found: NDArray[
         np.bool_
     ]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all inputs and outputs
-    moves_with: NDArray[
-        np.intp
-    ]  # the found input with which one that is not found is correlated; -1 for none
+    moves_with: NDArray[np.intp]  # the driver with which another input is correlated; -1 for none
     partner: NDArray[np.intp]  # the other input of the strongest pair, -1 where pairs add nothing
 
 
 def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | None:
-    """Indices of `inputs` [flight, input] on `outputs` [flight, output]; infinities are allowed in the outputs.
+    """Return the Sobol indices of `inputs` on `outputs`, or None for too few flights.
 
-    None with fewer than FEWEST_FLIGHTS flights. Constant inputs have no share.
+    `inputs` is [flight, input], `outputs` is [flight, output] and may contain infinities. At least
+    FEWEST_FLIGHTS flights are needed. Constant inputs have no share.
     """
     flights, count = inputs.shape
     if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
         return None
     y = standard_ranks(outputs)
     moving = y.any(axis=0)
-    places = np.argsort(np.argsort(inputs, axis=0, kind="stable"), axis=0)
+    ranks = np.argsort(np.argsort(inputs, axis=0, kind="stable"), axis=0)
     varying = np.ptp(inputs, axis=0) > 0.0
     first = np.zeros((count, y.shape[1]))
     for j in np.flatnonzero(varying).tolist():
@@ -58,31 +59,33 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
         first[j] = np.mean(along * np.roll(along, -1, axis=0), axis=0)
     # Ranks in an order that has nothing to do with them: mean -1/(n-1), variance 1/n (Wald & Wolfowitz 1943).
     p_alone = 1.0 - ndtr((first + 1.0 / (flights - 1)) * np.sqrt(flights))
-    together = np.abs(np.corrcoef(places.T)) if count > 1 else np.ones((1, 1))
+    together = np.abs(np.corrcoef(ranks.T)) if count > 1 else np.ones((1, 1))
     np.fill_diagonal(together, 0.0)
-    added, partner, p_pair = _pairs(places, y, varying, together)
+    added, partner, p_pair = _pairs(ranks, y, varying, together)
     p_value = np.where(
         moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan
     )
     first = np.where(moving, np.maximum(first, 0.0), np.nan)
     total = np.minimum(first + added, 1.0)
-    found = discoveries(p_value, FALSE_DISCOVERY_RATE)
+    is_driver = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
-        found &= total > LEAST_SHARE
-    moves_with = split_partners(found, total, together, _PARTNERS, _PARTNERS)
-    return GivenDataIndices(first, total, p_value, found, moves_with, np.where(moving, partner, -1))
+        is_driver &= total > LEAST_SHARE
+    moves_with = split_partners(is_driver, total, together, _PARTNERS, _PARTNERS)
+    return GivenDataIndices(
+        first, total, p_value, is_driver, moves_with, np.where(moving, partner, -1)
+    )
 
 
 def _pairs(
-    places: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
+    ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
 ) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """What pairs add to each input [input, output], with which other one most, and the p-value of that."""
-    flights, count = places.shape
+    """Return the share [input, output] that pairs add, the partner and its p-value."""
+    flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)
     cells = int(np.clip(np.sqrt(flights / _CELL), 2, _MOST_CELLS))
-    bins = places * cells // flights
-    # A grid tells rows from columns only where the two inputs are nearly independent.
+    bins = ranks * cells // flights
+    # A grid separates rows from columns only if the two inputs are nearly independent.
     usable = np.flatnonzero(varying)
     pairs = [
         (i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS
@@ -100,19 +103,22 @@ def _pairs(
             first, :, second, :
         ]
         by_row, by_column = sums.sum(axis=2) / size.sum(axis=2), sums.sum(axis=1) / size.sum(axis=1)
-        rest = sums / size - by_row[:, :, None] - by_column[:, None, :]
-        square = np.sum(size * rest**2, axis=(1, 2))
+        interaction = sums / size - by_row[:, :, None] - by_column[:, None, :]
+        square = np.sum(size * interaction**2, axis=(1, 2))
         left = np.maximum(flights - np.sum(sums**2 / size, axis=(1, 2)), 1e-9 * flights)
         variance = left / (flights - cells**2)
         share = np.maximum(square - freedom * variance, 0.0) / flights
         p_values = np.minimum(
             chdtrc(freedom, square / variance) * (count - 1), 1.0
-        )  # each input has so many pairs
+        )  # an input has count - 1 pairs
         real = p_values <= FALSE_DISCOVERY_RATE
-        for one, other in ((first, second), (second, first)):
-            np.add.at(added[:, column], one[real], share[real])
-            np.minimum.at(p_value[:, column], one, p_values)
+        for input_index, partner_index in ((first, second), (second, first)):
+            np.add.at(added[:, column], input_index[real], share[real])
+            np.minimum.at(p_value[:, column], input_index, p_values)
             for k in np.flatnonzero(real).tolist():
-                if share[k] > strongest[one[k], column]:
-                    strongest[one[k], column], partner[one[k], column] = share[k], other[k]
+                if share[k] > strongest[input_index[k], column]:
+                    strongest[input_index[k], column], partner[input_index[k], column] = (
+                        share[k],
+                        partner_index[k],
+                    )
     return added, partner, p_value

@@ -1,4 +1,4 @@
-"""Paired comparison of two controllers on the same flights: by how much, in which part, and what pairing saved."""
+"""Paired comparison of two controllers on the same flights."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,10 @@ from abhv_mc.statistics.quantile_pairs import quantile_differences
 
 @dataclass(frozen=True)
 class PairedMetric:
-    """One metric of `a` against `b`, larger being worse; differences are `a - b`."""
+    """One metric of `a` and `b` on the same flights; differences are `a - b`.
+
+    Values are severities: larger is worse.
+    """
 
     a_better: int
     b_better: int
@@ -21,7 +24,7 @@ class PairedMetric:
     quantile_differences: list[Interval]  # at LEVELS, open where the flights do not bound them
     pairing_gain: (
         float | None
-    )  # how many times the flights an unpaired comparison of means would need
+    )  # factor by which an unpaired comparison of means would need more flights
 
 
 def compare_metric(a: Floats, b: Floats) -> PairedMetric:
@@ -39,13 +42,16 @@ def compare_metric(a: Floats, b: Floats) -> PairedMetric:
 
 
 def pairing_gain(a: Floats, b: Floats) -> float | None:
-    """Variance of the mean difference without pairing over that with it; None where it cannot be told."""
+    """Return the variance ratio of an unpaired to a paired mean difference, or None.
+
+    The ratio is undefined for fewer than three finite pairs or identical differences.
+    """
     finite = np.isfinite(a) & np.isfinite(b)
     if finite.sum() < 3:
         return None
-    apart = float(np.var(a[finite]) + np.var(b[finite]))
-    together = float(np.var(a[finite] - b[finite]))
-    return apart / together if together > 1e-24 * max(apart, 1e-300) else None
+    unpaired = float(np.var(a[finite]) + np.var(b[finite]))
+    paired = float(np.var(a[finite] - b[finite]))
+    return unpaired / paired if paired > 1e-24 * max(unpaired, 1e-300) else None
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,7 @@ class PairedFailures:
 
 
 def compare_failures(a: Mask, b: Mask) -> PairedFailures:
-    """Cross-count the failures [pair] of two controllers."""
+    """Count the failures [pair] of two controllers, jointly and separately."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     return PairedFailures(
         int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)
@@ -69,7 +75,7 @@ def compare_failures(a: Mask, b: Mask) -> PairedFailures:
 
 @dataclass(frozen=True)
 class PairedUsage:
-    """Tracking error against control usage, flight by flight, of `a` beside `b`."""
+    """Tracking error and control effort of `a` relative to `b`, flight by flight."""
 
     pairs: int  # with finite, positive values
     error_ratio: Interval  # median of a/b, exact interval
@@ -81,21 +87,21 @@ class PairedUsage:
 
 
 def median_ratio(a: Floats, b: Floats) -> Interval | None:
-    """Median of `a / b` over the pairs with its exact interval; None where too few can be divided."""
-    kept = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
-    with np.errstate(over="ignore"):  # infinite beside next to nothing
-        return quantile(a[kept] / b[kept], 0.5) if kept.sum() >= 3 else None
+    """Return the median of `a / b` with its exact interval, or None for too few pairs."""
+    usable = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
+    with np.errstate(over="ignore"):  # a ratio to a tiny value
+        return quantile(a[usable] / b[usable], 0.5) if usable.sum() >= 3 else None
 
 
 def compare_usage(
     error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats
 ) -> PairedUsage | None:
-    """Whether the smaller error is bought with more control; None where too few pairs can be divided."""
+    """Compare tracking error and control effort; None for fewer than three valid pairs."""
     values = np.stack([error_a, error_b, usage_a, usage_b])
-    kept = np.all(np.isfinite(values) & (values > 0.0), axis=0)
-    if kept.sum() < 3:
+    usable = np.all(np.isfinite(values) & (values > 0.0), axis=0)
+    if usable.sum() < 3:
         return None
-    error_a, error_b, usage_a, usage_b = values[:, kept]
+    error_a, error_b, usage_a, usage_b = values[:, usable]
     less_error, less_usage = error_a < error_b, usage_a <= usage_b
     with np.errstate(over="ignore"):
         error_ratio, usage_ratio = (
@@ -103,7 +109,7 @@ def compare_usage(
             quantile(usage_a / usage_b, 0.5),
         )
     return PairedUsage(
-        pairs=int(kept.sum()),
+        pairs=int(usable.sum()),
         error_ratio=error_ratio,
         usage_ratio=usage_ratio,
         less_error_less_usage=int(np.sum(less_error & less_usage)),

@@ -1,9 +1,10 @@
-"""Where test flights lie among simulated ones: ranks, and simultaneous bands of histories.
+"""Position of test flights among simulated ones: ranks and simultaneous bands.
 
-If a test flight is one more draw of what was simulated, it and the n simulated flights are exchangeable. Ranks in the
-pool of all, and smallest rank p-values ranked once more, are then exact at any n. The band is that of split conformal
-prediction with leave-one-out scores (Lei, G'Sell, Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni,
-Fontana & Vantini, "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
+If a test flight is one more draw of the simulated distribution, it and the n simulated flights are
+exchangeable. Ranks in the pool of all flights, and ranks of statistics of them, are then exact at
+any n. The band is that of split conformal prediction with leave-one-out scores (Lei, G'Sell,
+Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni, Fontana & Vantini, "Conformal
+prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,9 @@ from abhv_mc.statistics.ranks import standard_ranks
 
 _FLOOR = 0.05  # of a channel's largest spread: the least
 _FEWEST = 10  # simulated flights with a value at a time that is judged
-_ROUNDING = 1e-9  # of a channel's size: no spread
+_ROUNDING = 1e-9  # of a channel's size: a smaller spread is rounding
 _DRAWS = 2000  # random sets of flights
+_RIDGE = 1e-3  # regularization relative to the unit variance of a column
 
 
 def rank_p_values(pool: Floats) -> Floats:
@@ -32,9 +34,36 @@ def rank_p_values(pool: Floats) -> Floats:
 
 
 def joint_p_value(pool: Floats) -> float:
-    """Return the p-value of all columns of the last flight: the rank of its smallest rank p-value among all flights."""
+    """Return the p-value of the last flight over all columns.
+
+    The statistic is the smaller of the least rank p-value of a column and the p-value of the
+    Mahalanobis distance, which detects values that are usual in each column but unusual together.
+    """
     smallest = rank_p_values(pool).min(axis=1)
-    return float(np.mean(smallest <= smallest[-1]))
+    distances = _distances(pool)
+    alone, together = (_shares(values) for values in (-smallest, distances))
+    least = np.minimum(alone, together)
+    return float(np.mean(least <= least[-1]))
+
+
+def _shares(values: Floats) -> Floats:
+    """Return the share [value] of all values that are at least as large."""
+    return 1.0 - np.searchsorted(np.sort(values), values, "left") / len(values)
+
+
+def _distances(pool: Floats) -> Floats:
+    """Return squared Mahalanobis distances [flight] of the columns' normal scores.
+
+    Equal columns count once.
+    """
+    from scipy.special import ndtri
+    from scipy.stats import rankdata
+
+    scores = np.nan_to_num(ndtri((rankdata(pool, axis=0) - 0.5) / len(pool)))
+    covariance = scores.T @ scores / len(pool) + _RIDGE * np.eye(scores.shape[1])
+    solved = np.linalg.solve(covariance, scores.T)
+    # Without rounding, flights of equal values would differ.
+    return np.round(np.einsum("fc,cf->f", scores, solved), 9)
 
 
 def set_p_value(pool: Floats, tests: int) -> float:
@@ -59,7 +88,7 @@ def set_p_value(pool: Floats, tests: int) -> float:
 
 @dataclass(frozen=True)
 class Band:
-    """A simultaneous band of histories: a new one lies inside at all times and in all channels with `confidence`."""
+    """Simultaneous band that contains a new history at all times with `confidence`."""
 
     middle: Floats  # [time, channel]
     spread: Floats  # [time, channel]; NaN where too few flights have a value
@@ -69,11 +98,11 @@ class Band:
     )
 
     def deviations(self, history: Floats) -> Floats:
-        """Return the deviations [time, channel] of a history in spreads; zero where it has no value."""
+        """Return the deviations [time, channel] of a history in spreads; 0 for missing values."""
         return np.nan_to_num(np.abs(history - self.middle) / self.spread)
 
     def p_value(self, history: Floats) -> float:
-        """Return the share of all flights that deviate at least as much as this one."""
+        """Return the share of all flights that deviate at least as much as this history."""
         largest = self.deviations(history).max()
         return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 
@@ -90,15 +119,15 @@ def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:
         judged = count >= _FEWEST
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.where(judged, np.nansum(values, axis=0) / count, np.nan)
-            apart = np.where(has_value & judged, values - mean, np.nan)
-            squares = np.nansum(apart**2, axis=0)
+            deviations = np.where(has_value & judged, values - mean, np.nan)
+            squares = np.nansum(deviations**2, axis=0)
             deviation = np.where(judged, np.sqrt(squares / (count - 1.0)), np.nan)
             size = _ROUNDING * np.nanmax(np.abs(mean), initial=0.0) + np.finfo(float).tiny
             floor = max(_FLOOR * np.nanmax(deviation, initial=0.0), size)
             # Mean and variance of all flights but one follow from those of all.
-            without = (squares - apart**2 * count / (count - 1.0)) / (count - 2.0)
-            others = np.maximum(np.sqrt(np.maximum(without, 0.0)), floor)
-            own = np.nan_to_num(np.abs(apart) * count / (count - 1.0) / others)
+            without = (squares - deviations**2 * count / (count - 1.0)) / (count - 2.0)
+            leave_one_out = np.maximum(np.sqrt(np.maximum(without, 0.0)), floor)
+            own = np.nan_to_num(np.abs(deviations) * count / (count - 1.0) / leave_one_out)
         middle[:, channel], spread[:, channel] = mean, np.maximum(deviation, floor)
         scores = np.maximum(scores, own.max(axis=1))
     rank = ceil(confidence * (flights + 1))

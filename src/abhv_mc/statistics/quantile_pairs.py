@@ -1,9 +1,9 @@
-"""Differences of quantiles of two controllers on the same flights, with intervals that are open where nothing bounds.
+"""Paired differences of quantiles of two controllers, with confidence intervals.
 
-How many of `n` flights lie below a quantile is binomial, whatever the law of the values; so, as for one quantile, the
-values that follow such counts bound it, and where a count leaves no value the bound is infinite. The counts of two
-controllers go together as far as the same flights are beyond both quantiles: they are drawn together, by normal
-scores with the correlation of 'beyond or not', and the interval holds the middle of the differences.
+The number of `n` flights below a quantile is binomial for any distribution of the values, so order
+statistics bound a quantile; if a count leaves no value, the bound is infinite. The counts of two
+controllers are correlated if the same flights lie beyond both quantiles: they are drawn jointly, by
+normal scores with the correlation of the indicator 'beyond the quantile'.
 """
 
 from functools import lru_cache
@@ -17,19 +17,19 @@ from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
 _PER_TAIL = 50  # draws beyond an end of an interval, at least
-_CAUTION = 1.0  # flights by which the overlap of two tails is taken to be smaller than it was seen
+_CAUTION = 1.0  # flights subtracted from the observed overlap of two tails
 
 
 @lru_cache(maxsize=16)
 def _scores(draws: int) -> tuple[Floats, Floats]:
-    """Two independent sets of standard normal scores; the same ones every time."""
+    """Return two independent sets of standard normal scores from a fixed seed."""
     draw = np.random.default_rng(SEED)
     return draw.standard_normal(draws), draw.standard_normal(draws)
 
 
 @lru_cache(maxsize=64)
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
-    """First count of flights below the quantile that matters, and normal scores up to which there are no more."""
+    """Return the lowest relevant count below the quantile and the scores of the counts."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
     return low, np.asarray(
         ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
@@ -37,9 +37,9 @@ def _places(flights: int, probability: float) -> tuple[int, Floats]:
 
 
 def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
-    """Counts of flights below the quantile that belong to normal scores."""
-    first, places = _places(flights, probability)
-    return np.minimum(first + np.searchsorted(places, scores), flights)
+    """Return the counts of flights below the quantile for normal scores."""
+    first, thresholds = _places(flights, probability)
+    return np.minimum(first + np.searchsorted(thresholds, scores), flights)
 
 
 @lru_cache(maxsize=16)
@@ -48,7 +48,7 @@ def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.in
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
-    """Correlation, over flights, of lying beyond the one's quantile and beyond the other's; rather too small."""
+    """Return a cautious correlation [-1, 1] over flights of lying beyond both quantiles."""
     beyond_a, beyond_b = a > high_a, b > high_b
     if probability < 0.5:
         beyond_a, beyond_b = a < high_a, b < high_b
@@ -58,10 +58,11 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
 
 
 def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
-    """Return the fewest flights that bound the difference of two `probability` quantiles, if no flight is lost.
+    """Return the fewest flights that bound the difference of two `probability` quantiles.
 
-    The bound on the worse side is a value of the first controller above its quantile. There is none if all flights lie
-    below the quantile, whose chance has to be within one tail of the confidence as the scores draw it.
+    No flight may be lost. The bound on the worse side is a value of the first controller above its
+    quantile. There is none if all flights lie below the quantile; the chance of that has to be
+    within one tail of the confidence for the scores used.
     """
     tail, draws = _draws(confidence)
     # The bound is infinite if more than `rank` scores stand for a count of all flights.
@@ -75,7 +76,7 @@ def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
 
 
 def _draws(confidence: float) -> tuple[float, int]:
-    """Return the chance of one tail, and how many draws resolve it."""
+    """Return the probability of one tail and the number of draws that resolve it."""
     tail = (1.0 - confidence) / 2.0
     return tail, int(np.clip(_PER_TAIL / tail, _FEWEST_DRAWS, _MOST_DRAWS))
 
@@ -83,9 +84,9 @@ def _draws(confidence: float) -> tuple[float, int]:
 def quantile_difference(
     a: Floats, b: Floats, probability: float, confidence: float = 0.95
 ) -> Interval:
-    """The `probability` quantile of `a` [pair] minus that of `b`, with its two-sided interval.
+    """Return the `probability` quantile of `a` [pair] minus that of `b`, with its interval.
 
-    +infinity marks a lost flight, worse than all; where both quantiles are lost flights the value is NaN.
+    +infinity marks a lost flight; if both quantiles are lost flights the value is NaN.
     """
     return quantile_differences(a, b, (probability,), confidence)[0]
 
@@ -93,18 +94,21 @@ def quantile_difference(
 def quantile_differences(
     a: Floats, b: Floats, probabilities: tuple[float, ...], confidence: float = 0.95
 ) -> list[Interval]:
-    """The same at several probabilities."""
+    """Return differences of quantiles at several probabilities; see quantile_difference.
+
+    Raise ValueError if `a` and `b` are empty or differ in shape.
+    """
     if a.size == 0 or a.shape != b.shape:
         raise ValueError(
             f"pairs need as many flights of each, and at least one, found {a.size} and {b.size}"
         )
     sorted_a, sorted_b = np.sort(a), np.sort(b)
-    # What no flight bounds lies anywhere: the places before the first value and after the last.
+    # Ranks before the first and after the last value are unbounded.
     padded_a, padded_b = (
-        np.concatenate([[-np.inf], one, [np.inf]]) for one in (sorted_a, sorted_b)
+        np.concatenate([[-np.inf], values, [np.inf]]) for values in (sorted_a, sorted_b)
     )
     tail, draws = _draws(confidence)
-    one, other = _scores(draws)
+    scores_a, scores_b = _scores(draws)
     intervals = []
     for probability in probabilities:
         high_a, high_b = (
@@ -116,7 +120,9 @@ def quantile_differences(
             continue
         shared = _together(a, b, high_a, high_b, probability)
         below_a = _first_counts(a.size, probability, draws)
-        below_b = _counts(shared * one + np.sqrt(1.0 - shared**2) * other, a.size, probability)
+        below_b = _counts(
+            shared * scores_a + np.sqrt(1.0 - shared**2) * scores_b, a.size, probability
+        )
         low = _minus(padded_a[below_a], padded_b[below_b + 1])
         high = _minus(padded_a[below_a + 1], padded_b[below_b])
         rank = int(tail * draws)
@@ -129,6 +135,6 @@ def quantile_differences(
 
 
 def _minus(a: Floats, b: Floats) -> Floats:
-    """`a - b`; two lost flights are as bad as each other."""
+    """Return `a - b`; 0 for two lost flights."""
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(a) & (a == b), 0.0, a - b)

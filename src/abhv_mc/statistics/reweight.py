@@ -1,9 +1,10 @@
-"""Estimates from flights that were drawn from other distributions than those asked about: importance weighting.
+"""Importance weighting: estimates for distributions other than the simulated ones.
 
-Each flight counts by the ratio of the densities; ratios are normalized by their sum (Owen, "Monte Carlo theory,
-methods and examples", 2013, chapter 9). Intervals are those of counted flights with the number of flights replaced by
-the effective one (Kish's, or less where the weights of what is estimated vary more than the rest); the end on the bad
-side by the effective number of the flights that are bad.
+Each flight is weighted by the ratio of the densities, normalized by the sum of all ratios (Owen,
+"Monte Carlo theory, methods and examples", 2013, chapter 9). Intervals are those of unweighted
+flights with the number of flights replaced by the effective one (Kish's, or less if the weights of
+the estimated quantity vary more); the end on the bad side uses the effective number of the bad
+flights.
 """
 
 from collections.abc import Sequence
@@ -17,19 +18,19 @@ from scipy.special import betainc, betaincinv
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import Interval
 
-_GAP = 3.0  # parts of 1/flights: 19 in 20 gaps are narrower, their law being exponential
+_GAP = 3.0  # multiples of 1/flights: 95 % of the exponentially distributed gaps are narrower
 _UP = 1.0 + 1e-9  # shares that are equal but for rounding
 
 
 def effective_size(weights: Floats) -> float:
-    """Number of equally weighted flights that say as much: (sum w)^2 / sum w^2 (Kish 1965)."""
+    """Return Kish's effective number of flights, (sum w)^2 / sum w^2 (Kish 1965)."""
     squares = float(np.sum(weights**2))
     return float(np.sum(weights)) ** 2 / squares if squares > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
 class Unseen:
-    """Probability, under changed laws, of values that no flight stands for."""
+    """Probability, under the new distributions, of values that no flight represents."""
 
     single: float  # the largest of any one parameter, beyond its outermost flights or at values that none had
     joint: float  # of any parameter, but for what the outermost flights stand for themselves
@@ -38,34 +39,38 @@ class Unseen:
 def unseen_of_range(
     beyond: tuple[float, float], weights: tuple[float, float], flights: int
 ) -> tuple[float, float]:
-    """Probability `beyond` the lowest and highest flight of one parameter, and what of it no flight stands for.
+    """Return the probability `beyond` the extreme flights, and its part without a flight.
 
-    `weights` are the ratios of the laws at those two. Each flight stands for its part of the law that was flown, and
-    chance leaves gaps of a few such parts between flights; what lies beyond the outermost ones is no more unseen than
-    such a gap, as long as it is no wider.
+    `beyond` holds the probabilities below the lowest and above the highest flight of one parameter;
+    `weights` are the density ratios at these two. Each flight represents an equal share of the
+    simulated distribution, and random gaps between flights are a few shares wide; the range beyond
+    the extreme flights counts as unseen only if it is wider than such a gap.
     """
     excess = sum(
-        max(part - _GAP * weight / flights, 0.0)
-        for part, weight in zip(beyond, weights, strict=True)
+        max(probability - _GAP * weight / flights, 0.0)
+        for probability, weight in zip(beyond, weights, strict=True)
     )
     return float(sum(beyond)), float(excess)
 
 
 def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tuple[float, float]:
-    """Probability of discrete `values` that none of the `flown` ones is: all of it is unseen."""
+    """Return the probability of discrete `values` that no simulated flight has, twice."""
     missing = float(np.sum(probabilities[~np.isin(values, flown)]))
     return missing, missing
 
 
-def join_unseen(parts: Sequence[tuple[float, float]]) -> Unseen:
-    """All parameters together."""
+def join_unseen(pairs: Sequence[tuple[float, float]]) -> Unseen:
+    """Return the unseen probability of all parameters together."""
     return Unseen(
-        max((part[0] for part in parts), default=0.0), min(sum(part[1] for part in parts), 1.0)
+        max((pair[0] for pair in pairs), default=0.0), min(sum(pair[1] for pair in pairs), 1.0)
     )
 
 
 def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
-    """Effective number of flights for a share: the binomial's variance over the one that the weights give."""
+    """Return the effective number of flights for a share.
+
+    It is the binomial variance over the weighted variance.
+    """
     spread = float(np.sum((weights * (flags - share)) ** 2))
     if share <= 0.0 or share >= 1.0 or spread == 0.0:
         return effective_size(weights)
@@ -75,30 +80,33 @@ def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> fl
 
 
 def _low_end(share: float, flights: float, tail: float) -> float:
-    """Clopper-Pearson's lower end on a share of an effective number of flights, whole or not."""
+    """Return the lower Clopper-Pearson bound for an effective number of flights."""
     inside, outside = share * flights, (1.0 - share) * flights
     return 0.0 if inside <= 0.0 else float(betaincinv(inside, outside + 1.0, tail))
 
 
 def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
-    """Clopper-Pearson's upper end from the effective number of the flights that count, not of all.
+    """Return the upper Clopper-Pearson bound from the effective number of counted flights.
 
-    One more flight may count, as heavy as the `heaviest` that does (Fay & Feuer 1997): `counted` are the parts [flight]
-    of all weight that those which count have. Chance leaves out heavy flights more often than not.
+    `counted` are their normalized weights [flight]. One more flight, with the weight `heaviest`,
+    may count (Fay & Feuer 1997), because heavy flights are rarely sampled.
     """
     total, squares = float(counted.sum()) + heaviest, float(np.sum(counted**2)) + heaviest**2
-    events, each = (
+    events, mean_share = (
         total**2 / squares,
         squares / total,
     )  # effective number, and the share that each stands for
-    rest = 1.0 / each - events + 1.0
-    return 1.0 if rest <= 0.0 else float(betaincinv(events, rest, 1.0 - tail))
+    failures = 1.0 / mean_share - events + 1.0
+    return 1.0 if failures <= 0.0 else float(betaincinv(events, failures, 1.0 - tail))
 
 
 def weighted_share(
     flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
 ) -> Interval:
-    """Share of the flights with `flags`; `unseen` is the probability that the flights do not reach, all counted in."""
+    """Return the weighted share of the flights with `flags`, and its interval.
+
+    `unseen` is the probability that no flight represents; the upper end includes it.
+    """
     tail, parts = (1.0 - confidence) / 2.0, weights / weights.sum()
     counted = parts[flags]
     share = float(counted.sum())
@@ -114,33 +122,36 @@ def weighted_quantile(
     unseen: float = 0.0,
     confidence: float = 0.95,
 ) -> Interval:
-    """The `probability` quantile of `values` [flight] and its interval; equal weights give numpy's `linear` quantile.
+    """Return the weighted `probability` quantile of `values` [flight] and its interval.
 
-    `unseen` is the probability that the flights do not reach; its values may be worse than all.
+    Equal weights give numpy's linear quantile. `unseen` is the probability that no flight
+    represents; its values may be worse than all.
     """
-    kept = weights > 0.0
-    order = np.argsort(values[kept], kind="stable")
-    ascending, mass = values[kept][order], weights[kept][order]
+    has_weight = weights > 0.0
+    order = np.argsort(values[has_weight], kind="stable")
+    ascending, mass = values[has_weight][order], weights[has_weight][order]
     parts = mass / mass.sum()
-    reached = np.cumsum(parts)  # share at or below each value
-    value = _between(ascending, reached - parts, probability)
+    cumulative = np.cumsum(parts)  # share at or below each value
+    value = _between(ascending, cumulative - parts, probability)
     n = _effective_at(ascending <= value, probability, mass)
     tail = (1.0 - confidence) / 2.0
     low = -np.inf
-    # As with order statistics, no value bounds a quantile that so few flights may well not reach.
+    # As with order statistics, too few flights do not bound the quantile.
     if (1.0 - probability) ** n <= tail:
-        below = 1.0  # where so few flights lie below the quantile, all of them
+        below = 1.0  # if too few flights lie below the quantile: all of them
         if 1.0 - probability**n > tail:
             below = (
                 brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n)
                 / n
             )
-        low = float(ascending[max(int(np.searchsorted(reached, below * _UP, side="right")) - 1, 0)])
+        low = float(
+            ascending[max(int(np.searchsorted(cumulative, below * _UP, side="right")) - 1, 0)]
+        )
     return Interval(value, low, _high_quantile(ascending, parts, 1.0 - probability - unseen, tail))
 
 
 def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float) -> float:
-    """The smallest value beyond which at most a share `allowed` lies; infinite where none is."""
+    """Return the smallest value exceeded by at most a share `allowed`, or infinity."""
 
     def enough(first: int) -> bool:
         beyond = parts[first:]
@@ -159,13 +170,13 @@ def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float
 
 
 def _between(ascending: Floats, start: Floats, probability: float) -> float:
-    """Linear between values whose places are the shares below them, stretched to 0..1."""
+    """Return the quantile, linear between values, at shares rescaled to 0..1."""
     if ascending.size == 1 or start[-1] == 0.0:
         return float(ascending[-1])
-    place = start / start[-1]
-    above = int(np.clip(np.searchsorted(place, probability, side="left"), 1, ascending.size - 1))
+    rescaled = start / start[-1]
+    above = int(np.clip(np.searchsorted(rescaled, probability, side="left"), 1, ascending.size - 1))
     low, high = float(ascending[above - 1]), float(ascending[above])
-    part = (probability - place[above - 1]) / (place[above] - place[above - 1])
-    if low == high or part <= 0.0:
+    fraction = (probability - rescaled[above - 1]) / (rescaled[above] - rescaled[above - 1])
+    if low == high or fraction <= 0.0:
         return low
-    return high if np.isinf(high) or part >= 1.0 else low + float(part) * (high - low)
+    return high if np.isinf(high) or fraction >= 1.0 else low + float(fraction) * (high - low)

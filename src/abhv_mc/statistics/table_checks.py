@@ -25,7 +25,7 @@ _DIGITS = 15  # significant decimal digits that a float holds
 _SLACK = 1e-12  # of a value: a table in other units is converted
 _FEWEST_CORRELATED = 60  # rows, from which Fisher's z holds
 _MOST_CORRELATED = 20_000  # rows that are ranked; these show correlations of 0.05
-_LARGEST_CORRELATION = 0.95  # for which the variance of Fisher's z was found to hold
+_LARGEST_CORRELATION = 0.95  # up to which the variance of Fisher's z is accurate
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ class Column:
 
     @property
     def is_discrete(self) -> bool:
-        """Whether all values are atoms."""
+        """True if all values have positive probability."""
         return bool(self.shares.sum() > 1.0 - 1e-9)
 
     @property
     def continuous_rows(self) -> Mask:
-        """Rows [row] whose value is no atom."""
+        """Mask [row] of the values that are not atoms."""
         near = np.full(len(self.values), self.is_discrete)
         for atom in self.atoms:
             near |= self._is_at(atom)
@@ -56,7 +56,7 @@ class Column:
         return np.asarray(np.abs(self.values - atom) <= self.half_step)
 
     def count_atom(self, k: int) -> tuple[int, float]:
-        """Return the number of rows at an atom, and the probability of a value that is rounded to theirs."""
+        """Return the number of rows at an atom, and the probability of their rounding interval."""
         rows = self._is_at(self.atoms[k])
         count = int(rows.sum())
         return count, float(self.high[rows].max() - self.low[rows].min()) if count else 0.0
@@ -129,17 +129,18 @@ def half_steps(values: Floats) -> Floats:
 def check_table(
     columns: Sequence[Column], correlation: Floats, risk: float = RISK
 ) -> TableFindings:
-    """Compare a table with the claim that its rows are independent draws.
+    """Test the claim that the rows of a table are independent draws.
 
-    `correlation` [column, column] belongs to the normal variables of the Gaussian copula. The tests of columns and
-    pairs share `risk` (Bonferroni); the one of equal rows has it once more.
+    `correlation` [column, column] belongs to the normal variables of the Gaussian copula. The tests
+    of columns and pairs share `risk` (Bonferroni); the test of equal rows uses the whole `risk`
+    again.
     """
     smooth = [j for j, column in enumerate(columns) if not column.is_discrete]
     levels = [(j, k) for j, column in enumerate(columns) for k in range(column.atoms.size)]
     n = len(columns[0].values) if columns else 0
     pairs = [(i, j) for j in range(len(columns)) for i in range(j) if n >= _FEWEST_CORRELATED]
     pairs = [pair for pair in pairs if abs(correlation[pair]) <= _LARGEST_CORRELATION]
-    whole, risk = risk, risk / max(4 * len(smooth) + 2 * len(levels) + len(pairs), 1)
+    total_risk, risk = risk, risk / max(4 * len(smooth) + 2 * len(levels) + len(pairs), 1)
     far, close = [], []
     for j in smooth:
         least, most = distance_p_values(columns[j].low, columns[j].high)
@@ -158,19 +159,20 @@ def check_table(
     return TableFindings(
         too_far=tuple(far),
         levels=tuple(
-            level for place in levels if (level := _check_level(columns, *place, risk=risk))
+            level for position in levels if (level := _check_level(columns, *position, risk=risk))
         ),
         correlations=tuple(_check_correlations(columns, correlation, pairs, risk)),
-        equal=_check_equal(columns, correlation, whole) if n else None,
+        equal=_check_equal(columns, correlation, total_risk) if n else None,
         too_close=tuple(close),
         constant=tuple(constant),
     )
 
 
 def distance_p_values(low: Floats, high: Floats) -> tuple[float, float]:
-    """Return the p-values of Kolmogorov-Smirnov for values too far from their distribution, and too close to it.
+    """Return Kolmogorov-Smirnov p-values of values too far from or too close to F.
 
-    Each value lies at the point of its interval `low` .. `high` [row] that gives the larger p-value.
+    Each value lies at the point of its interval `low` .. `high` [row] that gives the larger
+    p-value.
     """
     from scipy.stats import kstwo
 
@@ -182,7 +184,7 @@ def distance_p_values(low: Floats, high: Floats) -> tuple[float, float]:
 
 
 def spread_p_values(low: Floats, high: Floats) -> tuple[float, float]:
-    """Return the p-values of the sum of squared normal scores for values too narrow, and too wide."""
+    """Return the p-values of the sum of squared normal scores: too narrow, too wide."""
     ends = ndtri(np.clip([low, high], 0.0, 1.0)) ** 2
     n, most = len(low), float(ends.max(axis=0).sum())
     least = float(np.where((low <= 0.5) & (high >= 0.5), 0.0, ends.min(axis=0)).sum())
@@ -227,10 +229,11 @@ def _rank_correlation(x: Floats, y: Floats) -> float:
 
 
 def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) -> EqualRows | None:
-    """Compare the pairs of equal rows, which lie off the atoms of a column at least, with those of rounding.
+    """Compare the number of equal rows with the number that rounding explains.
 
-    Two rows are rounded alike with the product of the probabilities of their values; of correlated columns, which
-    may move together, only the least probability counts.
+    Only rows that are not at an atom in every column count. Two rows are rounded to the same values
+    with the product of the probabilities of these values; of correlated columns only the smallest
+    probability is a factor.
     """
     rows = np.flatnonzero(np.logical_or.reduce([column.continuous_rows for column in columns]))
     n, alike, left = len(columns[0].values), np.ones(rows.size), set(range(len(columns)))

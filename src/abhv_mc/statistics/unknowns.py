@@ -1,7 +1,8 @@
-"""Unknowns: values that are the same in every flight of a programme, and of which only bounds are known.
+"""Points of the unknown parameters at which requirements are judged.
 
-A dispersion is drawn anew for each flight; an unknown is not, so it is judged at points of its box, each coordinate
-from -1 (its low end) to 1 (its high end). Every point flies the same samples of the dispersions.
+An unknown has the same value in every flight of a programme, and only its bounds are known. A
+dispersion is drawn for each flight; an unknown is judged at points of its box, with coordinates
+from -1 (lower bound) to 1 (upper bound). All points use the same samples of the dispersions.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,18 +16,19 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.verdicts import Status, Verdict
 
-SEARCH_FLIGHTS = 256  # at each point that is tried
+SEARCH_FLIGHTS = 256  # at each point that is tried, if the campaign has as many
+FEWEST_SEARCHED = 32  # at each point, of a campaign of fewer flights
 SEARCH_QUANTILE = 0.95  # of their severity beyond the limit, by which points are ranked
 MOST_UNKNOWNS = 64
 _HALTON = 32
 _STEPS = 64  # for each requirement; half of them about the worst of all, half about the worst that is no corner
 _FIRST_STEP, _SHRINK = 0.5, 0.95  # half-boxes; at each miss
 _ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7  # unknowns
-_SHOWING = 2  # failures in a search with which a value has about an even chance to have the most
+_SHOWING = 2  # failures for about an even chance that a point is the worst of a search
 
 
 class Trial(NamedTuple):
-    """What the flights of a search show at points, by requirement: larger values are worse."""
+    """Results of the search flights at points, by requirement; larger values are worse."""
 
     severity: Floats  # [point, requirement] quantile of the severity, by which the search ranks
     failures: NDArray[np.int64]  # [point, requirement]
@@ -34,43 +36,46 @@ class Trial(NamedTuple):
 
 
 class Search(NamedTuple):
-    """The points tried for one controller, each once, and what their flights show."""
+    """Points tried for one controller, without repetition, and their results."""
 
     points: Floats  # [point, unknown]
     trial: Trial
 
 
 class MostFailures(NamedTuple):
-    """The judged point at which a search saw a requirement fail most often."""
+    """Judged point at which a search observed the most failures of a requirement."""
 
     search: int  # index of the controller
     requirement: int
     point: int
-    failures: int  # of SEARCH_FLIGHTS
+    failures: int  # of the flights of the search at the point
 
 
 class JudgedPoints(NamedTuple):
-    """Points at which requirements are judged: the first ``shared`` of them all requirements."""
+    """Points at which requirements are judged; the first `shared` for all requirements."""
 
     points: Floats  # [point, unknown]
     shared: int
-    most_failures: tuple[
-        MostFailures, ...
-    ]  # each other point is judged for the requirement named here
+    most_failures: tuple[MostFailures, ...]  # requirement for which each further point is judged
 
 
 def corners(unknowns: int) -> Floats:
-    """All corners ``[2**unknowns, unknown]``; beyond seven unknowns 128 of them, a design of resolution IV.
+    """Return all corners [2**unknowns, unknown]; beyond seven unknowns 128 of them.
 
-    Each further column is a product of an odd number of the first seven, so that no sum of two unknowns' effects hides
-    that of a third, and the opposite of every corner is there (Box, Hunter & Hunter 2005, chapter 6).
+    The 128 corners are a design of resolution IV: each further column is a product of an odd number
+    of the first seven, so that no interaction of two unknowns is confounded with a main effect, and
+    the design contains the opposite of each corner (Box, Hunter & Hunter 2005, chapter 6).
     """
     full = np.array(list(product((-1.0, 1.0), repeat=min(unknowns, _ALL_CORNERS_TRIED))))
     if unknowns <= _ALL_CORNERS_TRIED:
         return full
-    words = [word for word in product((False, True), repeat=_ALL_CORNERS_TRIED) if sum(word) % 2]
-    words.sort(key=lambda word: (sum(word) > 1, -sum(word)))
-    return np.column_stack([full[:, word].prod(axis=1) for word in words[:unknowns]])
+    generators = [
+        generator
+        for generator in product((False, True), repeat=_ALL_CORNERS_TRIED)
+        if sum(generator) % 2
+    ]
+    generators.sort(key=lambda generator: (sum(generator) > 1, -sum(generator)))
+    return np.column_stack([full[:, generator].prod(axis=1) for generator in generators[:unknowns]])
 
 
 def search_worst(
@@ -111,32 +116,41 @@ def search_worst(
     )
 
 
-def search_flights(unknowns: int, requirements: int) -> int:
-    """Flights of a search of one controller."""
-    return SEARCH_FLIGHTS * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
+def search_size(runs: int) -> int:
+    """Return the search flights at each point of a campaign with `runs` flights at each point."""
+    return min(SEARCH_FLIGHTS, max(FEWEST_SEARCHED, runs))
+
+
+def search_flights(unknowns: int, requirements: int, runs: int) -> int:
+    """Return the number of flights that the search of one controller takes."""
+    return search_size(runs) * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
 
 
 def most_points(unknowns: int, searches: int) -> int:
-    """The most points that are judged where so many pairs of controller and requirement are searched."""
+    """Return the largest number of judged points for `searches` controller-requirement pairs."""
     return len(standing_points(unknowns)) + searches * (2 if unknowns <= _ALL_CORNERS_FLOWN else 4)
 
 
 def standing_points(unknowns: int) -> Floats:
-    """Points ``[point, unknown]`` judged whatever a search finds: the centre, and all corners of up to four."""
+    """Return the points [point, unknown] that are always judged.
+
+    These are the centre and, for up to four unknowns, all corners.
+    """
     ends = corners(unknowns) if unknowns <= _ALL_CORNERS_FLOWN else np.empty((0, unknowns))
     return np.vstack([ends, np.zeros((1, unknowns))])
 
 
 def choose_points(
-    unknowns: int, searches: Sequence[Search], others: Floats | None = None
+    unknowns: int, searches: Sequence[Search], extra_points: Floats | None = None
 ) -> JudgedPoints:
     """Choose the points at which requirements are judged, from the search of each controller.
 
-    Up to four unknowns all corners and the centre, then the worst point of each controller and requirement; beyond
-    four, in place of all corners the worst corner of each and its opposite. Each requirement is also judged at the
-    point where a search saw it fail most often, unless a judged point failed as often there: the quantile by which
-    points are ranked does not see failures of less than 5 % of the flights. If no flight failed at any point, that is
-    the point of the flight nearest to the limit. `others` [point, unknown] are judged, too.
+    Up to four unknowns these are all corners, the centre and the worst point of each controller and
+    requirement; beyond four, the worst corner of each and its opposite replace the corners. Each
+    requirement is also judged at the point with the most failures in a search, unless a judged
+    point had as many: the quantile that ranks points does not depend on failures of less than 5 %
+    of the flights. If no flight failed at any point, that is the point of the flight nearest to the
+    limit. `extra_points` [point, unknown] are added to the judged points.
     """
     ends, rows = corners(unknowns), [*standing_points(unknowns)]
     for points, trial in searches:
@@ -144,7 +158,7 @@ def choose_points(
             worst = ends[trial.severity[: len(ends)].argmax(axis=0)]
             rows += [*worst, *-worst]
         rows += [*points[trial.severity.argmax(axis=0)]]
-    rows += [] if others is None else [*others]
+    rows += [] if extra_points is None else [*extra_points]
     judged = list(dict.fromkeys(_key(row) for row in rows))
     shared, most = len(judged), list[MostFailures]()
     for search, (points, trial) in enumerate(searches):
@@ -157,17 +171,17 @@ def choose_points(
             order = np.lexsort([trial.severity[:, requirement], nearest, failures])
             worst_first = order[::-1].tolist()
             point = worst_first[0]
-            known = next((i for i in worst_first if keys[i] in own), None)
+            equal_point = next((i for i in worst_first if keys[i] in own), None)
             if (
-                known is not None
-                and failures[known] == failures[point]
-                and nearest[known] == nearest[point]
+                equal_point is not None
+                and failures[equal_point] == failures[point]
+                and nearest[equal_point] == nearest[point]
             ):
-                point = known
+                point = equal_point
             if keys[point] not in judged:
                 judged.append(keys[point])
-            at = judged.index(keys[point])
-            most.append(MostFailures(search, requirement, at, int(failures[point])))
+            index = judged.index(keys[point])
+            most.append(MostFailures(search, requirement, index, int(failures[point])))
     return JudgedPoints(np.array(judged), shared, tuple(most))
 
 
@@ -175,28 +189,29 @@ def _key(point: Floats) -> tuple[float, ...]:
     return tuple((point + 0.0).tolist())
 
 
-def showing_factor(probability: float) -> float:
-    """How many times too often a value of the unknowns fails that a search finds with about an even chance.
+def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
+    """Return the excess failure factor that a search detects with about an even chance.
 
-    Two failures are expected there; simulated by ``benchmarks/unknowns.py`` for a single corner.
+    Two failures are expected there; simulated by `benchmarks/unknowns.py` for a single corner.
     """
-    return _SHOWING / (SEARCH_FLIGHTS * (1.0 - probability))
+    return _SHOWING / (flights * (1.0 - probability))
 
 
 def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:
-    """The verdict over points from that of each, and the point that is furthest from a PASS, whose counts it has.
+    """Return the verdict over all points, and the index of the point furthest from a PASS.
 
-    PASS where every point passes: an intersection-union test, whose risk is that of one point (Berger 1982). FAIL where
-    the mean of the points' E_fail reaches 1 / producer_risk: if every point meets the requirement each E_fail is an
-    e-value at any number of flights, and so is their mean (Vovk & Wang 2021).
+    The verdict has the counts of that point. It is PASS if every point passes: an
+    intersection-union test, whose risk is that of one point (Berger 1982). It is FAIL if the mean
+    of the points' E_fail reaches 1 / producer_risk: if every point meets the requirement, each
+    E_fail is an e-value at any number of flights, and so is their mean (Vovk & Wang 2021).
     """
     if len(verdicts) == 1:
         return verdicts[0], 0
     worst = min(range(len(verdicts)), key=lambda i: verdicts[i].E_pass)
-    at = verdicts[worst]
+    worst_verdict = verdicts[worst]
     missed = float(np.mean([verdict.E_fail for verdict in verdicts]))
     passes = all(verdict.status == "PASS" for verdict in verdicts)
     status: Status = (
-        "PASS" if passes else "FAIL" if missed >= 1.0 / at.producer_risk else "NOT SHOWN"
+        "PASS" if passes else "FAIL" if missed >= 1.0 / worst_verdict.producer_risk else "NOT SHOWN"
     )
-    return replace(at, status=status, E_fail=missed), worst
+    return replace(worst_verdict, status=status, E_fail=missed), worst

@@ -1,7 +1,7 @@
-"""Differences between two campaigns on different samples: shares of failures and quantiles, with intervals.
+"""Differences of failure shares and quantiles between two campaigns, with intervals.
 
-Sources: Newcombe 1998, "Interval estimation for the difference between independent proportions", method 10 (score
-intervals without continuity correction); Efron 1979 for the bootstrap.
+Sources: Newcombe 1998, "Interval estimation for the difference between independent proportions",
+method 10 (score intervals without continuity correction); Efron 1979 for the bootstrap.
 """
 
 from math import sqrt
@@ -13,7 +13,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _DRAWS = 4000
-FEWEST_BEYOND = 5  # flights that are expected beyond a quantile whose difference has an interval
+FEWEST_BEYOND = 5  # expected flights beyond a quantile for an interval of its difference
 
 
 def share_difference(
@@ -39,10 +39,11 @@ def _wilson(failures: int, flights: int, confidence: float) -> tuple[float, floa
 def quantile_difference(
     a: Floats, b: Floats, probability: float, confidence: float = 0.95
 ) -> Interval | None:
-    """Return a quantile of severities `b` [flight] less that of `a`, with its bootstrap interval.
+    """Return a quantile of severities `b` [flight] less that of `a`, with its interval.
 
-    None if too few flights lie beyond the quantile for a bootstrap, or if lost flights reach it. Ranks of the quantiles
-    of resamples are drawn from their beta distribution, which is the bootstrap without resampling.
+    None if too few flights lie beyond the quantile for a bootstrap, or if it lies among lost
+    flights. Ranks of the resampled quantiles are drawn from their beta distribution, which equals a
+    bootstrap without resampling.
     """
     if min(a.size, b.size) * min(probability, 1.0 - probability) < FEWEST_BEYOND:
         return None

@@ -1,4 +1,4 @@
-"""Whether a requirement is met: one rule, a function of the counts alone, whenever and however often one looks."""
+"""Sequential verdicts on requirements, valid at any number of flights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from abhv_mc.statistics.evidence import (
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
 UNSEARCHED = "its worst values of the unknowns were not searched for: a new folder does that"
-MOST_TIMES = 10  # the flights so far: a longer extension is not advised
+MOST_TIMES = 10  # times the present number of flights: largest extension advised
 _LIKELY = 0.5  # chance of PASS with which an extension is advised
-_TRIED = 40  # numbers of failures that a longer campaign allows
+_TRIED = 40  # allowed numbers of failures for which an extension is examined
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `failures` in `flights` say about one requirement on one controller."""
+    """Verdict on one requirement for one controller, with the counts it follows from."""
 
     status: Status
-    failures: int  # of all kinds, flights that were not computed among them
+    failures: int  # including flights that were not computed
     flights: int
     probability: float  # the required success probability
     consumer_risk: float  # of a PASS of a system that just misses the requirement
@@ -39,11 +39,11 @@ class Verdict:
     uncomputed: int = (
         0  # flights that the machine could not compute: failures for a PASS, successes for a FAIL
     )
-    note: str = ""  # why the status is what it is, where the counts do not say it
+    note: str = ""  # reason of the status if the counts do not determine it
 
     @property
     def p_value(self) -> float:
-        """Of the hypothesis that the requirement is missed, valid at any number of flights."""
+        """P-value of the hypothesis that the requirement is missed, at any number of flights."""
         return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
 
 
@@ -55,12 +55,13 @@ def judge(
     producer_risk: float | None = None,
     uncomputed: int = 0,
 ) -> Verdict:
-    """PASS, FAIL or NOT SHOWN after `failures` in `flights` independent flights.
+    """Return PASS, FAIL or NOT SHOWN for `failures` in `flights` independent flights.
 
-    A system that just misses the required success `probability` ever gets a PASS with a chance of at most
-    `consumer_risk`, and one that just meets it a FAIL with at most `producer_risk` (default: the consumer's).
-    `uncomputed` of the flights are not among the failures: a PASS has to hold counting them as failures, a FAIL as
-    successes. Raises ValueError for counts and probabilities that cannot be.
+    A system that just misses the required success `probability` gets a PASS at any time with a
+    chance of at most `consumer_risk`. One that just meets it gets a FAIL with a chance of at most
+    `producer_risk` (default: the consumer's). `uncomputed` of the flights are not among the
+    failures: a PASS must hold if they count as failures, a FAIL if they count as successes. Raise
+    ValueError if a count or a probability is out of range.
     """
     producer_risk = consumer_risk if producer_risk is None else producer_risk
     if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
@@ -104,23 +105,26 @@ def _exp(logarithm: float) -> float:
 
 @dataclass(frozen=True)
 class Extension:
-    """A number of flights with which all of some verdicts are likely to be PASS."""
+    """Number of flights with which all verdicts are likely to be PASS."""
 
     flights: int  # in all
-    chance: float  # independent failure rates; larger if they are alike
+    chance: float  # for independent failure rates; larger if they are correlated
 
 
 def predict_pass(verdict: Verdict, flights: int) -> float:
     """Return the chance that the verdict of a campaign extended to `flights` is PASS.
 
-    The added failures are beta-binomial: their rate is distributed as Jeffreys' prior and the flights so far tell.
+    The number of added failures is beta-binomial: the failure rate has the posterior distribution
+    of Jeffreys' prior.
     """
     added = flights - verdict.flights
-    more = most_failures(flights, verdict.probability, verdict.consumer_risk) - verdict.failures
-    if more < 0 or more >= added:
-        return float(more >= 0)
+    allowed_failures = (
+        most_failures(flights, verdict.probability, verdict.consumer_risk) - verdict.failures
+    )
+    if allowed_failures < 0 or allowed_failures >= added:
+        return float(allowed_failures >= 0)
     a, b = verdict.failures + 0.5, verdict.flights - verdict.failures + 0.5
-    k = np.arange(more + 1.0)
+    k = np.arange(allowed_failures + 1.0)
     choose = gammaln(added + 1.0) - gammaln(k + 1.0) - gammaln(added - k + 1.0)
     return min(float(np.sum(np.exp(choose + betaln(a + k, b + added - k) - betaln(a, b)))), 1.0)
 
@@ -152,11 +156,12 @@ def advise(verdicts: Sequence[Verdict]) -> Extension | None:
 def tolerance_limit(
     worse: Floats, uncomputed: int, probability: float, consumer_risk: float
 ) -> float | None:
-    """The severity [flight], larger being worse, that a share `probability` of all flights stays below: the (k + 1)-th
-    worst, k being the most failures with which so many flights PASS. None where not even none do.
+    """Return the severity that a share `probability` of all flights stays below.
 
-    Right with a confidence of 1 - `consumer_risk` at any number of flights; a requirement has a PASS where it lies
-    below the limit. A lost flight is +infinity, as are those that were not computed.
+    It is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest number
+    of failures with which this number of flights passes. Return None if even no failure would pass.
+    The limit holds with a confidence of 1 - `consumer_risk` at any number of flights; a requirement
+    passes if the limit lies within its bound. Lost and uncomputed flights count as +infinity.
     """
     rank = most_failures(worse.size + uncomputed, probability, consumer_risk) - uncomputed
     if rank + uncomputed < 0:
@@ -165,25 +170,25 @@ def tolerance_limit(
 
 
 def verdict_words(verdict: Verdict, flies: bool = True) -> str:
-    """'NOT SHOWN: 1 failure in 1000 flights; extend to 2235 flights ...', all that a reader needs to weigh it."""
-    words = f"{verdict.status}: {_count(verdict.failures, 'failure')} in {_count(verdict.flights, 'flight')}"
+    """Return a verdict as text: 'NOT SHOWN: 1 failure in 1000 flights; extend to ...'."""
+    counts = f"{verdict.status}: {_count(verdict.failures, 'failure')} in {_count(verdict.flights, 'flight')}"
     if verdict.uncomputed:
-        words += f", {verdict.uncomputed} of them not computed (failures for a PASS, successes for a FAIL)"
-    parts = [words, verdict.note]
+        counts += f", {verdict.uncomputed} of them not computed (failures for a PASS, successes for a FAIL)"
+    phrases = [counts, verdict.note]
     if verdict.status == "NOT SHOWN":
-        parts.append(advice_words(verdict, flies))
-    return "; ".join(part for part in parts if part)
+        phrases.append(advice_words(verdict, flies))
+    return "; ".join(phrase for phrase in phrases if phrase)
 
 
 def advice_words(verdict: Verdict, flies: bool = True) -> str:
-    """Return to how many flights to extend a campaign, or a table, and how likely it is to pass then."""
+    """Return the recommended number of flights and the chance of PASS as text."""
     if UNSEARCHED in verdict.note:
         return ""
     least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
-    if found := advise([verdict]):
-        more = f"extend to {found.flights} flights (--runs {found.flights})"
-        more = more if flies else f"adopt a table of {found.flights} flights"
-        return f"{more}: PASS with a chance of {about(found.chance)}"
+    if extension := advise([verdict]):
+        action = f"extend to {extension.flights} flights (--runs {extension.flights})"
+        action = action if flies else f"adopt a table of {extension.flights} flights"
+        return f"{action}: PASS with a chance of {about(extension.chance)}"
     if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
         return "more of its flights failed than the requirement allows"
     chance = about(predict_pass(verdict, least))
@@ -196,7 +201,7 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
 
 
 def about(chance: float) -> str:
-    """Return 'about 53 %' of a predicted chance, which is never certain."""
+    """Return a predicted chance as 'about 53 %', never 0 or 100 %."""
     return f"about {min(max(round(100.0 * chance), 1), 99)} %"
 
 

@@ -1,9 +1,9 @@
-"""Who is better in a metric: closer on more of the flights, not shown worse in the tails, and losing no more flights.
+"""Comparison of two controllers in one metric on the same flights.
 
-That one is closer on more than half of the flights that differ is shown by a mean of likelihood ratios against a fair
-coin, over all larger chances alike: it holds at any number of flights. A campaign that compares several metrics with
-several rivals names some winner by chance more often than each comparison does; so each holds at a share of the risk
-(Bonferroni).
+The winner has the smaller value on more than half of the flights that differ, is not shown to be
+worse in the tails and does not lose more flights. The majority is tested by a mean of likelihood
+ratios against a fair coin, valid at any number of flights. All comparisons of a campaign share the
+risk of a false winner (Bonferroni).
 """
 
 from collections.abc import Sequence
@@ -27,26 +27,26 @@ TAILS = (0.95, 0.9973)  # quantiles in which a winner is not worse
 
 @dataclass(frozen=True)
 class Decision:
-    """One metric of `a` against `b` on the same flights."""
+    """Comparison of one metric of `a` and `b` on the same flights."""
 
-    closer: Side  # on more than half of the flights that differ, '' where that is not shown
+    closer: Side  # on more than half of the flights that differ, '' if not shown
     worse: tuple[float, ...] = ()  # quantiles in which the closer one is shown to be worse
-    uncompared: tuple[float, ...] = ()  # quantiles that so few flights do not compare
+    uncompared: tuple[float, ...] = ()  # quantiles for which the flights are too few
     loses_more: bool = False  # whether the closer one is shown to lose more flights
 
     @property
     def winner(self) -> Side:
-        """The closer one, unless its tails or its lost flights say otherwise."""
+        """The closer controller, unless it is worse in a tail or loses more flights."""
         return "" if self.worse or self.loses_more else self.closer
 
 
 def decide(
-    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, risk: float = RISK
+    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, *, risk: float = RISK
 ) -> Decision:
-    """Decide on severities [pair], larger being worse and +infinity a lost flight.
+    """Compare severities [pair]; larger is worse and +infinity marks a lost flight.
 
-    `lost_a` and `lost_b` [pair] are the flights that each lost, whatever the metric says of them; `comparisons` are
-    all metrics times rivals that are decided together.
+    `lost_a` and `lost_b` [pair] mark the lost flights, whatever their metric; `comparisons` is the
+    number of metrics times the number of rivals judged together.
     """
     confidence = 1.0 - risk / comparisons
     difference = pair_differences(a, b)
@@ -57,44 +57,48 @@ def decide(
         return Decision("")
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
-    # From here on `a` is the one that is better on more flights.
+    # Now `a` is better on more flights.
     tails, uncompared = worse_tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
-    more = lost.only_a > lost.only_b and lost.p_value <= risk
-    return Decision("a" if better > worse else "b", tails, uncompared, more)
+    loses_more = lost.only_a > lost.only_b and lost.p_value <= risk
+    return Decision("a" if better > worse else "b", tails, uncompared, loses_more)
 
 
-def agree(found: Sequence[Decision]) -> Decision:
-    """What holds at every value of the unknowns, of a decision at each: nobody is closer where they differ.
+def agree(decisions: Sequence[Decision]) -> Decision:
+    """Return the decision that holds at every point of the unknowns.
 
-    A winner everywhere is one that wins each test, so that no test needs a smaller risk for their number.
+    Nobody is closer if the points disagree. A winner wins at each point, so that the number of
+    points does not reduce the risk of each test.
     """
-    sides = {each.closer for each in found}
+    sides = {decision.closer for decision in decisions}
     if len(sides) > 1:
         return Decision("")
     worse, uncompared = (
-        tuple(sorted({level for each in found for level in levels(each)}))
-        for levels in (lambda each: each.worse, lambda each: each.uncompared)
+        tuple(sorted({level for decision in decisions for level in levels(decision)}))
+        for levels in (lambda decision: decision.worse, lambda decision: decision.uncompared)
     )
-    return Decision(sides.pop(), worse, uncompared, any(each.loses_more for each in found))
+    return Decision(
+        sides.pop(), worse, uncompared, any(decision.loses_more for decision in decisions)
+    )
 
 
 def worse_tails(
     a: Floats, b: Floats, confidence: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Quantiles in which `a` is worse, and those that the flights do not compare.
+    """Return the quantiles in which `a` is worse, and those that cannot be compared.
 
-    Where they do not compare one, the outermost that they bound stands in for it. The two-sided ``confidence`` is that
-    of each quantile: one of two is falsely called worse with a chance of at most 1 - confidence.
+    If a quantile cannot be compared, the outermost one that the flights bound replaces it.
+    `confidence` is two-sided: a quantile is falsely called worse with a chance of at most half of 1
+    - confidence.
     """
     worse, uncompared = [], []
-    # Beyond this one the flights bound nothing: where a tail is not compared, this one still is.
+    # The flights bound no quantile beyond this one.
     outermost = float(((1.0 - confidence) / 4.0) ** (1.0 / a.size))
     for level in TAILS:
-        found = quantile_difference(a, b, level, confidence)
-        if found.low > 0.0:
+        difference = quantile_difference(a, b, level, confidence)
+        if difference.low > 0.0:
             worse.append(level)
-        elif np.isneginf(found.low) and not found.high < 0.0:
+        elif np.isneginf(difference.low) and not difference.high < 0.0:
             uncompared.append(level)
             if outermost > 0.5 and quantile_difference(a, b, outermost, confidence).low > 0.0:
                 worse.append(outermost)

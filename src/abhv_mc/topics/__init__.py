@@ -1,10 +1,14 @@
-"""What is said of a campaign: one room for each topic, its numbers, figures, sentences and section.
+"""Topics of a report: one package each, with numbers, figures, sentences and a section.
 
-Public: what a user's topic is written with.
+The public names serve custom topics.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from abhv_mc.kernel.cache import cache_root
+
+cache_root()  # before matplotlib is imported, which keeps files there if there is no home folder
 
 if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign
@@ -37,7 +41,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Public names when they are asked for: rooms import this package, too."""
+    """Return a public name, imported on first use because topics import this package."""
     if name not in __all__:
         raise AttributeError(f"module 'abhv_mc.topics' has no attribute '{name}'")
     return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.section")), name)

@@ -1,4 +1,4 @@
-"""What a results folder knows of the credibility of its numbers, by the factors of NASA-STD-7009."""
+"""Credibility assessment of a campaign's results by the factors of NASA-STD-7009."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,9 @@ _TEXT = (
 
 def credibility_fold(names: Names) -> Fold:
     """Return the table of the eight factors."""
-    rows = tuple((Cell(name, head=True), Cell(words), Cell("")) for name, words in _factors(names))
+    rows = tuple(
+        (Cell(name, head=True), Cell(evidence), Cell("")) for name, evidence in _factors(names)
+    )
     title = "Credibility (NASA-STD-7009)"
     heads = ("Factor", "Shown by this folder", "Assessment")
     return Fold(title, (Text(_TEXT), Table(title, heads, (rows,), numbers=False)))

@@ -1,4 +1,4 @@
-"""Why flights fail: the map of failures where it was made, and rules of one dispersed parameter or two."""
+"""Failure analysis: the map of failures, and rules of one or two dispersed parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from abhv_mc.topics.words import count_of, fixed, joined, percent, shown_value, 
 
 @dataclass(frozen=True)
 class FailureCondition:
-    """A parameter above a threshold or not; or that parameter less another, each in its standard deviations."""
+    """Threshold on a parameter, or on a difference of two standardized parameters."""
 
     parameter: str
     minus: str | None
@@ -37,7 +37,7 @@ class FailureCondition:
 
 @dataclass(frozen=True)
 class FailureRule:
-    """A region that failures prefer."""
+    """Region of the dispersions with more failures."""
 
     where: str  # in words
     rule: str  # the same with its shares
@@ -52,7 +52,7 @@ class FailureRule:
 
 @dataclass(frozen=True)
 class FailureKind:
-    """One way to fail, and where it happens."""
+    """Failure mode with its rules."""
 
     kind: str
     flights: int
@@ -62,7 +62,7 @@ class FailureKind:
 
 @dataclass(frozen=True)
 class Failures:
-    """The kinds of failure of each controller; none without dispersions."""
+    """Failure modes of each controller; empty without dispersions."""
 
     controllers: Mapping[str, tuple[FailureKind, ...]]
     map: Mapping[str, ControllerFailures] | None = (
@@ -73,17 +73,18 @@ class Failures:
 
 
 def compute_failures(results: FlownCampaign) -> Failures:
-    """Rules for every kind of failure that occurred."""
+    """Return rules for every failure mode that occurred."""
     names = results.controllers if results.dispersed else ()
-    found = read_map(results.folder, results.manifest.digest)
+    failure_map = read_map(results.folder, results.manifest.digest)
     return Failures(
-        {name: _kinds(results, name) for name in names}, found.controllers if found else None
+        {name: _kinds(results, name) for name in names},
+        failure_map.controllers if failure_map else None,
     )
 
 
 def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
     names, flown = list(results.dispersed), results.flights[controller].flight
-    kinds, known = failure_kinds(results, controller), results.campaign.parameters
+    kinds, parameters = failure_kinds(results, controller), results.campaign.parameters
     if not kinds:
         return ()
 
@@ -97,7 +98,7 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
             int(failed.size),
             int(failed.sum()),
             tuple(
-                _rule(rule, names, known, failed, column)
+                _rule(rule, names, parameters, failed, column)
                 for rule in find_rules(binned, failed, column)
             )
             if binned
@@ -110,18 +111,18 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
 def _rule(
     rule: Rule,
     names: list[str],
-    known: Parameters,
+    parameters: Parameters,
     failed: Mask,
     column: Callable[[int], Floats],
 ) -> FailureRule:
     inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
     if rule.conditions[0].minus is None:
-        words = _parameter_words(rule, names, known)
+        description = _parameter_words(rule, names, parameters)
     else:
-        words = _difference_words(rule, names, known, failed, column)
+        description = _difference_words(rule, names, parameters, failed, column)
     return FailureRule(
-        words,
-        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have {words}",
+        description,
+        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have {description}",
         tuple(
             FailureCondition(
                 names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
@@ -137,19 +138,23 @@ def _rule(
     )
 
 
-def _parameter_words(rule: Rule, names: list[str], known: Parameters) -> str:
-    """Return 'wind north above 25 m/s and lift at most -5 %'; of both ends 'density at most -7 % or above +7 %'."""
+def _parameter_words(rule: Rule, names: list[str], parameters: Parameters) -> str:
+    """Return the conditions of a rule in words.
+
+    Examples are 'wind north above 25 m/s and lift at most -5 %' and, for both ends, 'density at
+    most -7 % or above +7 %'.
+    """
 
     def side(condition: Condition) -> str:
-        value = shown_value(names[condition.input], condition.threshold, known)
+        value = shown_value(names[condition.input], condition.threshold, parameters)
         return f"{'above' if condition.above else 'at most'} {value}"
 
-    first, *others = rule.conditions
-    words = f"{spoken_name(names[first.input])} {side(first)}"
-    for condition in others:
+    first, *further = rule.conditions
+    description = f"{spoken_name(names[first.input])} {side(first)}"
+    for condition in further:
         same = f"or {side(condition)}"
-        words += f" {same if rule.either else f'and {spoken_name(names[condition.input])} {side(condition)}'}"
-    return words
+        description += f" {same if rule.either else f'and {spoken_name(names[condition.input])} {side(condition)}'}"
+    return description
 
 
 def _difference_words(
@@ -162,7 +167,7 @@ def _difference_words(
     """Return how two inputs are off in the region of a rule, with the medians of its failures as an example.
 
     'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if this holds for each of its failures,
-    else 'density low for drag'.
+    else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.input, condition.minus or 0
@@ -178,9 +183,11 @@ def _difference_words(
     if np.all(off[0] * off[1] < 0.0):
         words = f"{one} and {other} off in opposite directions"
     elif rule.either:
-        words = f"{one} low or high for {other}"
+        words = f"{one} and {other} far apart, each in its own range"
     else:
-        words = f"{one} {'high' if condition.above else 'low'} for {other}"
+        words = (
+            f"{one} far {'above' if condition.above else 'below'} {other}, each in its own range"
+        )
     return f"{words} (e.g. {example})" if example else words
 
 
@@ -189,7 +196,7 @@ _LISTED = 2  # rules of a kind
 
 
 def failure_section(failures: Failures, names: Names) -> Section:
-    """The map of failures where it was made, else the rules of every kind of failure."""
+    """Return the map of failures if it exists, else the rules of every failure mode."""
     if failures.map is None:
         return _rules_section(failures, names)
     text = Text(
@@ -205,8 +212,8 @@ def failure_section(failures: Failures, names: Names) -> Section:
     return Section(TITLE, items)
 
 
-def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
-    """For each controller with failed flights a row a group, and what is in none."""
+def map_table(failure_maps: Mapping[str, ControllerFailures], names: Names) -> Table:
+    """Return a row per failure group of each controller, and unexplained failures."""
     heads = (
         names.campaign.kind.capitalize(),
         "Failed",
@@ -215,61 +222,74 @@ def map_table(found: Mapping[str, ControllerFailures], names: Names) -> Table:
         "Flights",
         "One of them",
     )
-    groups = tuple(_map_group(name, part, names) for name, part in found.items() if part.failed)
+    groups = tuple(
+        _map_group(name, failure_map, names)
+        for name, failure_map in failure_maps.items()
+        if failure_map.failed
+    )
     return Table("Map of failures", heads, groups, numbers=False)
 
 
-def _map_group(controller: str, part: ControllerFailures, names: Names) -> tuple[Row, ...]:
-    label, total = names.label(controller), part.looked_at
+def _map_group(controller: str, failure_map: ControllerFailures, names: Names) -> tuple[Row, ...]:
+    label, total = names.label(controller), failure_map.looked_at
     required = {f"missed {item.metric} {item.limits}": item for item in names.requirements}
     rows: list[Row] = []
-    for group in part.groups:
+    for group in failure_map.groups:
         item = required.get(group.failure)
-        words = requirement_words(item, names.metrics) if item else ""
+        requirement_text = requirement_words(item, names.metrics) if item else ""
         sides = [
-            f"{spoken_name(each.parameter)} {'high' if each.high else 'low'}"
-            for each in group.dispersions
+            f"{spoken_name(dispersion.parameter)} {'high' if dispersion.high else 'low'}"
+            for dispersion in group.dispersions
         ]
         flights = (
             f"{count_of(len(group.flights), total)} ({percent(len(group.flights) / total, 2)})"
         )
         cells = (
-            Cell(f"missed {words[:1].lower()}{words[1:]}" if words else group.failure),
+            Cell(
+                f"missed {requirement_text[:1].lower()}{requirement_text[1:]}"
+                if requirement_text
+                else group.failure
+            ),
             Cell(joined(sides), head=True),
-            Cell("; ".join(_typical(each, names) for each in group.dispersions)),
+            Cell("; ".join(_typical(dispersion, names) for dispersion in group.dispersions)),
             Cell(flights),
             Cell(str(group.flights[0]), flight=(controller, group.flights[0])),
         )
-        rows.append(cells if rows else (Cell(label, rows=len(part.groups), head=True), *cells))
-    return (*rows, (Cell(label, head=True), Cell(_rest(part), columns=5)))
+        rows.append(
+            cells if rows else (Cell(label, rows=len(failure_map.groups), head=True), *cells)
+        )
+    return (*rows, (Cell(label, head=True), Cell(_rest(failure_map), columns=5)))
 
 
-def _typical(found: Dispersed, names: Names) -> str:
-    """'-35 % (-40 % to -31 %)'; of one flight its value."""
-    values = found.least, found.median, found.largest
+def _typical(dispersion: Dispersed, names: Names) -> str:
+    """Return '-35 % (-40 % to -31 %)', or the value of a single flight."""
+    values = dispersion.least, dispersion.median, dispersion.largest
     low, middle, high = (
-        shown_value(found.parameter, value, names.campaign.parameters) for value in values
+        shown_value(dispersion.parameter, value, names.campaign.parameters) for value in values
     )
     return f"{middle} ({low} to {high})" if low != high else middle
 
 
-def _rest(part: ControllerFailures) -> str:
-    """'3 of 50 not explained by a set that was tried; ...'."""
-    total = part.looked_at
-    tried = " by a set that was tried" if part.unexplained else ""
-    words = [f"{len(part.unexplained)} of {total} not explained{tried}"]
-    if part.nominal:
-        words.append(f"{len(part.nominal)} fail with nothing dispersed")
-    if part.failed > total:
-        words.append(f"the {total} worst of {part.failed} failed flights were looked at")
-    return "; ".join(words)
+def _rest(failure_map: ControllerFailures) -> str:
+    """Return counts of failures in no group.
+
+    An example is '3 of 50 not explained by a set that was tried'.
+    """
+    total = failure_map.looked_at
+    tried = " by a set that was tried" if failure_map.unexplained else ""
+    clauses = [f"{len(failure_map.unexplained)} of {total} not explained{tried}"]
+    if failure_map.nominal:
+        clauses.append(f"{len(failure_map.nominal)} fail with nothing dispersed")
+    if failure_map.failed > total:
+        clauses.append(f"the {total} worst of {failure_map.failed} failed flights were looked at")
+    return "; ".join(clauses)
 
 
 def _rules_section(failures: Failures, names: Names) -> Section:
-    """Those that fail, who fails most first, and where in the dispersions they do."""
+    """Return failure modes and their rules, controllers with most failures first."""
     items: list[Item] = []
     ranked = sorted(
-        failures.controllers.items(), key=lambda part: -sum(kind.failures for kind in part[1])
+        failures.controllers.items(), key=lambda entry: -sum(kind.failures for kind in entry[1])
     )
     for name, kinds in ranked:
         if kinds:

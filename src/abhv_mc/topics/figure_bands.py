@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from string import ascii_lowercase
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -21,10 +23,11 @@ BANDS = (
     ("q0.135", "q99.865", 0.30, "0.135–99.865 %"),
     ("q5", "q95", 0.45, "5–95 %"),
 )
+_LABEL = 18  # characters of a line of a row's label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 MEDIANS = ("q50", MOST_MEDIAN)
-REFERENCE = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
-LIMIT = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
+LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 _INSET = (0.3, 0.66, 0.69, 0.34)  # of the axes: left, lower edge, width, height
 _SHOWN = 3.0  # s on either side of the largest move
 
@@ -64,9 +67,9 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
     for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
         axes.plot(panel.x, panel.bands[median], color=color, linewidth=1.6)
     for level in panel.levels:
-        axes.axhline(level, **LIMIT)  # type: ignore[arg-type]
+        axes.axhline(level, **LIMIT)
     if panel.reference is not None:
-        axes.plot(*panel.reference, **REFERENCE)  # type: ignore[arg-type]
+        axes.plot(*panel.reference, **REFERENCE)
 
 
 def _legend(
@@ -82,7 +85,7 @@ def _legend(
     ]
     handles += lines
     if any(panel.reference is not None for panel in panels):
-        handles.append(Line2D([], [], label="reference", **REFERENCE))  # type: ignore[arg-type]
+        handles.append(Line2D([], [], label="reference", **REFERENCE))
     put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
 
 
@@ -93,7 +96,7 @@ def plot_envelopes(
     """Rows of panels, columns of controllers; y is shared along a row so that controllers compare at sight."""
     count = len(rows) * len(titles)
     figure, grid = new_panels(
-        count, len(titles), 1.0, between=(0.2, 0.3), sharex="row", sharey="row"
+        count, len(titles), 0.8, between=(0.2, 0.3), lettered=False, sharex="row", sharey="row"
     )
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):
@@ -102,7 +105,7 @@ def plot_envelopes(
             if r == 0:
                 axes.set_title(titles[c], color=colors[c])
             if c == 0:
-                axes.set_ylabel(row.label)
+                axes.set_ylabel(fill(row.label, _LABEL), va="center")
             if r == len(rows) - 1:
                 axes.set_xlabel("time (s)")
         flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
@@ -115,7 +118,7 @@ def plot_envelopes(
             Line2D([], [], color=INK, linewidth=0.35, label="the next worst"),
         ]
         if any(panel.levels for row in rows for panel in row.panels):
-            lines.append(Line2D([], [], label="limit", **LIMIT))  # type: ignore[arg-type]
+            lines.append(Line2D([], [], label="limit", **LIMIT))
     else:
         two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
         lines = [
@@ -132,11 +135,12 @@ def plot_sheet(
     rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
     """Small multiples: one panel a channel, in it all controllers (all flights, 5 to 95 % and the median)."""
-    figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24)
+    figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24, lettered=False)
     looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
     for k, (axes, row) in enumerate(zip(grid.flat, rows, strict=False)):
         _overlay(axes, row, looks)
-        axes.set_title(row.label, loc="left", fontweight="normal")
+        letter = ascii_lowercase[k : k + 1] if len(rows) > 1 else ""
+        axes.set_title(f"{letter}  {row.label}".strip(), loc="left", fontweight="normal")
         _set_y_limits(axes, row)
         if row.inset:
             _draw_inset(axes, row, looks)
@@ -151,16 +155,21 @@ def plot_sheet(
 
 
 def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
-    for panel, (color, dash) in zip(row.panels, looks, strict=True):
+    for k, (panel, (color, dash)) in enumerate(zip(row.panels, looks, strict=True)):
+        on_top = 1.0 - k / len(looks)  # the first is the subject
         for low, high, opacity, _ in [band for band in BANDS[::2] if band[0] in panel.bands]:
             area = panel.bands[low], panel.bands[high]
-            axes.fill_between(panel.x, *area, color=color, alpha=0.6 * opacity, linewidth=0)
+            axes.fill_between(
+                panel.x, *area, color=color, alpha=0.6 * opacity, linewidth=0, zorder=1.0 + on_top
+            )
         for median in [name for name in MEDIANS if name in panel.bands]:
-            axes.plot(panel.x, panel.bands[median], color=color, linestyle=dash, linewidth=1.0)
+            curve = panel.x, panel.bands[median]
+            axes.plot(*curve, color=color, linestyle=dash, linewidth=1.0, zorder=2.0 + on_top)
         for edge in [name for name in SIMULTANEOUS if name in panel.bands]:
-            axes.plot(panel.x, panel.bands[edge], color=color, linestyle=":", linewidth=0.8)
+            curve = panel.x, panel.bands[edge]
+            axes.plot(*curve, color=color, linestyle=":", linewidth=0.8, zorder=2.0 + on_top)
     if row.panels[0].reference is not None:
-        axes.plot(*row.panels[0].reference, **REFERENCE)  # type: ignore[arg-type]
+        axes.plot(*row.panels[0].reference, **REFERENCE)
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, Literal, ParamSpec
 
 import numpy as np
@@ -41,7 +42,8 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
-INK = "#767676"
+INK = "#666666"
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # behind the number of a tick, as in the text
 GRID = "#80808050"
 
 _RC: dict[Any, Any] = {
@@ -101,15 +103,18 @@ def new_panels(
     count: int,
     columns: int,
     row_height: float,
+    *,
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
+    lettered: bool = True,
     **shared: Any,
 ) -> tuple[Figure, Any]:
-    """A figure and its grid [row, column] of axes for ``count`` panels; places left over are hidden. Heights in inches.
+    """Return a figure and its grid [row, column] of axes for ``count`` panels. Heights in inches.
 
     ``row_height`` is that of axes; ``top`` is the room for titles, ``between`` the room beside and below each of the
     axes; left of and below all there is room for the labels and the legend. Fixed, as a layout that measures
-    the text takes as long as the drawing. ``shared`` goes to :meth:`Figure.subplots`.
+    the text takes as long as the drawing. Panels are ``lettered`` unless they are a matrix. ``shared`` goes to
+    :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     left, bottom, right = 0.68, 0.72, 0.12
@@ -133,6 +138,17 @@ def new_panels(
         axes.yaxis.set_label_coords(-0.5 / width, 0.5)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
+    for letter, axes in zip(
+        ascii_lowercase, grid.flat[:count] if lettered and count > 1 else (), strict=False
+    ):
+        axes.annotate(
+            letter,
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(-1.0, 3.0),
+            textcoords="offset points",
+            weight="bold",
+        )
     return figure, grid
 
 

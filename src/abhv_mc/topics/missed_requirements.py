@@ -1,4 +1,4 @@
-"""Which flights count as failures, and of what."""
+"""Flights that count as failures, by failure mode."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,10 @@ EARLY = "ended early"
 
 
 def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
-    """Which flights [flight] miss a requirement: those that ended early, too, unless it takes these as measured."""
+    """Return a mask [flight] of failures of a requirement.
+
+    Early terminations count unless the requirement takes them as measured.
+    """
     values, early = flights.metrics[requirement.metric], flights.failed
     return requirement.limits.failures(values, early & requirement.early_is_failure)
 
@@ -23,7 +26,7 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
 def failed_anyhow(
     flights: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> NDArray[np.bool_]:
-    """Which flights [flight] ended early or miss any requirement."""
+    """Return a mask [flight] of early terminations and missed requirements."""
     failed = flights.failed.copy()
     for item in requirements:
         failed |= requirement_failures(flights, item)
@@ -31,17 +34,17 @@ def failed_anyhow(
 
 
 def requirement_words(requirement: Requirement, records: Mapping[str, Metric]) -> str:
-    """'Altitude error, max < 50 m'."""
+    """Return 'Altitude error, max < 50 m'."""
     return limit_words(records[requirement.metric], requirement.limits)
 
 
 def limit_words(metric: Metric, limits: Bounds) -> str:
-    """The same of a metric and its limits."""
+    """Return the text of a metric with its limits."""
     return f"{metric.label} {metric.with_unit(limits.symbols)}"
 
 
 def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Each way to fail that occurred: ended early, and each requirement missed."""
+    """Return mode and mask [flight] of each failure that occurred."""
     early = results.flights[controller].failed
     kinds = [(EARLY, early)]
     kinds += [
@@ -51,4 +54,4 @@ def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, ND
         )
         for item in results.campaign.requirements
     ]
-    return [(words, failed) for words, failed in kinds if failed.any()]
+    return [(mode, failed) for mode, failed in kinds if failed.any()]

@@ -1,5 +1,7 @@
 """What a campaign calls its controllers and metrics, for sentences, tables and figures."""
 
+import os
+import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,13 +22,18 @@ def controller_label(name: str) -> str:
 
 def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Labels of a campaign's controllers that say which of them is the paper's LQR, as it is not the best one."""
-    paper = shipped_files("control")["lqr"].read_bytes()
+    paper = _controller_text(shipped_files("control")["lqr"])
     flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
     return {
         name: controller_label(name)
-        + (" (paper's weights)" if path.is_file() and path.read_bytes() == paper else "")
+        + (" (paper's weights)" if path.is_file() and _controller_text(path) == paper else "")
         for name, path in flown.items()
     }
+
+
+def _controller_text(path: Path) -> bytes:
+    """Return a controller file's content without the line by which editors find its schema, which `new` writes."""
+    return re.sub(rb"\A# yaml-language-server:.*\n", b"", path.read_bytes())
 
 
 @dataclass(frozen=True)
@@ -46,10 +53,13 @@ class Names:
         return self.controllers.get(controller, controller)
 
 
-def names_of(results: FlownCampaign) -> Names:
-    """The names of a campaign."""
+def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
+    """Return the names of a campaign; commands name its folder relative to that of the ``page``, if there is one."""
     labels, campaign = full_labels(results.folder, results.controllers), results.campaign
-    folder = shlex.quote(results.folder.as_posix())
+    place = results.folder
+    if page is not None:
+        place = Path(os.path.relpath(place.absolute(), page.absolute()))
+    folder = shlex.quote(place.as_posix())
     return Names(
         labels, campaign.metrics, results.asked, campaign.requirements, folder, campaign, results
     )

@@ -1,4 +1,4 @@
-"""Dataclasses and numpy values as JSON holds them."""
+"""Conversion of dataclasses and numpy values to JSON data."""
 
 import math
 from collections.abc import Mapping
@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
-DRAWN = "drawn"  # of a field's metadata: it serves figures alone, and JSON holds none of it
+DRAWN = "drawn"  # metadata of a field that serves figures only and is not in JSON
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON holds it, without what serves figures alone; infinite and missing numbers are None."""
+    """Return a value as JSON data; infinite and missing numbers become None.
+
+    Fields marked ``DRAWN`` are left out.
+    """
     if is_dataclass(value) and not isinstance(value, type):
         return {
             item.name: plain(getattr(value, item.name))
@@ -32,5 +35,5 @@ def plain(value: Any) -> Any:
 
 
 def level_name(level: float) -> str:
-    """'q95' for 0.95, 'q99.73' for 0.9973."""
+    """Return 'q95' for 0.95, 'q99.73' for 0.9973."""
     return f"q{100.0 * level:g}"

@@ -42,8 +42,10 @@ def compute_provenance(results: FlownCampaign) -> Provenance:
     )
 
 
-_NOT_READ = ("inputs/", "plans/")  # by a report
-_TOLD_ELSEWHERE = ("controllers", "requirements", "requirements_shown", "files", "inputs")
+_TOLD_ELSEWHERE = (
+    "controllers", "requirements", "requirements_shown", "files", "inputs", "campaign_hash", "source_hash", "question",
+    "digests",
+)  # fmt: skip
 
 
 def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
@@ -51,7 +53,7 @@ def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     for key, value in manifest.items():
         if key in _TOLD_ELSEWHERE:
             continue
-        label = "question hash" if key == "question" else key.replace("_", " ")
+        label = key.replace("_", " ")
         if isinstance(value, dict):
             yield from (
                 (f"{label}: {inner.replace('_', ' ')}", _words(item))
@@ -80,23 +82,17 @@ def _section(_found: Provenance, names: Names) -> Section:
     text = (
         f"{again}To make this page again: `abhv-mc report {names.folder}`. "
         f"To check every number on it against the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside "
-        "this page holds every number unrounded."
+        "this page holds every number unrounded, and the SHA-256 of every file that it was made from."
     )
-    read = {name: text for name, text in manifest.files.items() if not name.startswith(_NOT_READ)}
-    made, files = (
-        tuple((Cell(key, head=True), Cell(value)) for key, value in rows)
-        for rows in (_rows(manifest.as_entries()), read.items())
-    )
+    made = tuple((Cell(key, head=True), Cell(value)) for key, value in _rows(manifest.as_entries()))
     return Section(
         title,
         (
             Text(text),
             credibility_fold(names),
             Fold("Provenance", (Table("Provenance", ("What", "Value"), (made,), numbers=False),)),
-            Fold("Files and their SHA-256", (Table("Files and their hashes", ("File", "SHA-256"), (files,),
-                                                   "Files that this page was made from", numbers=False),)),
         ),
-    )  # fmt: skip
+    )
 
 
 PROVENANCE = Topic("provenance", Provenance, compute_provenance, _section)

@@ -1,4 +1,4 @@
-"""The topics of a report in its order: those of the program, of installed packages, and of a notebook."""
+"""Topics of a report in their order: built in, of installed packages, of a notebook."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -25,30 +25,33 @@ BUILT_IN: tuple[Topic[Any], ...] = (
 
 
 def register(topic: Topic[Any]) -> None:
-    """Add a user's topic to the reports of this process. Raises InputError for a name that it cannot have."""
+    """Add a custom topic to the reports of this process.
+
+    Raise InputError for an invalid name.
+    """
     if not topic.name.isidentifier():
         raise InputError("topic", describe(topic.name), "a name as Python's are")
-    if topic.name in {each.name for each in BUILT_IN}:
+    if topic.name in {built_in.name for built_in in BUILT_IN}:
         raise InputError("topic", f"'{topic.name}', which is built in", "another name")
     REGISTERED[topic.name] = topic
 
 
 def all_topics(users: Sequence[Topic[Any]] | None = None) -> tuple[Topic[Any], ...]:
-    """Every topic in the order of a page: how sure the numbers are and where they come from stand last.
+    """Return all topics in the order of a page; confidence and provenance come last.
 
-    ``users``: those of users, by default all that there are.
+    ``users`` are custom topics, by default all installed and registered ones.
     """
-    *first, sure, origin = BUILT_IN
-    return (*first, *(user_topics() if users is None else users), sure, origin)
+    *first, confidence, provenance = BUILT_IN
+    return (*first, *(user_topics() if users is None else users), confidence, provenance)
 
 
 def make_figures(models: Models) -> dict[str, Iterator[Drawn]]:
-    """Every figure that the campaign's folder has the data for, by its topic."""
+    """Return iterators of the figures for which the campaign has data, by topic."""
     return {topic.name: models.figures(topic) for topic in all_topics(models.users)}
 
 
 def find_topic(name: str) -> Topic[Any]:
-    """The topic of a name. Raises InputError for an unknown one."""
+    """Return the topic with a name. Raise InputError for an unknown one."""
     topics = {topic.name: topic for topic in all_topics()}
     if name not in topics:
         raise InputError("topic", describe(name), one_of(topics, name))

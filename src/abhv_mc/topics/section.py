@@ -1,6 +1,6 @@
-"""A section of a report as values: what a topic has to say, for a page, a terminal or a notebook to draw.
+"""Sections of a report as values, drawn by a page, a terminal or a notebook.
 
-In every text, what stands between backticks is typed as it stands: a command, a file, a key.
+Text between backticks is literal: a command, a file, a key.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,22 +16,22 @@ _IDLE = {"", "0", "\N{EM DASH}"}
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of a table."""
+    """Cell of a table."""
 
     text: str
-    note: str = ""  # in small type beside it: an interval, 'binding'
-    rows: int = 1  # how many rows it stands for, its own the first; the rows below leave it out
+    note: str = ""  # small text beside it: an interval, 'binding'
+    rows: int = 1  # number of rows it spans; the rows below omit it
     columns: int = 1
-    head: bool = False  # whether it says what its row is
-    verdict: bool = False  # whether it is one of PASS, FAIL, NOT SHOWN, ESTIMATE
+    head: bool = False  # whether it is the row's head
+    verdict: bool = False  # whether it is PASS, FAIL, NOT SHOWN or ESTIMATE
     flight: tuple[str, int] | None = (
         None  # controller and number of the flight that the page shows at a click
     )
-    hint: str = ""  # what it means, for whoever points at it
+    hint: str = ""  # tooltip
 
 
 def interval_cell(interval: Interval) -> Cell:
-    """An estimate with its interval; says where too many flights were lost for one."""
+    """Return an estimate with its interval, or 'not reached' if it is infinite."""
     return (
         Cell(estimate(interval), bounds(interval))
         if isfinite(interval.value)
@@ -43,112 +43,124 @@ Row: TypeAlias = tuple[Cell, ...]
 
 
 def grouped(rows: Sequence[Row], *heads: Cell) -> tuple[Row, ...]:
-    """Rows behind cells that stand for all of them."""
+    """Return rows behind head cells that span all of them."""
     return ((*(replace(head, rows=len(rows)) for head in heads), *rows[0]), *rows[1:])
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table; rows that share a cell over several of them are one group."""
+    """Table whose groups are rows that share cells spanning several of them."""
 
     title: str
     heads: tuple[str, ...]
     groups: tuple[tuple[Row, ...], ...]
-    caption: str = ""  # what stands above it, where the title does not say it all
+    caption: str = ""  # printed above it if the title is not enough
     numbers: bool = True  # whether its cells are mostly numbers
 
     def plain_rows(self) -> list[list[str]]:
-        """Every cell as text, those that stand for several rows or columns repeated."""
+        """Return every cell as text; spanning cells are repeated."""
         rows: list[list[str]] = []
         for group in self.groups:
             lines = [[""] * len(self.heads) for _ in group]
-            for r, places in enumerate(_places(group)):
-                for at, cell in places:
-                    words = f"{cell.text} ({cell.note})" if cell.note else cell.text
+            for r, located_cells in enumerate(_places(group)):
+                for column, cell in located_cells:
+                    text = f"{cell.text} ({cell.note})" if cell.note else cell.text
                     for line in lines[r : r + cell.rows]:
-                        line[at : at + cell.columns] = [words] * cell.columns
+                        line[column : column + cell.columns] = [text] * cell.columns
             rows += lines
         return rows
 
     def without_constant(self) -> "Table":
-        """Return the table with columns of one text moved into its caption; single rows and heads stay."""
+        """Return the table with constant columns moved to its caption.
+
+        Single rows and heads stay.
+        """
         (rows,) = self.groups
-        texts = {at: {row[at].text for row in rows} for at in range(len(self.heads))}
+        texts = {column: {row[column].text for row in rows} for column in range(len(self.heads))}
         constant = {
-            at: found.pop()
-            for at, found in texts.items()
-            if len(rows) > 1 and len(found) == 1 and not rows[0][at].head
+            column: column_texts.pop()
+            for column, column_texts in texts.items()
+            if len(rows) > 1 and len(column_texts) == 1 and not rows[0][column].head
         }
-        told = [f"{self.heads[at]}: {text}" for at, text in constant.items() if text not in _IDLE]
-        caption = f"{self.caption or self.title}. Of all rows: {'; '.join(told)}"
+        constants = [
+            f"{self.heads[column]}: {text}"
+            for column, text in constant.items()
+            if text not in _IDLE
+        ]
+        caption = f"{self.caption or self.title}. Of all rows: {'; '.join(constants)}"
         return replace(
             self,
-            heads=tuple(head for at, head in enumerate(self.heads) if at not in constant),
+            heads=tuple(head for column, head in enumerate(self.heads) if column not in constant),
             groups=(
                 tuple(
-                    tuple(cell for at, cell in enumerate(row) if at not in constant) for row in rows
+                    tuple(cell for column, cell in enumerate(row) if column not in constant)
+                    for row in rows
                 ),
             ),
-            caption=caption if told else self.caption,
+            caption=caption if constants else self.caption,
         )
 
     def without_idle(self) -> "Table":
-        """Without the columns that are empty or zero throughout."""
+        """Return the table without columns that are empty or zero throughout."""
         placed = [_places(group) for group in self.groups]
-        told = {
-            at
-            for places in placed
-            for row in places
-            for at, cell in row
+        used_columns = {
+            column
+            for located_rows in placed
+            for row in located_rows
+            for column, cell in row
             if cell.head or cell.note or (cell.columns == 1 and cell.text not in _IDLE)
         }
-        if len(told) == len(self.heads) or not self.groups:
+        if len(used_columns) == len(self.heads) or not self.groups:
             return self
         groups = tuple(
             tuple(
                 tuple(
                     replace(cell, columns=width)
-                    for at, cell in row
-                    if (width := len(told.intersection(range(at, at + cell.columns))))
+                    for column, cell in row
+                    if (
+                        width := len(
+                            used_columns.intersection(range(column, column + cell.columns))
+                        )
+                    )
                 )
-                for row in places
+                for row in located_rows
             )
-            for places in placed
+            for located_rows in placed
         )
         return replace(
             self,
-            heads=tuple(head for at, head in enumerate(self.heads) if at in told),
+            heads=tuple(head for column, head in enumerate(self.heads) if column in used_columns),
             groups=groups,
         )
 
 
 def _places(group: tuple[Row, ...]) -> list[list[tuple[int, Cell]]]:
-    """Each row's cells with their columns, beside those that come down from rows above."""
+    """Return each row's cells with their columns, allowing for cells from rows above."""
     rows: list[list[tuple[int, Cell]]] = []
     below: dict[int, int] = {}  # column -> rows that a cell from above still takes
     for row in group:
-        at, places = 0, []
+        position, located = 0, []
         for cell in row:
-            while below.get(at, 0):
-                at += 1
-            places.append((at, cell))
-            below |= dict.fromkeys(range(at, at + cell.columns), cell.rows)
-            at += cell.columns
+            while below.get(position, 0):
+                position += 1
+            located.append((position, cell))
+            below |= dict.fromkeys(range(position, position + cell.columns), cell.rows)
+            position += cell.columns
         below = {column: left - 1 for column, left in below.items()}
-        rows.append(places)
+        rows.append(located)
     return rows
 
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph."""
+    """Paragraph."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Lead:
-    """The judgement in words, first of all: nothing else is printed in bold."""
+    """Summary in words, the first item of a report and the only bold text."""
 
     answer: str
     because: tuple[str, ...] = ()
@@ -157,51 +169,51 @@ class Lead:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All of it, a sentence each."""
+        """All sentences."""
         return tuple(filter(None, (self.answer, *self.because, self.sure, self.next)))
 
 
 @dataclass(frozen=True)
 class Bullets:
-    """Sentences, one a line."""
+    """Sentences, one per line."""
 
     sentences: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class FigureText:
-    """A figure's file name and words."""
+    """File name and texts of a figure."""
 
     name: str  # of the file, without its suffix
     title: str
     caption: str
-    alt: str = "The caption and the tables say what it shows."  # for who cannot see it
+    alt: str = "The caption and the tables say what it shows."  # for screen readers
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Where one of the topic's figures stands, by its name; nothing where that was not made."""
+    """Location of a figure by its name; empty if the figure was not made."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Widget:
-    """What a page alone can show, by the name of its template."""
+    """Interactive element of a page, by the name of its template."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A heading within the section."""
+    """Heading within a section."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Fold:
-    """What a reader opens who wants it; printed open on paper."""
+    """Foldable items; printed unfolded on paper."""
 
     title: str
     items: "tuple[Item, ...]"
@@ -212,18 +224,18 @@ Item: TypeAlias = Text | Lead | Bullets | Table | Picture | Widget | Heading | F
 
 @dataclass(frozen=True)
 class Section:
-    """What a topic says, under its heading."""
+    """Section of a topic, with its heading."""
 
     title: str
     items: tuple[Item, ...] = field(default=())
-    part: bool = False  # whether it stands under the heading of the section before
+    part: bool = False  # whether it belongs under the heading of the section before
 
     def without_idle(self) -> "Section":
-        """The same, its tables without columns that are empty or zero throughout."""
+        """Return the section, its tables without empty or zero columns."""
         return replace(self, items=_without_idle(self.items))
 
     def tables(self) -> list[Table]:
-        """Its tables, folded ones too."""
+        """Return the section's tables, including folded ones."""
         return list(_tables_of(self.items))
 
 

@@ -1,4 +1,4 @@
-"""What is known of a user's simulator: whether it is repeatable, and why flights failed to run."""
+"""Repeatability of a user's simulator, and reasons why flights failed to run."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Tex
 from abhv_mc.topics.topic import Topic
 from abhv_mc.topics.words import fixed
 
-_SHOWN = 20  # reasons of a system
+_SHOWN = 20  # reasons per system
 _NO_REASON = "no reason is stored"
 _EVENTS = {
     "restarts": "process started anew after a crash, a time-out or an answer that is none",
@@ -23,26 +23,26 @@ _PREFIX = "inputs/simulator/"
 
 @dataclass(frozen=True)
 class FailureReason:
-    """A reason why flights failed to run."""
+    """Reason why flights failed to run."""
 
     reason: str
     flights: int
-    first: int  # number of the first of these flights
+    first: int  # number of the first such flight
 
 
 @dataclass(frozen=True)
 class SimulatorFacts:
-    """What is known of a user's simulator; nothing of the program's own."""
+    """Facts about a user's simulator; empty for the built-in one."""
 
     repeatable: str | None
-    events: Mapping[str, Mapping[str, int]]  # of its processes, how often, by system
-    notes: tuple[str, ...]  # of its runs: surplus output, undeclared files, noise
-    files: tuple[str, ...]  # that it consists of and reads
-    reasons: Mapping[str, tuple[FailureReason, ...]]  # by system, the most frequent first
+    events: Mapping[str, Mapping[str, int]]  # of its processes: counts by system and event
+    notes: tuple[str, ...]  # on its runs: surplus output, undeclared files, noise
+    files: tuple[str, ...]  # of the simulator
+    reasons: Mapping[str, tuple[FailureReason, ...]]  # by system, most frequent first
 
 
 def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
-    """Return what the manifest and the flights say of the simulator."""
+    """Return the facts from the manifest and the flights."""
     manifest, can = results.manifest, results.campaign.simulator.capabilities
     reasons = {}
     for name, flights in results.flights.items():
@@ -98,8 +98,8 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
         )
     if facts.reasons:
         groups = tuple(
-            tuple(_row(names.label(name), each) for each in found[:_SHOWN])
-            for name, found in facts.reasons.items()
+            tuple(_row(names.label(name), reason) for reason in reasons[:_SHOWN])
+            for name, reasons in facts.reasons.items()
         )
         heads = (names.campaign.kind.capitalize(), "Reason", "Flights", "First of them")
         title = "Flights that failed to run, by reason"
@@ -107,12 +107,12 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
     return Section("Simulator", tuple(items)) if items else None
 
 
-def _row(label: str, found: FailureReason) -> Row:
+def _row(label: str, reason: FailureReason) -> Row:
     return (
         Cell(label, head=True),
-        Cell(found.reason),
-        Cell(fixed(found.flights, 0)),
-        Cell(str(found.first)),
+        Cell(reason.reason),
+        Cell(fixed(reason.flights, 0)),
+        Cell(str(reason.first)),
     )
 
 

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
+from abhv_mc.entry_points import TOPICS, find_entry_points
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError, describe
 from abhv_mc.topics.names import Names, names_of
@@ -51,14 +52,16 @@ class Topic(Generic[M]):
 class Models:
     """The models of a campaign's topics, each computed when it is first asked for."""
 
-    def __init__(self, results: FlownCampaign) -> None:
+    def __init__(self, results: FlownCampaign, page: Path | None = None) -> None:
+        """``page``: the folder of the page that they are shown on, to which its commands are relative."""
         self.results = results
+        self._page = page
         self._held: dict[str, Any] = {}
 
     @cached_property
     def names(self) -> Names:
         """What the campaign calls its controllers and metrics."""
-        return names_of(self.results)
+        return names_of(self.results, self._page)
 
     def __getitem__(self, topic: Topic[M]) -> M:
         if topic.name not in self._held:
@@ -94,7 +97,6 @@ class Models:
         return topic.figures(self[topic], self.names)
 
 
-GROUP = "abhv_mc.topics"  # of entry points: name = "package.module:TOPIC"
 REGISTERED: dict[str, Topic[Any]] = {}  # in this process
 
 
@@ -104,7 +106,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
     Raises InputError for an entry point that is none.
     """
     found: dict[str, Topic[Any]] = {}
-    for entry in entry_points(group=GROUP):
+    for entry in find_entry_points(TOPICS).values():
         try:
             topic = entry.load()
         except Exception:
@@ -112,7 +114,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
             continue
         if not isinstance(topic, Topic):
             raise InputError(
-                f"entry point {entry.name} of {GROUP}", describe(topic), "an abhv_mc.topics.Topic"
+                f"entry point {entry.name} of {TOPICS}", describe(topic), "an abhv_mc.topics.Topic"
             )
         found[topic.name] = topic
     return tuple({**found, **REGISTERED}.values())

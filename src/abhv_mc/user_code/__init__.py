@@ -1,1 +1,1 @@
-"""A user's own control law: its file read, checked, compiled apart from the flight, and wired by name."""
+"""Custom control laws, channels and vehicle functions: read, checked and compiled."""

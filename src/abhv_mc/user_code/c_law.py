@@ -1,7 +1,8 @@
-"""A law's library in C, loaded and called: a loop over the lanes fills the structs of abhv_law.h and calls its step.
+"""Control laws in C: loading of the library and the compiled loop that calls it.
 
-A flight's state lies where it was first put, in memory of this call; its lane holds the place's number and takes it
-along. Native code runs in processes that may be lost: workers and the child, never the launching one.
+The loop over the lanes fills the structs of abhv_law.h and calls the step function. A flight's
+state is kept in memory of the call; its lane holds the index of the state. Native code runs in
+workers and the child process, never in the launching process.
 """
 
 import ctypes
@@ -39,13 +40,13 @@ _SYSTEM = (
     sys.prefix,
     sys.base_prefix,
 )
-_LINE = 64  # bytes that states begin at multiples of
-_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # where in the buffer the command lies
-_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # and the numbers of a memory
+_LINE = 64  # bytes of the alignment of states
+_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # offset of the command in the buffer
+_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # offset of the memory's numbers
 
 
 class CLibrary(NamedTuple):
-    """A loaded library: addresses of its functions, 0 for an optional one that it lacks."""
+    """Loaded library: addresses of its functions, 0 for missing optional ones."""
 
     init: int
     step: int
@@ -57,7 +58,10 @@ class CLibrary(NamedTuple):
 
 @functools.lru_cache(maxsize=16)
 def load_library(source: UserSource) -> CLibrary:
-    """Load a law's library into this process. Raises InputError for what is no law, or not this interface's."""
+    """Load a control law's library into this process.
+
+    Raise InputError if it is no control law, or built for another interface.
+    """
     check_may_run()
     recipe: Any = source.recipe
     path = unpack(source) / (recipe["library"] or BUILT)
@@ -65,21 +69,23 @@ def load_library(source: UserSource) -> CLibrary:
     try:
         handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
     except OSError as error:
-        words = str(error).replace(str(path.parent) + os.sep, "")
-        missing = f"files: [{words.partition(':')[0]}] in its controller file"
-        expected = missing if "cannot open shared object" in words else "a shared library"
-        raise InputError(source.file, f"a library that does not load ({words})", expected) from None
-    allowed = tuple(f"{os.path.realpath(place)}{os.sep}" for place in (path.parent, *_SYSTEM))
+        message = str(error).replace(str(path.parent) + os.sep, "")
+        missing = f"files: [{message.partition(':')[0]}] in its controller file"
+        expected = missing if "cannot open shared object" in message else "a shared library"
+        raise InputError(
+            source.file, f"a library that does not load ({message})", expected
+        ) from None
+    allowed = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (path.parent, *_SYSTEM))
     for loaded in sorted(_mapped() - before):
         if not loaded.startswith(allowed):
-            found = f"a library that links to {loaded}, which it does not declare"
+            problem = f"a library that links to {loaded}, which it does not declare"
             raise InputError(
-                source.file, found, f"files: [{Path(loaded).name}] in its controller file"
+                source.file, problem, f"files: [{Path(loaded).name}] in its controller file"
             )
 
     def find(name: str) -> int:
-        found = getattr(handle, f"abhv_law_{name}", None)
-        return 0 if found is None else int(ctypes.cast(found, ctypes.c_void_p).value or 0)
+        problem = getattr(handle, f"abhv_law_{name}", None)
+        return 0 if problem is None else int(ctypes.cast(problem, ctypes.c_void_p).value or 0)
 
     size, init, step, get, put = map(find, ("state_size", "init", "step", "state_get", "state_set"))
     for name in ("state_size", "init", "step"):
@@ -88,21 +94,21 @@ def load_library(source: UserSource) -> CLibrary:
                 source.file, f"a library without abhv_law_{name}", "that of abhv_law.h"
             )
     if (get == 0) != (put == 0):
-        found = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
-        raise InputError(source.file, found, "both of abhv_law_state_get and _set, or none")
+        problem = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
+        raise InputError(source.file, problem, "both of abhv_law_state_get and _set, or none")
     if address := find("interface"):
-        told = ctypes.string_at(address).decode(errors="replace")
+        version = ctypes.string_at(address).decode(errors="replace")
         expected = f"{interface(recipe['onboard'])} {describe_layout(recipe['settings'])}"
-        if told != expected:
-            found = f"a library built with other headers ({told})"
+        if version != expected:
+            problem = f"a library built with other headers ({version})"
             raise InputError(
-                source.file, found, f"one built with those of this controller ({expected})"
+                source.file, problem, f"one built with those of this controller ({expected})"
             )
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
 
 
 def _mapped() -> set[str]:
-    """Files that this process has loaded code from, as far as the system tells."""
+    """Return the files from which this process has loaded code, if the system tells."""
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -111,18 +117,19 @@ def _mapped() -> set[str]:
 
 
 def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str, float] | None:
-    """The numbers of a law's memory as it starts, by name; None where it does not give them. Called in the child.
+    """Return the initial numbers of a control law's memory by name, or None.
 
-    Raises InputError.
+    The result is None if the law does not expose them. Call it in the child process. Raise
+    InputError.
     """
     library = load_library(source)
     if not library.get:
         return {} if library.state_size == 0 else None
     state = aligned_zeros(library.state_size // 8 + 8)
-    given = np.append(settings, 0.0)
+    setting_values = np.append(settings, 0.0)
     call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
     if call(library.init)(
-        given.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data
+        setting_values.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data
     ):
         raise InputError(source.file, "a law whose abhv_law_init fails", "0 from it")
     read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
@@ -138,26 +145,27 @@ def open_c_law(
     source: UserSource,
     gains: tuple[str, ...],
     width: int,
-    places: int,
+    n_states: int,
     memory: int | None,
     seen: int,
     effectors: tuple[str, ...],
 ) -> OpenLaw:
-    """The law for ``width`` lanes, with room for the states of ``places`` flights; ``effectors`` are the vehicle's.
+    """Return the control law for ``width`` lanes and ``n_states`` simultaneous flights.
 
-    With ``memory`` numbers the lanes' rows hold them, as those of a compiled law, and the state is made anew of them at
-    each tick. The first ``seen`` measured quantities are given, the others are not-a-number.
+    ``effectors`` are those of the vehicle. With ``memory`` numbers the lanes' rows hold them, as
+    for a compiled law, and the state is rebuilt from them at each tick. The first ``seen`` measured
+    quantities are passed, the others are NaN.
     """
     library = load_library(source)
     recipe: Any = source.recipe
     loop = compile_adapter(width, memory, seen, recipe["onboard"], effector_rows(source, effectors))
     stride = -(-max(library.state_size, 1) // _LINE) * _LINE
-    states = aligned_zeros(stride // 8 * places)
+    states = aligned_zeros(stride // 8 * n_states)
     buffer = aligned_zeros(_NUMBERS // 8 + MAX_MEMORY)
     buffer[seen : s.N_SEEN] = np.nan
     addresses = [library.init, library.step, library.get, library.set]
     context = np.array(
-        [*addresses, states.ctypes.data, stride, places, 0, len(gains), buffer.ctypes.data],
+        [*addresses, states.ctypes.data, stride, n_states, 0, len(gains), buffer.ctypes.data],
         np.int64,
     )
     return OpenLaw(
@@ -167,14 +175,16 @@ def open_c_law(
 
 @functools.cache
 def compile_adapter(
-    width: int, memory: int | None, given: int, onboard: bool, effectors: tuple[int, ...]
+    width: int, memory: int | None, n_measured: int, onboard: bool, effectors: tuple[int, ...]
 ) -> Any:
-    """The compiled loop, the same for every law; ``memory`` and ``given``, which it calls ``seen``, as in
-    :func:`open_c_law`. ``effectors``: rows of those that the law commands.
+    """Return the compiled loop, which is the same for every control law.
+
+    ``memory`` and ``n_measured`` (``seen``) are as in :func:`open_c_law`. ``effectors`` are the
+    rows of commanded effectors.
     """
     commanded = (*COMMAND_ROWS, *effectors)
-    at = functools.partial(lane_of, width)
-    rows = [at(MEMORY + i) for i in range(memory or 0)]
+    lane_row = functools.partial(lane_of, width)
+    rows = [lane_row(MEMORY + i) for i in range(memory or 0)]
     before = f"""\
 init, step, get, put = context[0], context[1], context[2], context[3]
 states, stride, places, buffer = context[4], context[5], context[6], context[9]
@@ -193,10 +203,11 @@ if {"tick == 0" if memory is None else "True"}:
         lines.append("if tick > 0 and failed == 0:")
         lines += [f"    numbers[{i}] = {row}" for i, row in enumerate(rows)]
         lines.append(f"    failed = call_c(put, (state, buffer + {_NUMBERS}))")
-    lines += [f"seen[{i}] = {at(s.MEASURED + i)}" for i in range(given)]
+    lines += [f"seen[{i}] = {lane_row(s.MEASURED + i)}" for i in range(n_measured)]
     lines += [f"total += seen[{i}]" for i in range(s.N_MEASURED)]
     lines += [
-        f"seen[{s.N_SEEN + i}] = {at(row)}" for i, row in enumerate(ONBOARD_ROWS if onboard else ())
+        f"seen[{s.N_SEEN + i}] = {lane_row(row)}"
+        for i, row in enumerate(ONBOARD_ROWS if onboard else ())
     ]
     lines += f"""\
 for i in range(4, {len(commanded)}):
@@ -208,8 +219,8 @@ if failed == 0 and total - total == 0.0:
         lines += ["if failed == 0:", f"    call_c(get, (state, buffer + {_NUMBERS}))"]
         lines += [f"    {row} = numbers[{i}]" for i, row in enumerate(rows)]
     written = {row: f"out[{i}]" for i, row in enumerate(commanded)}
-    place = (7, "places") if memory is None else None
+    slot = (7, "places") if memory is None else None
     names = {"address_of": address_of}
     return build_native(
-        width, before, "\n".join(lines), "failed != 0", len(commanded), written, place, names
+        width, before, "\n".join(lines), "failed != 0", len(commanded), written, slot, names
     )

@@ -1,4 +1,4 @@
-"""A law in C as a controller file names it: read, hashed with all that it is built from, and built by ``cc``."""
+"""Control laws in C: reading, hashing with all dependencies, and building with ``cc``."""
 
 import functools
 import hashlib
@@ -24,23 +24,23 @@ from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _HEADER = Path(__file__).with_name("abhv_law.h")
 _ORIGIN = ["-Wl,-rpath,@loader_path" if sys.platform == "darwin" else "-Wl,-rpath,$ORIGIN"]
-_LONGEST = 600.0  # s that cc may take
+_LONGEST = 600.0  # time limit of cc, s
 _ERROR = re.compile(
     r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$"
 )
 
 
 def describe_platform() -> str:
-    """What a library must have been built for to run here."""
-    libc = "-".join(part for part in platform.libc_ver() if part)
+    """Return the platform for which a library must have been built."""
+    libc = "-".join(item for item in platform.libc_ver() if item)
     return f"{platform.system()} {platform.machine()} {libc}".strip()
 
 
 @functools.cache
 def find_compiler() -> str:
-    """The C compiler ``cc`` and its version in words. Raises InputError where there is none."""
+    """Return the version of the C compiler ``cc``. Raise InputError without one."""
     try:
-        told = subprocess.run(
+        completed = subprocess.run(
             ["cc", "--version"],  # noqa: S607
             capture_output=True,
             text=True,
@@ -48,15 +48,15 @@ def find_compiler() -> str:
             check=True,
         )
     except (OSError, subprocess.SubprocessError) as error:
-        found = f"no C compiler here ({error})"
+        problem = f"no C compiler here ({error})"
         raise InputError(
-            "cc", found, "the system's compiler, or 'library' in place of 'sources'"
+            "cc", problem, "the system's compiler, or 'library' in place of 'sources'"
         ) from None
-    return told.stdout.splitlines()[0]
+    return completed.stdout.splitlines()[0]
 
 
 def make_header(onboard: bool = False) -> str:
-    """The text of abhv_law.h for this version's measurements, reference and commands."""
+    """Return the text of abhv_law.h for this version's measurements, reference and commands."""
     fields = {"MEASURED": Measured._fields, "REFERENCE": REFERENCE, "COMMAND": COMMAND_FIELDS}
     text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface(onboard))
     seen = "\n    abhv_onboard onboard;" if onboard else ""
@@ -73,7 +73,7 @@ def make_header(onboard: bool = False) -> str:
 
 
 def _struct(kind: Any) -> str:
-    """A named tuple as a struct, after those that it holds."""
+    """Return a named tuple as a C struct, after the structs of its fields."""
     inner = [
         hint for hint in dict.fromkeys(kind.__annotations__.values()) if hasattr(hint, "_fields")
     ]
@@ -85,7 +85,7 @@ def _struct(kind: Any) -> str:
 
 
 def interface(onboard: bool = False) -> str:
-    """What a library must have been built with, as abhv_law.h says it."""
+    """Return the interface ID of abhv_law.h, which a library must have."""
     groups = Measured._fields, REFERENCE, (*COMMAND_FIELDS, f"effectors[{MAX_ACTUATORS}]")
     names = ";".join(",".join(group) for group in groups) + (
         ";" + ",".join(onboard_fields()) if onboard else ""
@@ -94,31 +94,34 @@ def interface(onboard: bool = False) -> str:
 
 
 def make_settings_header(layout: Layout) -> str:
-    """The text of abhv_settings.h: the struct of a controller file's settings, in their order."""
+    """Return the text of abhv_settings.h, the struct of a controller file's settings."""
     fields = [f"    double {name}{f'[{length}]' if length else ''};" for name, length in layout]
     fields = fields or ["    double none; /* no settings */"]
     head = "/* The settings of the controller file, SI and radians; written from it. */\n"
-    words = describe_layout(layout)
+    description = describe_layout(layout)
     return (
-        f'{head}#define ABHV_SETTINGS "{words}"\n\ntypedef struct {{\n'
+        f'{head}#define ABHV_SETTINGS "{description}"\n\ntypedef struct {{\n'
         + "\n".join(fields)
         + "\n} abhv_settings;\n"
     )
 
 
 def describe_layout(layout: Layout) -> str:
-    """The settings in words, as a library built with abhv_settings.h holds them."""
+    """Return the settings as text; a library built with abhv_settings.h contains it."""
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 
 def with_library(source: UserSource) -> UserSource:
-    """A law's source with the library built of it, once for each content. Raises InputError with cc's first error."""
+    """Return a control law's source with its library, built once per content.
+
+    Raise InputError with cc's first error.
+    """
     recipe = source.recipe
     if recipe is None or not recipe.get("sources"):
         return source
-    kept = laws_folder() / f"built_{source.hash[:24]}.so"
-    if not kept.is_file():
-        with tempfile.TemporaryDirectory() as folder, atomic_write(kept) as built:
+    library = laws_folder() / f"built_{source.hash[:24]}.so"
+    if not library.is_file():
+        with tempfile.TemporaryDirectory() as folder, atomic_write(library) as built:
             shutil.copytree(unpack(source), folder, dirs_exist_ok=True)
             write_headers(Path(folder), recipe["settings"], recipe["onboard"])
             command = [
@@ -134,7 +137,7 @@ def with_library(source: UserSource) -> UserSource:
             ]
             command += [*recipe["sources"], "-lm"]
             try:
-                told = subprocess.run(  # noqa: S603  the user's own flags
+                completed = subprocess.run(  # noqa: S603  the user's own flags
                     command,
                     cwd=folder,
                     capture_output=True,
@@ -146,22 +149,22 @@ def with_library(source: UserSource) -> UserSource:
                 raise InputError(
                     source.file, f"a build of more than {_LONGEST:g} s", "C code"
                 ) from None
-            if told.returncode:
-                raise _explain(source, told.stderr)
-    return replace(source, library=kept.read_bytes())
+            if completed.returncode:
+                raise _explain(source, completed.stderr)
+    return replace(source, library=library.read_bytes())
 
 
-def _explain(source: UserSource, told: str) -> InputError:
-    """The compiler's first error at the user's line."""
+def _explain(source: UserSource, output: str) -> InputError:
+    """Return the compiler's first error at the user's line."""
     root = Path(source.file.removesuffix(source.files[0][0]))
-    match = _ERROR.search(told)
+    match = _ERROR.search(output)
     if match is None:
-        words = next(
-            (line for line in told.splitlines() if "error" in line or "undefined" in line),
-            told[-200:],
+        message = next(
+            (line for line in output.splitlines() if "error" in line or "undefined" in line),
+            output[-200:],
         )
         return InputError(
-            source.file, f"what cc does not link ({words.strip():.300})", "C that links"
+            source.file, f"what cc does not link ({message.strip():.300})", "C that links"
         )
     missing = re.match(r"([\w./-]+): No such file", match["words"])
     expected = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
@@ -172,15 +175,17 @@ def _explain(source: UserSource, told: str) -> InputError:
 
 
 def refuse_platform(source: UserSource) -> str | None:
-    """Why a law's library cannot fly here, in words; None where it can."""
-    recipe, here = source.recipe, describe_platform()
-    if recipe is None or recipe["platform"] == here:
+    """Return why a control law's library cannot run here, or None."""
+    recipe, current = source.recipe, describe_platform()
+    if recipe is None or recipe["platform"] == current:
         return None
-    return f"another platform ({here}) than the law's library is built for ({recipe['platform']})"
+    return (
+        f"another platform ({current}) than the law's library is built for ({recipe['platform']})"
+    )
 
 
 def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:
-    """Write abhv_law.h and abhv_settings.h, with which a law in C is built."""
+    """Write abhv_law.h and abhv_settings.h, which a control law in C includes."""
     texts = {"abhv_law.h": make_header(onboard), "abhv_settings.h": make_settings_header(layout)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -190,6 +195,6 @@ def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:
 if __name__ == "__main__":
     from abhv_mc.control.controller_file import read_controller
 
-    given = read_controller(sys.argv[1])
-    if isinstance(given, CController):
-        write_headers(Path(sys.argv[1]).parent, given.layout, given.onboard)
+    controller_file = read_controller(sys.argv[1])
+    if isinstance(controller_file, CController):
+        write_headers(Path(sys.argv[1]).parent, controller_file.layout, controller_file.onboard)

@@ -1,6 +1,6 @@
-"""A process or a thread beside this one for a user's code that may crash, hang, or read what it does not declare.
+"""Separate process or thread for custom code, which may crash, hang or read files.
 
-One is kept for all calls; it ends with this process, and is replaced where it is lost.
+One child process serves all calls. It ends with this process and is replaced if it dies.
 """
 
 import atexit
@@ -20,40 +20,41 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 _ROOT = Path(__file__).parents[2]
 _START = "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; serve(int(sys.argv[1]))"
-_may_run = False  # whether this process is one that may be lost
+_may_run = False  # whether this process may crash
 _lock = threading.RLock()
 _child: "_Child | None" = None
 
 
 class LostError(Exception):
-    """The process ended, or did not answer in time (``hung``)."""
+    """The child process ended, or exceeded its time limit (``hung``)."""
 
-    def __init__(self, words: str, hung: bool, process: int) -> None:
-        super().__init__(words, hung, process)
-        self.words, self.hung, self.process = words, hung, process
+    def __init__(self, reason: str, hung: bool, process: int) -> None:
+        super().__init__(reason, hung, process)
+        self.words, self.hung, self.process = reason, hung, process
 
 
 def allow_here() -> None:
-    """Say that this process may be lost: native code of a user's runs in it from now on."""
+    """Allow this process to run custom native code."""
     global _may_run  # noqa: PLW0603  what this process is for
     _may_run = True
 
 
 def may_run_here() -> bool:
-    """Whether native code of a user's may run in this process: a worker's or a child's, never the launching one."""
+    """Return whether custom native code may run here: in workers and children."""
     return _may_run
 
 
 def check_may_run() -> None:
-    """Raise RuntimeError where native code of a user's would be loaded into another process."""
+    """Raise RuntimeError if custom native code must not run in this process."""
     if not _may_run:
         raise RuntimeError("native code of a user's is run by workers and the child alone")
 
 
 def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = None) -> T:
-    """What a module's function gives or raises, called in the child. Raises LostError, after ``limit`` s at the latest.
+    """Return or raise the result of a module's function, called in the child process.
 
-    In a process that may be lost itself it is called right here.
+    A process that may crash itself calls the function directly. Raise LostError, at the latest
+    after ``limit`` s.
     """
     global _child  # noqa: PLW0603  one for all calls
     if _may_run:
@@ -74,20 +75,20 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
 
 @contextlib.contextmanager
 def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[None]:
-    """Call a module's function in a process beside this one, for what it leaves behind; it ends with the context."""
+    """Call a module's function for its side effects in another process inside the context."""
     child = _Child()
     caller = threading.Thread(target=child.leave_to, args=(function, arguments), daemon=True)
     caller.start()
     try:
         yield
     finally:
-        child.kill()  # with which the call ends, before its pipe is closed
+        child.kill()  # ends the call before its pipe is closed
         caller.join()
         child.end()
 
 
 def describe_exit(code: int | None) -> str:
-    """How a process ended, in words."""
+    """Return how a process ended, in words."""
     return (
         f"killed by {signal.Signals(-code).name}"
         if code is not None and code < 0
@@ -102,7 +103,7 @@ class _Child:
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603  Python itself
                 [sys.executable, "-P", "-c", _START, str(theirs.fileno()), str(_ROOT)],
-                stdin=subprocess.PIPE,  # whose end it waits for
+                stdin=subprocess.PIPE,  # it exits at the end of this pipe
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,  # Ctrl-C is for the process that the user sees
             )
@@ -124,8 +125,8 @@ class _Child:
                 raise LostError(f"it was not done in {limit:g} s", True, self._process.pid)
             return self._connection.recv()
         except (EOFError, ConnectionError):
-            words = f"its process ended: {describe_exit(self._process.wait())}"
-            raise LostError(words, False, self._process.pid) from None
+            reason = f"its process ended: {describe_exit(self._process.wait())}"
+            raise LostError(reason, False, self._process.pid) from None
 
     def kill(self) -> None:
         with contextlib.suppress(OSError):
@@ -143,7 +144,7 @@ class _Child:
 
 
 def serve(descriptor: int) -> None:
-    """What the child does: answer calls until the parent hangs up."""
+    """Answer calls in the child process until the parent closes the connection."""
     allow_here()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with Connection(descriptor) as connection:
@@ -169,9 +170,9 @@ def _end_with_parent() -> None:
 
 
 def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
-    """What ``work`` gives or raises, in a thread that can be left behind; this one hears of Ctrl-C meanwhile.
+    """Return or raise the result of ``work``, run in a thread that can be abandoned.
 
-    Raises TimeoutError after ``limit`` s.
+    This thread still receives Ctrl-C. Raise TimeoutError after ``limit`` s.
     """
     done: list[T] = []
     failed: list[BaseException] = []

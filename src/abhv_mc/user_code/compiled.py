@@ -1,4 +1,4 @@
-"""A law compiled apart from the flight: a loop over the lanes, kept on disk under a hash of its text."""
+"""Compilation of control laws to a loop over lanes, cached by a hash of its text."""
 
 import functools
 import hashlib
@@ -63,12 +63,12 @@ def compile_law(
     effectors: tuple[str, ...] = (),
     dispersed_row: int = 0,
 ) -> Any:
-    """The compiled loop over ``width`` lanes, with its ``address``. ``gains`` are the names of their columns.
+    """Return the compiled loop over ``width`` lanes, with its ``address``.
 
-    ``effectors``: the vehicle's, for a law that commands some of them. ``dispersed_row``: the first row of the flights'
-    own values of settings that are dispersable; 0 if they have none.
-
-    Raises InputError for what does not compile, with the user's line.
+    ``gains`` are the names of the gain columns; ``effectors`` are the vehicle's, for a law that
+    commands some of them. ``dispersed_row`` is the first row of the flights' own values of
+    dispersable settings, 0 if they have none. Raise InputError, with the user's line, for code
+    that does not compile.
     """
     law = load_law(source)
     with refuse_in_words(source, "a law", WANTED):
@@ -117,19 +117,19 @@ def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) 
 
 
 def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the gains that a law designs, and of its commands, which stand in the columns behind them."""
+    """Return the names of designed gains, and those of commands, which follow them."""
     commands = tuple(name for name in names if name.startswith(COMMANDS))
     return names[: len(names) - len(commands)], commands
 
 
 @functools.cache
 def make_gains_class(names: tuple[str, ...]) -> Any:
-    """The named tuple that a law is given as ``gains``."""
+    """Return the named tuple class passed to a control law as ``gains``."""
     return namedtuple("Gains", names)
 
 
 def tuple_text(kind: str, parts: Iterable[str]) -> str:
-    """What makes a named tuple of its parts, in the text of a loop."""
+    """Return the text that builds a named tuple."""
     return f"_{kind}({', '.join(parts)})"
 
 
@@ -139,23 +139,23 @@ REFERENCE_TEXT = tuple_text(
 
 
 def lane_of(width: int, row: int) -> str:
-    """A row of the lane at hand, in the text of a loop."""
+    """Return the text of a row of the current lane."""
     return f"Z[{row * width} + lane]"
 
 
 def indent(spaces: int, lines: list[str]) -> str:
-    """Lines of the text of a loop, at least one."""
+    """Return indented lines, at least one."""
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 
 def loop_text(width: int, once: list[str], inside: list[str]) -> str:
-    """The text of a loop over the lanes: lines before it, and lines for each lane."""
+    """Return the text of a loop over the lanes: lines before it, and lines per lane."""
     lines = [indent(4, once), f"    for lane in range({width}):", indent(8, inside)]
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 
 
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
-    """Compile the function ``loop`` of a generated text with these names. Raises InputError."""
+    """Return the compiled function ``loop`` of a generated text. Raise InputError."""
     try:
         return build_loop(f"{module.source.hash} {salt}", text, names)
     except Uncompilable as error:
@@ -163,24 +163,30 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
 
 
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
-    """Compile the function ``loop`` of a text with these names, which ``salt`` stands for. Raises Uncompilable."""
+    """Return the compiled function ``loop`` of a text with ``names``.
+
+    ``salt`` identifies the names for the cache. Raise Uncompilable.
+    """
     key = hashlib.sha256(f"{salt} {text} {code_hash()}".encode()).hexdigest()[:24]
     path = laws_folder() / f"law_{key}.py"
     if not path.exists():
         with atomic_write(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds what it kept under a module's name
+    home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds cached code by a module's name
     sys.modules[home.__name__] = home
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(
         compile(text, str(path), "exec", dont_inherit=True), home.__dict__
-    )  # our text, with the user's functions
+    )  # generated text with the user's functions
     with one_compiles(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
 
 
 def compiled_names(module: Module) -> dict[str, Any]:
-    """A file's names with its functions to be compiled, its tables as look-ups, its classes as makers of floats."""
+    """Return a file's names with functions, tables and classes prepared for numba.
+
+    Tables become look-ups, and classes functions that convert to floats.
+    """
     folder = str(unpack(module.source)) + os.sep if module.source.files else ""
     return dict(_compile_names(module.names, folder, {}, tuple_codes(module.source)))
 
@@ -191,9 +197,9 @@ def _compile_names(
     made: dict[int, dict[str, Any]],
     codes: dict[str, types.CodeType],
 ) -> dict[str, Any]:
-    """The names of a module, and of those that it imports from the law's own ``folder``.
+    """Return the names of a module, and of modules imported from the law's ``folder``.
 
-    ``codes``: of functions that are compiled from another text than the user's.
+    ``codes`` has functions that are compiled from a text other than the user's.
     """
     if id(given) in made:
         return made[id(given)]
@@ -241,7 +247,10 @@ def _is_in(folder: str, names: dict[str, Any]) -> bool:
 
 
 def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
-    """A compiled function that makes a named tuple of floats, whatever numbers it is given; effectors are a tuple."""
+    """Return a compiled function that makes a named tuple of floats from any numbers.
+
+    Effectors are a tuple.
+    """
     defaults = {name: value for name, value in defaults.items() if name != "effectors"}
     parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
     parameters = [f"{name}=()" if name == "effectors" else name for name in parameters]
@@ -293,7 +302,10 @@ def _keep_memory(law: Law, lane: Callable[[int], str]) -> list[str]:
 def _make_loop(
     law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...], dispersed_row: int
 ) -> str:
-    """The text of the loop over lanes; the number of lanes is a constant of it, so that it becomes vector code."""
+    """Return the text of the loop over lanes.
+
+    The number of lanes is a constant of the text, so that the loop is vectorized.
+    """
     lane = functools.partial(lane_of, width)
     columns = [f"column[tick * {len(gains)} + {i}]" for i in range(len(gains))]
     designed = len(split_columns(gains)[0])
@@ -334,15 +346,15 @@ def _make_loop(
 
 
 def _explain(module: Module, error: Uncompilable) -> InputError:
-    """What numba says, as far as a user needs it, at the user's line."""
+    """Return numba's message at the user's line, shortened."""
     source = module.source
     line: int | None = error.line if error.file == source.file else None
-    for found in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.words):
-        line = line or int(found.group(1))
-    for found in re.finditer(re.escape(source.file) + r" \((\d+)\)", error.words):
-        line = int(found.group(1))
-    words = [text.strip() for text in error.words.splitlines()]
-    useful = [text for text in words if text and not _NOISE.match(text)]
+    for match in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.words):
+        line = line or int(match.group(1))
+    for match in re.finditer(re.escape(source.file) + r" \((\d+)\)", error.words):
+        line = int(match.group(1))
+    message_lines = [text.strip() for text in error.words.splitlines()]
+    useful = [text for text in message_lines if text and not _NOISE.match(text)]
     if "Unknown attribute 'aileron'" in error.words or "wrong tuple length" in error.words:
         expected = "return Command(...), or Command(...), Memory(...) of one that remembers"
         return InputError(source.file, "a law that returns something else", expected, line)

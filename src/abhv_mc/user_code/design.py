@@ -1,4 +1,4 @@
-"""What the ``design`` of a user's own law is given, and the gains that it returns, in the child under the watch."""
+"""Model passed to the ``design`` of a custom control law, and its resulting gains."""
 
 import functools
 from collections import namedtuple
@@ -33,7 +33,7 @@ INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 
 class LinearPlant(NamedTuple):
-    """``x' = A x + B u`` of deviations from the nominal, SI and radians."""
+    """Linear plant ``x' = A x + B u`` of deviations from the nominal, SI and radians."""
 
     A: Floats  # [state, state]
     B: Floats  # [state, input]
@@ -41,14 +41,14 @@ class LinearPlant(NamedTuple):
     inputs: tuple[str, ...]
 
     def take(self, states: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[Floats, Floats]:
-        """A and B of some of the states and inputs, in the order given."""
+        """Return A and B for some of the states and inputs, in the order given."""
         rows = [self.states.index(name) for name in states]
         columns = [self.inputs.index(name) for name in inputs]
         return self.A[np.ix_(rows, rows)], self.B[np.ix_(rows, columns)]
 
 
 class Trim(NamedTuple):
-    """The nominal controls of the reference at a time, SI and radians."""
+    """Nominal controls of the reference at a time, SI and radians."""
 
     angle_of_attack: float
     bank: float
@@ -57,7 +57,7 @@ class Trim(NamedTuple):
 
 
 class DesignModel:
-    """The nominal vehicle along the mission, for a design before the flight."""
+    """Nominal vehicle along the mission, for designs before the flight."""
 
     def __init__(
         self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables
@@ -83,17 +83,18 @@ class DesignModel:
         return self.table[:, REFERENCE.index("time")]
 
     def trim(self, time: float) -> Trim:
-        """The nominal controls at the control tick nearest to a time."""
+        """Return the nominal controls at the control tick nearest to ``time``, s."""
         row = self.table[self._tick(time)]
         return Trim(*(float(row[REFERENCE.index(name)]) for name in Trim._fields))
 
     def linearize(self, time: float) -> LinearPlant:
-        """The nominal vehicle linearized at the control tick nearest to a time.
+        """Return the nominal vehicle linearized at the control tick nearest to ``time``, s.
 
-        On a sphere that does not rotate, in the coordinated turn of the reference, without actuators.
+        The Earth is a sphere without rotation; the vehicle is in the reference's coordinated turn
+        and has no actuators.
         """
         nominal = make_nominal(self.mission, self.table[self._tick(time)])
-        at = [
+        operating_point = [
             nominal.around.altitude,
             nominal.speed,
             nominal.flight_path_angle,
@@ -107,7 +108,7 @@ class DesignModel:
             nominal.elevator,
             nominal.equivalence_ratio,
         ]
-        J = slope(lambda x: _rates(self.vehicle, nominal, x), at)
+        J = slope(lambda x: _rates(self.vehicle, nominal, x), operating_point)
         return LinearPlant(J[:, : len(STATES)], J[:, len(STATES) :], STATES, INPUTS)
 
     def _tick(self, time: float) -> int:
@@ -115,16 +116,19 @@ class DesignModel:
 
 
 def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
-    """Rates of STATES for these and INPUTS: equations (1), (13) and (3) with the full tables."""
+    """Return rates of STATES for values of STATES and INPUTS.
+
+    They follow equations (1), (13) and (3) with the full tables.
+    """
     altitude, speed, gamma, chi, alpha, beta, bank = x[:7]
     around, mass = nominal.around, nominal.mass
     rise = altitude - around.altitude
     gravity = around.gravity + around.gravity_slope * rise
-    here = around._replace(
+    local_air = around._replace(
         density=around.density + around.density_slope * rise,
         sound_speed=around.sound_speed + around.sound_speed_slope * rise,
     )
-    wrench = wrench_at(vehicle, here, mass, speed, alpha, beta, x[7:10], x[10:13], x[13])
+    wrench = wrench_at(vehicle, local_air, mass, speed, alpha, beta, x[7:10], x[10:13], x[13])
     F = wrench.force
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     along = F[0] * ca * cb + F[1] * sb + F[2] * sa * cb
@@ -146,9 +150,9 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
 def watched_design(
     source: UserSource, model: DesignModel, settings: Floats
 ) -> tuple[tuple[str, ...], Floats]:
-    """Names and columns [tick, gain] of what a law's design gives, run in the child under the watch.
+    """Return names and columns [tick, gain] of a control law's design.
 
-    Raises InputError.
+    The design runs in the child process under the watch. Raise InputError.
     """
     recipe = source.recipe
     design: Any = load_law(source).design if recipe is None else recipe["design"]
@@ -160,7 +164,7 @@ def watched_design(
 
 
 def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
-    """Of a design in CSV: linear between its times and held outside."""
+    """Return gains of a CSV file, linear between its times and constant outside."""
     table = read_foreign_table(path)
     time = table.find(["time"]).get("time")
     indices = [i for i in range(len(table.heads)) if not time or i != time.position]
@@ -183,8 +187,8 @@ def _design(
     recipe, numbers = source.recipe, iter(settings.tolist())
     if recipe is None:
         kind = load_law(source).settings
-        given = kind and kind(*numbers)
-    else:  # the Python file of its design with all that the law declares
+        settings_tuple = kind and kind(*numbers)
+    else:  # the Python file of the design with all declared files
         root = source.file.removesuffix(source.files[0][0])
         files = {recipe["design"]: b"", **dict(source.files)}
         source = UserSource(
@@ -194,23 +198,25 @@ def _design(
             name: tuple(islice(numbers, n)) if n else next(numbers)
             for name, n in recipe["settings"]
         }
-        given = namedtuple("Settings", values)(**values)
+        settings_tuple = namedtuple("Settings", values)(**values)
     ticks, file = len(model.table), source.file
     expected = f"design(model, settings) that gives a named tuple of numbers or arrays [{ticks}]"
     with in_its_folder(source), watching(source), refuse_in_words(source, "a design", expected):
         design = run_module(source).names["design"]
-        made, line = design(model, given), design.__code__.co_firstlineno
-        if not (isinstance(made, tuple) and hasattr(made, "_fields")):
-            raise InputError(file, f"a design that returns {type(made).__name__}", expected, line)
-        columns = np.empty((ticks, len(made)))
-        for i, (name, value) in enumerate(zip(made._fields, made, strict=True)):
+        designed, line = design(model, settings_tuple), design.__code__.co_firstlineno
+        if not (isinstance(designed, tuple) and hasattr(designed, "_fields")):
+            raise InputError(
+                file, f"a design that returns {type(designed).__name__}", expected, line
+            )
+        columns = np.empty((ticks, len(designed)))
+        for i, (name, value) in enumerate(zip(designed._fields, designed, strict=True)):
             try:
                 columns[:, i] = np.asarray(value, dtype=np.float64)
             except (TypeError, ValueError):
-                found = f"the gain '{name}' of the shape {np.shape(value)}"
-                raise InputError(file, found, f"a number, or an array [{ticks}]", line) from None
+                problem = f"the gain '{name}' of the shape {np.shape(value)}"
+                raise InputError(file, problem, f"a number, or an array [{ticks}]", line) from None
             if not np.isfinite(columns[:, i]).all():
                 raise InputError(
                     file, f"the gain '{name}' with what is not a number", "finite numbers", line
                 )
-        return made._fields, columns
+        return designed._fields, columns

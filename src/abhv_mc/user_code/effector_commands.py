@@ -1,6 +1,7 @@
-"""What a law commands of the vehicle's effectors themselves: ``Command(..., effectors={"left_flap": 0.1})``.
+"""Direct effector commands of control laws.
 
-Compiled code has no dictionaries: the numbers of a law to be compiled become a tuple, in the order of their names.
+An example is ``Command(..., effectors={"left_flap": 0.1})``. Compiled code has no dictionaries, so
+their values become a tuple in the order of their names.
 """
 
 import ast
@@ -24,45 +25,48 @@ _EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Comma
 
 
 def find_commanded(source: UserSource) -> tuple[str, ...]:
-    """The effectors that a law commands, of one in Python sorted; none for a law that leaves them to their mix."""
+    """Return the effectors that a control law commands, sorted for Python laws.
+
+    The result is empty for a law that leaves the effectors to their mix.
+    """
     if source.recipe is not None:
         return tuple(source.recipe["effectors"])
-    found: set[str] = set()
-    for _, given in _commands(ast.parse(source.text)):
-        if isinstance(given, ast.Dict):
-            found.update(
+    commanded: set[str] = set()
+    for _, argument in _commands(ast.parse(source.text)):
+        if isinstance(argument, ast.Dict):
+            commanded.update(
                 key.value
-                for key in given.keys
+                for key in argument.keys
                 if isinstance(key, ast.Constant) and isinstance(key.value, str)
             )
-    return tuple(sorted(found))
+    return tuple(sorted(commanded))
 
 
 def effector_rows(source: UserSource, effectors: tuple[str, ...]) -> tuple[int, ...]:
-    """Rows of the lane memory of the ``effectors``, the vehicle's, that a law commands."""
+    """Return rows of the lane memory of the ``effectors`` that a control law commands."""
     return tuple(s.EFFECTOR_COMMAND + effectors.index(name) for name in find_commanded(source))
 
 
 def commands_effectors(source: UserSource) -> bool:
-    """Whether a law commands effectors, in any of its Commands."""
+    """Return whether a control law commands effectors in any Command."""
     if source.recipe is not None:
         return bool(find_commanded(source))
-    return any(given is not None for _, given in _commands(ast.parse(source.text)))
+    return any(argument is not None for _, argument in _commands(ast.parse(source.text)))
 
 
 def parse_law(source: UserSource) -> ast.Module:
-    """The text with tuples for the effectors of its Commands. Raises InputError for what cannot be one."""
+    """Return the syntax tree with tuples for effectors. Raise InputError if impossible."""
     tree = ast.parse(source.text)
     names = find_commanded(source)
     calls = _commands(tree)
-    if all(given is None for _, given in calls):
+    if all(argument is None for _, argument in calls):
         return tree
-    for call, given in calls:
+    for call, argument in calls:
         keys = [
             key.value if isinstance(key, ast.Constant) else None
-            for key in getattr(given, "keys", ())
+            for key in getattr(argument, "keys", ())
         ]
-        if not isinstance(given, ast.Dict) or tuple(sorted(map(str, keys))) != names:
+        if not isinstance(argument, ast.Dict) or tuple(sorted(map(str, keys))) != names:
             raise InputError(
                 source.file,
                 "other effectors in a Command",
@@ -70,29 +74,33 @@ def parse_law(source: UserSource) -> ast.Module:
                 call.lineno,
                 call.col_offset + 1,
             )
-        values = dict(zip(keys, given.values, strict=True))
+        values = dict(zip(keys, argument.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
             for name in names  # all of one type
         ]
         for keyword in call.keywords:
             if keyword.arg == "effectors":
-                keyword.value = ast.copy_location(ast.Tuple(numbers, ast.Load()), given)
+                keyword.value = ast.copy_location(ast.Tuple(numbers, ast.Load()), argument)
     return ast.fix_missing_locations(tree)
 
 
 def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
-    """Code of the functions of a law with such tuples, by name; none for a law without."""
+    """Return code of functions with such tuples by name, empty without any."""
     if not find_commanded(source):
         return {}
     code = compile(parse_law(source), source.file, "exec", dont_inherit=True)
-    return {each.co_name: each for each in code.co_consts if isinstance(each, types.CodeType)}
+    return {
+        constant.co_name: constant
+        for constant in code.co_consts
+        if isinstance(constant, types.CodeType)
+    }
 
 
 def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
-    """Names of a vehicle's effectors where it gives them actuators or a law commands some; nothing is run.
+    """Return a vehicle's effectors if it has actuators or a law commands some.
 
-    None where a file is wrong: whoever makes the plans says so.
+    Nothing is run. The result is empty if a file is invalid; making plans reports the error.
     """
     try:
         content = read_document(vehicle).data
@@ -111,21 +119,21 @@ def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
 
 
 def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
-    """The vehicle as a law flies it: one that commands effectors finds an actuator at each of them.
+    """Return the vehicle with actuators if a control law commands effectors.
 
-    Raises InputError for effectors that the vehicle does not have.
+    Raise InputError for effectors that the vehicle does not have.
     """
     if not commands_effectors(source):
         return vehicle
-    known = name_effectors(vehicle)
+    effector_names = name_effectors(vehicle)
     for name in find_commanded(source):
-        if name not in known:
-            raise InputError(source.file, f"the effector '{name}'", one_of(known, name))
+        if name not in effector_names:
+            raise InputError(source.file, f"the effector '{name}'", one_of(effector_names, name))
     return drive(vehicle)
 
 
 def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:
-    """Each Command that is made, and what it is given as effectors; None where nothing."""
+    """Return each Command call with its ``effectors`` argument, None without one."""
     calls = [
         node
         for node in ast.walk(tree)

@@ -1,4 +1,4 @@
-"""What a user law is given and what it gives back: named tuples of floats, SI and radians."""
+"""Arguments and results of custom control laws: named tuples of floats, SI and radians."""
 
 from collections import namedtuple
 from collections.abc import Callable, Iterator
@@ -10,9 +10,11 @@ NOT_GIVEN = float("inf")  # of an optional command: then the reference's
 
 
 class Command(NamedTuple):
-    """What a law commands: the engine by its equivalence ratio or its throttle, by default its least.
+    """Command of a control law.
 
-    Path, angle of attack and bank are what metrics and figures compare with, by default the reference.
+    The engine is commanded by its equivalence ratio or its throttle; the default is the minimum.
+    Path, angle of attack and bank are the values with which metrics and figures compare; the
+    default is the reference.
     """
 
     aileron: float  # rad
@@ -32,7 +34,7 @@ MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Comman
 
 
 class Measured(NamedTuple):
-    """What the sensors say."""
+    """Measurements of the sensors."""
 
     altitude: float  # m
     speed: float  # m/s
@@ -62,7 +64,7 @@ Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE]) 
 
 
 class Moment(NamedTuple):
-    """A moment about the centre of gravity in body axes, N m, or its slope, N m/rad."""
+    """Moment about the centre of gravity in body axes, N m, or its slope, N m/rad."""
 
     roll: float
     pitch: float
@@ -70,7 +72,7 @@ class Moment(NamedTuple):
 
 
 class Inertia(NamedTuple):
-    """The inertia matrix, kg m2; ``xz`` is its element 13."""
+    """Inertia matrix, kg m2; ``xz`` is its element 13."""
 
     xx: float
     yy: float
@@ -79,7 +81,7 @@ class Inertia(NamedTuple):
 
 
 class LastCommand(NamedTuple):
-    """What was commanded at the last tick, within the vehicle's limits."""
+    """Command of the last tick, within the vehicle's limits."""
 
     aileron: float  # rad
     rudder: float
@@ -88,7 +90,7 @@ class LastCommand(NamedTuple):
 
 
 class Onboard(NamedTuple):
-    """The nominal vehicle at the measured state and the last command."""
+    """Nominal vehicle at the measured state and the last command."""
 
     mach: float
     density: float  # kg/m3
@@ -113,9 +115,9 @@ class Onboard(NamedTuple):
 def nest(
     kind: Any,
     numbers: Iterator[Any],
-    make: Callable[[Any, list[Any]], Any] = lambda kind, of: kind(*of),
+    make: Callable[[Any, list[Any]], Any] = lambda kind, values: kind(*values),
 ) -> Any:
-    """What ``make`` gives of a named tuple and its parts, from its numbers, however deep."""
+    """Return ``make`` applied to a named tuple class and its values, recursively."""
     hints = kind.__annotations__.values()
     return make(
         kind,
@@ -127,7 +129,7 @@ def nest(
 
 
 def onboard_fields(kind: Any = Onboard) -> list[str]:
-    """Names of its numbers in their order: 'mach', 'moment.roll'."""
+    """Return names of the numbers in their order: 'mach', 'moment.roll'."""
     return [
         f"{name}.{inner}" if inner else name
         for name, hint in kind.__annotations__.items()
@@ -136,7 +138,7 @@ def onboard_fields(kind: Any = Onboard) -> list[str]:
 
 
 class Air(NamedTuple):
-    """The flow that a vehicle's functions are given."""
+    """Flow conditions passed to a vehicle's functions."""
 
     altitude: float  # m
     mach: float
@@ -150,7 +152,7 @@ class Air(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Dimensionless body rates against the air: p b / (2 V), q c / (2 V), r b / (2 V)."""
+    """Dimensionless body rates relative to the air: p b / (2 V), q c / (2 V), r b / (2 V)."""
 
     roll_rate: float
     pitch_rate: float
@@ -158,9 +160,10 @@ class Rates(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What an aerodynamics function returns: the forces of its frame, and the moments about its reference point.
+    """Result of an aerodynamics function: forces and moments about its reference point.
 
-    ``body``: CX, CY, CZ; ``stability``: CL, CD and CY along body y; ``wind``: CL, CD and CC to the right.
+    Forces depend on the frame. ``body``: CX, CY, CZ; ``stability``: CL, CD and CY along body y;
+    ``wind``: CL, CD and CC to the right.
     """
 
     CX: float = 0.0
@@ -175,7 +178,7 @@ class Coefficients(NamedTuple):
 
 
 class Thrust(NamedTuple):
-    """What an engine function returns, in body axes at the moment reference."""
+    """Result of an engine function, in body axes at the moment reference."""
 
     force_x: float  # N
     force_y: float = 0.0
@@ -277,9 +280,9 @@ _UNITS = {  # of measurements, reference and commands, SI; what is in no group i
 
 
 def find_unit(name: str) -> str | None:
-    """The SI unit of a quantity that a law is given or gives: measured.altitude, time, elevator.
+    """Return the SI unit of an argument or a command, such as measured.altitude.
 
-    None for a gain and what is onboard.
+    The unit is None for a gain and onboard quantities.
     """
     group, _, field = name.rpartition(".")
     if group.startswith(("gains", "onboard")) or not field:

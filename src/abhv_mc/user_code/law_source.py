@@ -1,4 +1,4 @@
-"""The code that a controller file names, read as it is and not run."""
+"""Code named by a controller file, read without running it."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,8 @@ from abhv_mc.control.law_file import (
     UserController,
     find_files,
 )
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.documents import Document
+from abhv_mc.io.input_error import InputErrors, one_of
 from abhv_mc.io.input_files import read_input
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.c_source import describe_platform, find_compiler, interface, with_library
@@ -24,16 +25,19 @@ _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onbo
 
 
 def law_place(controller: UserController) -> Path:
-    """The file that is the law, by the path that its controller file gives: from a folder it may lead out."""
+    """Return the file of a control law, by the path in its controller file.
+
+    The path may lead out of the folder.
+    """
     if isinstance(controller, CController):
         return controller.library or controller.sources[0]
     return controller.file
 
 
 def read_law_source(controller: UserController) -> UserSource:
-    """A controller's code with the files that it declares; nothing is built. Raises InputError.
+    """Return a controller's code with its declared files, without building it.
 
-    The text of a law in C or an FMU is a recipe: what it is built by and for, and how it is wired.
+    The text of a law in C or an FMU is a recipe: build, platform and wiring. Raise InputError.
     """
     paths = find_files(controller)
     if isinstance(controller, PythonController):
@@ -54,15 +58,15 @@ def read_law_source(controller: UserController) -> UserSource:
             "settings": controller.layout,
         }
     else:
-        _check_names(controller)
         recipe = {
             "law": "fmu",
             "file": names[0],
             "library": None,
-            "inputs": controller.inputs,
+            "inputs": controller.wired,
             "outputs": controller.outputs,
             "effectors": [name for name in controller.outputs if name not in COMMAND_FIELDS],
-            "params": controller.params,
+            "params": controller.starts,
+            "constants": controller.constants,
             "platform": describe_platform(),
             "settings": [],
         }
@@ -74,8 +78,10 @@ def read_law_source(controller: UserController) -> UserSource:
     return UserSource(json.dumps(recipe), str(paths[names[0]]), files)
 
 
-def _check_names(controller: FmuController) -> None:
-    for name, source in controller.inputs.items():
+def check_wiring(document: Document, controller: FmuController) -> None:
+    """Raise InputErrors, with their places, for sources of inputs that there are not, and for missing outputs."""
+    errors = []
+    for name, source in controller.wired.items():
         group, _, field = source.partition(".")
         known = (
             source == "time"
@@ -85,18 +91,18 @@ def _check_names(controller: FmuController) -> None:
         if not known:
             choices = [f"{each}.{entry}" for each, entries in _GROUPS.items() for entry in entries]
             found = f"'{source}' for the input '{name}'"
-            raise InputError(
-                controller.file, found, one_of([*choices, "gains.NAME", "time"], source)
-            )
+            expected = one_of([*choices, "gains.NAME", "time"], source)
+            errors.append(document.error(("inputs", name), found, expected))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        raise InputError(
-            controller.file, f"no output for {', '.join(missing)}", "all four controls"
-        )
+        found = f"no output for {', '.join(missing)}"
+        errors.append(document.key_error(("outputs",), found, "all four controls"))
+    if errors:
+        raise InputErrors(errors)
 
 
 def read_trusted_law(controller: UserController) -> UserSource:
-    """A controller's code that is to be run. Raises InputError for a folder's copy that its user has not flown."""
+    """Return a controller's code to be run. Raise InputError for an untrusted copy."""
     source = read_law_source(controller)
     if is_in_a_folder(law_place(controller)):
         check_trusted(source)

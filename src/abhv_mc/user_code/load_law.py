@@ -1,4 +1,7 @@
-"""The law that a user's Python file defines, checked: what keeps it from being compiled is said in its user's terms."""
+"""Loading and checks of control laws in Python files.
+
+Code that cannot be compiled is reported in terms of the user's file.
+"""
 
 import ast
 import builtins
@@ -44,7 +47,7 @@ _REFUSED_CALLS = {
 
 @functools.lru_cache(maxsize=64)
 def load_law(source: UserSource) -> Law:
-    """Run a controller's file and find what it defines. Raises InputError for the first thing that is wrong with it."""
+    """Run a controller's file and return its law. Raise InputError for the first problem."""
     module = run_module(source)
     with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
         found = module.marked(CONTROLLER)
@@ -74,49 +77,65 @@ def load_law(source: UserSource) -> Law:
 
 
 def _check_classes(law: Law, line: int) -> None:
-    """What the law is given is in its file; the classes hold finite numbers. Raises InputError."""
+    """Check that arguments are defined and classes hold finite numbers. Raise InputError."""
     file = law.source.file
-    for argument, of in CLASSES.items():
-        kind = law.module.names.get(of)
+    for argument, class_name in CLASSES.items():
+        kind = law.module.names.get(class_name)
         if kind is None and argument in law.arguments:
             expected = (
                 "design(model, settings) that returns them"
-                if of == "design"
-                else f"class {of}(NamedTuple)"
+                if class_name == "design"
+                else f"class {class_name}(NamedTuple)"
             )
             raise InputError(file, f"'{argument}' in a file without it", expected, line)
-        if kind is None or of == "design" or (of == "Memory" and not law.mark.compiled):
+        if (
+            kind is None
+            or class_name == "design"
+            or (class_name == "Memory" and not law.mark.compiled)
+        ):
             continue
-        at = law.module.texts[of].lineno if of in law.module.texts else None
+        class_line = law.module.texts[class_name].lineno if class_name in law.module.texts else None
         if not (isinstance(kind, type) and hasattr(kind, "_fields")):
-            raise InputError(file, f"{of} that is no NamedTuple", f"class {of}(NamedTuple)", at)
+            raise InputError(
+                file,
+                f"{class_name} that is no NamedTuple",
+                f"class {class_name}(NamedTuple)",
+                class_line,
+            )
         fields: Any = kind
         for name in fields._fields:
-            value = fields._field_defaults.get(name, None if of == "Memory" else 0.0)
+            value = fields._field_defaults.get(name, None if class_name == "Memory" else 0.0)
             if not is_number(value):
                 raise InputError(
-                    file, f"{value!r:.40} for '{name}'", f"{name}: float = 0.0, a finite number", at
+                    file,
+                    f"{value!r:.40} for '{name}'",
+                    f"{name}: float = 0.0, a finite number",
+                    class_line,
                 )
-        if of == "Memory" and len(fields._fields) > MAX_MEMORY:
+        if class_name == "Memory" and len(fields._fields) > MAX_MEMORY:
             raise InputError(
-                file, f"a memory of {len(fields._fields)} numbers", f"at most {MAX_MEMORY}", at
+                file,
+                f"a memory of {len(fields._fields)} numbers",
+                f"at most {MAX_MEMORY}",
+                class_line,
             )
 
 
 def is_number(value: object) -> bool:
-    """Whether a default is a finite number."""
+    """Return whether a default is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _check_units(law: Law, line: int) -> None:
-    known = [
+    field_names = [
         name for kind in (law.settings, law.commands) if kind is not None for name in kind._fields
     ]
     for name, unit in law.mark.units.items():
         try:
-            if name not in known:
+            if name not in field_names:
                 raise Refusal(
-                    f"a unit of '{name}'", one_of(known, name) if known else "a field of Settings"
+                    f"a unit of '{name}'",
+                    one_of(field_names, name) if field_names else "a field of Settings",
                 )
             if not isinstance(unit, str):
                 raise Refusal(f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
@@ -136,24 +155,27 @@ def _check_dispersable(law: Law, line: int) -> None:
 
 
 def check_functions(module: Module, name: str, texts: dict[str, Any] | None = None) -> None:
-    """What cannot be compiled in a function and in those of its file that it calls. Raises InputError.
+    """Check that a function and the functions it calls can be compiled.
 
-    ``texts``: what is compiled in place of the module's own.
+    ``texts`` replaces the module's syntax trees. Raise InputError.
     """
     texts, seen, pending = texts or module.texts, {name}, [name]
     while pending:
         function = texts[pending.pop()]
         local = {argument.arg for argument in arguments_of(function)}
         local |= {
-            each.id
-            for each in _walk(function)
-            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+            child.id
+            for child in _walk(function)
+            if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Store)
         }
         for node in _walk(function):
             refused = _find_refused(node, module.names, local)
             if refused is not None:
-                place = getattr(node, "lineno", function.lineno), getattr(node, "col_offset", 0) + 1
-                raise InputError(module.source.file, refused[0], refused[1], *place)
+                location = (
+                    getattr(node, "lineno", function.lineno),
+                    getattr(node, "col_offset", 0) + 1,
+                )
+                raise InputError(module.source.file, refused[0], refused[1], *location)
             called = node.id if isinstance(node, ast.Name) else ""
             if called not in seen and isinstance(texts.get(called), ast.FunctionDef):
                 seen.add(called)
@@ -166,13 +188,15 @@ def _walk(function: ast.FunctionDef) -> Iterator[ast.AST]:
 
 
 def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tuple[str, str] | None:
-    words = next((words for words, kinds in _REFUSED.items() if isinstance(node, kinds)), None)
+    construct = next(
+        (construct for construct, kinds in _REFUSED.items() if isinstance(node, kinds)), None
+    )
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        words = _REFUSED_CALLS.get(node.func.id)
-    if words is not None:
+        construct = _REFUSED_CALLS.get(node.func.id)
+    if construct is not None:
         return (
-            words,
-            f"numbers, named tuples and functions of them: {words} are not allowed in compiled code",
+            construct,
+            f"numbers, named tuples and functions of them: {construct} are not allowed in compiled code",
         )
     if isinstance(node, ast.Global | ast.Nonlocal):
         return (

@@ -1,4 +1,4 @@
-"""A user's Python file run once as a module, and what it defines; before that once in a child, under a watch."""
+"""Custom Python files, run as modules after one watched run in a child process."""
 
 import ast
 import contextlib
@@ -31,7 +31,7 @@ CONTROLLER, CHANNEL, DYNAMICS = (
 
 @dataclass(frozen=True)
 class ControllerMark:
-    """What the decorator ``controller`` says."""
+    """Arguments of the decorator ``controller``."""
 
     units: dict[str, str] = field(default_factory=dict)  # of settings
     compiled: bool = True
@@ -41,7 +41,7 @@ class ControllerMark:
 
 @dataclass(frozen=True)
 class ChannelMark:
-    """What the decorator ``channel`` says."""
+    """Arguments of the decorator ``channel``."""
 
     unit: str
     name: str
@@ -49,26 +49,26 @@ class ChannelMark:
 
 
 def texts_of(tree: ast.Module) -> dict[str, Any]:
-    """The functions and classes of a file by name, as they are written."""
+    """Return the syntax trees of functions and classes of a file by name."""
     return {
         node.name: node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)
     }
 
 
 def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
-    """All that a function can be given by name or place."""
+    """Return all arguments that can be passed by name or position."""
     return [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
 
 
 @dataclass(frozen=True)
 class Module:
-    """A user's file that was run."""
+    """Custom file that was run."""
 
     source: UserSource
     names: dict[str, Any]  # its globals
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
-        """The functions with a decorator of ours, by name."""
+        """Return the functions with a decorator of ours, by name."""
         functions = {
             name: value for name, value in self.names.items() if type(value) is types.FunctionType
         }
@@ -76,26 +76,28 @@ class Module:
 
     @functools.cached_property
     def texts(self) -> dict[str, Any]:
-        """Its functions and classes as they are written."""
+        """Syntax trees of its functions and classes by name."""
         return texts_of(ast.parse(self.source.text))
 
-    def check_arguments(self, function: str, known: Iterable[str]) -> tuple[str, ...]:
-        """The arguments of a function. Raises InputError, at its place, for one that it cannot be given."""
+    def check_arguments(self, function: str, allowed: Iterable[str]) -> tuple[str, ...]:
+        """Return the arguments of a function. Raise InputError for an unknown one."""
         if not isinstance(self.texts.get(function), ast.FunctionDef):
-            found = f"a decorator on '{function}', which is no function of the file"
-            raise InputError(self.source.file, found, "one above 'def' at the left margin")
-        given = arguments_of(self.texts[function])
-        for argument in given:
-            if argument.arg not in known:
-                place = argument.lineno, argument.col_offset + 1
-                found = f"the argument '{argument.arg}'"
-                raise InputError(self.source.file, found, one_of(known, argument.arg), *place)
-        return tuple(argument.arg for argument in given)
+            problem = f"a decorator on '{function}', which is no function of the file"
+            raise InputError(self.source.file, problem, "one above 'def' at the left margin")
+        function_arguments = arguments_of(self.texts[function])
+        for argument in function_arguments:
+            if argument.arg not in allowed:
+                location = argument.lineno, argument.col_offset + 1
+                problem = f"the argument '{argument.arg}'"
+                raise InputError(
+                    self.source.file, problem, one_of(allowed, argument.arg), *location
+                )
+        return tuple(argument.arg for argument in function_arguments)
 
 
 @dataclass(frozen=True)
 class Law:
-    """The controller of a file: the function, what it names and what it is made of."""
+    """Control law of a file: the function, its arguments and classes."""
 
     module: Module
     function: Callable[..., Any]
@@ -112,7 +114,10 @@ class Law:
 
 
 def check_closure(source: UserSource) -> None:
-    """Run a Python file in the child, once for each content. Raises InputError for what it does or reads wrong."""
+    """Run a Python file in the child process, once for each content.
+
+    Raise InputError if it fails or reads undeclared files.
+    """
     key = hashlib.sha256(f"{source.hash} {source.file} {code_hash()}".encode()).hexdigest()[:24]
     note = laws_folder() / f"closed_{key}"
     if note.exists():
@@ -120,8 +125,8 @@ def check_closure(source: UserSource) -> None:
     try:
         in_child(_run_watched, source, limit=_LONGEST)
     except LostError as lost:
-        found = f"a file that does not run: {lost.words}"
-        raise InputError(source.file, found, "a file that runs on its own") from None
+        problem = f"a file that does not run: {lost.words}"
+        raise InputError(source.file, problem, "a file that runs on its own") from None
     note.touch()
 
 
@@ -133,15 +138,15 @@ def _run_watched(source: UserSource) -> None:
 
 @functools.cache
 def code_hash() -> str:
-    """Hash of what a user's code is made of besides its text and the layers of the compiled flight."""
-    here = Path(__file__).parent
-    files = [*sorted(here.glob("*.py")), *sorted(here.glob("*.h")), here.parent / "extend.py"]
+    """Return the hash of this package's code, on which compiled custom code depends."""
+    folder = Path(__file__).parent
+    files = [*sorted(folder.glob("*.py")), *sorted(folder.glob("*.h")), folder.parent / "extend.py"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 @functools.lru_cache(maxsize=64)
 def run_module(source: UserSource) -> Module:
-    """Run a user's file. Raises InputError, with the line, for whatever it raises."""
+    """Return a custom file that was run. Raise InputError, with the line, if it fails."""
     linecache.cache[source.file] = (
         len(source.text),
         None,
@@ -158,9 +163,9 @@ def run_module(source: UserSource) -> Module:
 
 @contextlib.contextmanager
 def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
-    """Make an InputError, with the line, of whatever a user's code raises where it is run or looked at.
+    """Raise InputError, with the line, for any exception of custom code in the context.
 
-    A full disk or memory, met elsewhere than in his code, is none of that.
+    Full disks or exhausted memory outside the custom code are not converted.
     """
     try:
         yield
@@ -169,9 +174,9 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
     except Exception as error:
         line = _line_in(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
-            found = f"{what} that {missed[0]}, which it does not declare"
+            problem = f"{what} that {missed[0]}, which it does not declare"
             raise InputError(
-                source.file, found, f"files: [{missed[1]}] in its controller file", line
+                source.file, problem, f"files: [{missed[1]}] in its controller file", line
             ) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
@@ -181,15 +186,18 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
-    """What a missing file or module that lies beside the law is to it in words, and the entry of ``files`` for it."""
+    """Return text on a missing file or module, and its entry for ``files``.
+
+    The result is None unless the file is next to the control law.
+    """
     beside = Path(source.file).parent
     if isinstance(error, ModuleNotFoundError):
         top = str(error.name).partition(".")[0]
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
-    if isinstance(error, FileNotFoundError):  # numpy's says the name in words alone
-        words = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
-        named = (os.path.relpath(beside / word, beside) for word in words)
+    if isinstance(error, FileNotFoundError):  # numpy names the file only in the message
+        candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
+        named = (os.path.relpath(beside / word, beside) for word in candidates)
         entry = next(
             (name for name in named if (beside / name).is_file() and not name.startswith("..")),
             None,
@@ -199,7 +207,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
 
 
 def _describe(error: Exception) -> str:
-    """What it is and says, as far as it can say it: its words are the user's code, too."""
+    """Return type and text of an exception; computing the text may fail."""
     name = type(error).__name__
     try:
         return f"{name}: {error!s:.300}"
@@ -208,7 +216,7 @@ def _describe(error: Exception) -> str:
 
 
 def _line_in(error: Exception, file: str) -> int | None:
-    """The last line of ``file`` in a traceback."""
+    """Return the last line of ``file`` in a traceback."""
     lines = [
         frame.lineno
         for frame in traceback.extract_tb(error.__traceback__)

@@ -1,4 +1,7 @@
-"""A law in plain Python called like a compiled one: for prototypes, with any library and any object as its memory."""
+"""Control laws in plain Python, called like compiled ones, for prototypes.
+
+They may use any library, and any object as their memory.
+"""
 
 import ctypes
 import sys
@@ -26,13 +29,14 @@ from abhv_mc.user_code.watch import watching
 _SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double
 )
-_told: set[str] = set()  # laws whose traceback was printed
+_told: set[str] = set()  # hashes of laws whose traceback was printed
 
 
 class PlainLaw:
-    """Calls a law for one flight after another; the ``address`` holds as long as this object lives.
+    """Adapter that calls a control law; ``address`` is valid during its lifetime.
 
-    Its memory is any object, kept here; with ``memory_in_rows`` a named tuple of numbers, kept in the lanes' rows.
+    The memory is any object, stored here. With ``memory_in_rows`` it is a named tuple of numbers in
+    the lanes' rows.
     """
 
     def __init__(
@@ -48,12 +52,12 @@ class PlainLaw:
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
         self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
-        self._memories: dict[int, Any] = {}  # by a number that the flight's lane holds
+        self._memories: dict[int, Any] = {}  # by the number in the flight's lane
         self._callback = _SOCKET(self._call)
 
     @property
     def address(self) -> int:
-        """Where compiled code finds it."""
+        """Address for compiled code."""
         return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
 
     def _call(
@@ -65,7 +69,7 @@ class PlainLaw:
             _row(gains, tick, len(self._gains) + len(self._commands)),
             len(self._gains),
         )
-        given = {
+        shared_values = {
             "time": tick * dt,
             "dt": dt,
             "reference": Reference(*_row(reference, tick, len(REFERENCE))),
@@ -77,11 +81,11 @@ class PlainLaw:
             if block[FAULT, lane] > 0.0:
                 continue
             if self._in_rows:
-                held = None
+                lane_memory = None
                 if self._remembers and tick > 0:
                     rows = slice(MEMORY, MEMORY + len(law.memory._fields))
-                    held = law.memory(*block[rows, lane].tolist())
-                self._try_lane(block, lane, held, given)
+                    lane_memory = law.memory(*block[rows, lane].tolist())
+                self._try_lane(block, lane, lane_memory, shared_values)
                 continue
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
@@ -92,15 +96,22 @@ class PlainLaw:
                 block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
                 continue
             number = int(block[MEMORY, lane])
-            self._memories[number] = self._try_lane(block, lane, self._memories[number], given)
+            self._memories[number] = self._try_lane(
+                block, lane, self._memories[number], shared_values
+            )
 
-    def _try_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
-        """One tick of a flight; its memory after it. An exception is told once and ends the flight."""
+    def _try_lane(
+        self, block: Floats, lane: int, memory: Any, shared_values: dict[str, Any]
+    ) -> Any:
+        """Return a flight's memory after one tick.
+
+        An exception is printed once and ends the flight.
+        """
         try:
-            if given["time"] == 0.0 and self._remembers:
+            if shared_values["time"] == 0.0 and self._remembers:
                 memory = self._law.memory()
             with in_its_folder(self._law.source), watching(self._law.source):
-                return self._fly_lane(block, lane, memory, given)
+                return self._fly_lane(block, lane, memory, shared_values)
         except (
             BaseException
         ):  # SystemExit, too: compiled code is above, which would fly on with the last command
@@ -111,9 +122,11 @@ class PlainLaw:
                 traceback.print_exc(file=sys.stderr)
             return memory
 
-    def _fly_lane(self, block: Floats, lane: int, memory: Any, given: dict[str, Any]) -> Any:
+    def _fly_lane(
+        self, block: Floats, lane: int, memory: Any, shared_values: dict[str, Any]
+    ) -> Any:
         law = self._law
-        values = {**given, "memory": memory}
+        values = {**shared_values, "memory": memory}
         if "measured" in law.arguments:
             values["measured"] = Measured(*block[s.MEASURED : s.MEASURED + s.N_SEEN, lane].tolist())
         if "onboard" in law.arguments:

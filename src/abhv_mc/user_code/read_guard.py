@@ -1,6 +1,7 @@
-"""Which files a user's code may read: one rule for control laws and simulators, with a list for each.
+"""Rules on files that custom code may read, shared by control laws and simulators.
 
-The module needs Python's library alone, because the process of a user's simulator imports it by its path.
+The module needs only the standard library, because the process of a user's simulator imports it by
+its path.
 """
 
 import contextlib
@@ -19,12 +20,12 @@ PROGRAMS = ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.sys
 EVENTS = ("open", "import", "ctypes.dlopen", "sqlite3.connect")
 SYSTEM = ("/bin", "/dev", "/etc", "/lib", "/lib32", "/lib64", "/libx32", "/opt", "/proc", "/run",
           "/sbin", "/sys", "/usr", "/var")  # fmt: skip
-_CLOCK_STEP = 0.01  # s that the clock of a file system may lag behind
+_CLOCK_STEP = 0.01  # s by which the clock of a file system may lag
 _SEPARATORS = re.compile(r"[\s=<>|;&\"'`(),]+")
 
 
 class ReadGuard:
-    """Files that code may read: declared ones, its own, those of installed packages and of the system."""
+    """Guard that allows declared files, own files, and those of packages and the system."""
 
     def __init__(
         self,
@@ -36,10 +37,11 @@ class ReadGuard:
         own: str = "",
         started: float = float("inf"),
     ) -> None:
-        """Take places as paths.
+        """Set up the guard from paths.
 
-        ``studies``: folders of the user's files, in which only ``packages`` that lie there may be read; ``own``: the
-        process's folder, all of which it may read; files created after ``started`` (s since the epoch) are its own.
+        ``studies`` are folders of the user's files, in which only ``packages`` may be read. ``own``
+        is the process's folder, which it may read entirely. Files created after ``started`` (s
+        since the epoch) belong to the process.
         """
         self.declared = {os.path.realpath(path) for path in declared}
         self.studies = tuple(map(_as_folder, studies))
@@ -55,7 +57,7 @@ class ReadGuard:
     def allows(self, real: str) -> bool:
         """Return whether the file at a real path may be read."""
         if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
-            with contextlib.suppress(ValueError):  # another name than Python gives
+            with contextlib.suppress(ValueError):  # a name that Python does not give
                 real = importlib.util.source_from_cache(real)
         if real in self.declared or real in self.written:
             return True
@@ -69,12 +71,12 @@ class ReadGuard:
         ) or (not studies and real.startswith(self.system))
 
     def find_reads(self, event: str, arguments: Sequence[Any]) -> Iterator[str]:
-        """Yield the paths that an audit event (PEP 578) is about to read, and note the files that it creates."""
+        """Yield paths that an audit event (PEP 578) reads; note the files it creates."""
         if event not in EVENTS:
             return
         name = arguments[1] if event == "import" else arguments[0]
         if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
-            return  # an open file, or a module that is found first
+            return  # an open file, or a module found earlier
         path = os.fsdecode(name)
         if event == "sqlite3.connect":
             path = path.removeprefix("file:").partition("?")[0]
@@ -89,16 +91,24 @@ class ReadGuard:
         yield path
 
     def find_programs(self, event: str, arguments: Sequence[Any]) -> Iterator[str]:
-        """Yield the files that an event which starts a program names: itself, and those in its arguments."""
+        """Yield the program and files in the arguments of an event that starts a program."""
         if event not in PROGRAMS:
             return
         first = 1 if event == "os.spawn" else 0
         folder = arguments[2] if event == "subprocess.Popen" else None
-        words = [arguments[first]] if event != "os.system" else ["sh", "-c", arguments[first]]
+        arguments_of_program = (
+            [arguments[first]] if event != "os.system" else ["sh", "-c", arguments[first]]
+        )
         if event != "os.system":
-            more = arguments[first + 1]
-            words += [more] if isinstance(more, str | bytes | os.PathLike) else list(more or ())
-        texts = [os.fsdecode(word) for word in words if isinstance(word, str | bytes | os.PathLike)]
+            further = arguments[first + 1]
+            arguments_of_program += (
+                [further] if isinstance(further, str | bytes | os.PathLike) else list(further or ())
+            )
+        texts = [
+            os.fsdecode(word)
+            for word in arguments_of_program
+            if isinstance(word, str | bytes | os.PathLike)
+        ]
         programs = {0, 1, *(i + 1 for i, text in enumerate(texts) if text == "-c")}
         for i, text in enumerate(texts):
             pieces = [text, *filter(None, _SEPARATORS.split(text))]
@@ -112,7 +122,7 @@ class ReadGuard:
 
 
 def package_folders() -> set[str]:
-    """Return the interpreter's folders and the entries of ``sys.path`` that hold installed packages."""
+    """Return the folders of the interpreter and of installed packages in ``sys.path``."""
     folders = {*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, sys.exec_prefix}
     return folders | {entry for entry in sys.path if entry and any(Path(entry).glob("*.dist-info"))}
 
@@ -134,7 +144,10 @@ def cache_folders() -> set[str]:
 def simulator_guard(
     declared: Iterable[str], folder: str, campaign: str, own: str, started: float
 ) -> ReadGuard:
-    """Return the guard of a user's simulator: names ``declared`` in ``folder``, of a campaign in ``campaign``."""
+    """Return the guard of a user's simulator in ``folder`` with ``declared`` files.
+
+    ``campaign`` is the folder of the campaign.
+    """
     ours = set(map(str, Path(__file__).parents[2].glob("abhv_mc*")))
     return ReadGuard(
         (os.path.join(folder, name) for name in declared),  # noqa: PTH118
@@ -146,14 +159,14 @@ def simulator_guard(
 
 
 def watch_reads(guard: ReadGuard, folder: str) -> None:
-    """Raise PermissionError from now on where this process reads a regular file that ``guard`` does not allow."""
+    """Raise PermissionError from now on if this process reads a file not allowed."""
 
     def check(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in EVENTS and event not in PROGRAMS:
             return
         for path in (*guard.find_reads(event, arguments), *guard.find_programs(event, arguments)):
             if event == "ctypes.dlopen" and os.sep not in path:
-                continue  # the loader looks for it among the system's libraries
+                continue  # the loader searches the system's libraries
             real = os.path.realpath(path)
             if is_regular(real) and not guard.allows(real):
                 guard.packages |= set(map(_as_folder, package_folders()))  # sys.path may have grown
@@ -164,12 +177,12 @@ def watch_reads(guard: ReadGuard, folder: str) -> None:
 
 
 def undeclared_words(real: str, folder: str) -> str:
-    """Return the sentence about a file that is read and not declared, named from the simulator's ``folder``."""
-    place = Path(os.path.realpath(folder))
-    if Path(real).is_relative_to(place):
-        return f"it reads {Path(real).relative_to(place)}, which 'files' does not name"
+    """Return the sentence on an undeclared file, named relative to ``folder``."""
+    simulator_folder = Path(os.path.realpath(folder))
+    if Path(real).is_relative_to(simulator_folder):
+        return f"it reads {Path(real).relative_to(simulator_folder)}, which 'files' does not name"
     remedy = "link it into the simulator's folder and name the link"
-    if Path(real).is_relative_to(place.parent):
+    if Path(real).is_relative_to(simulator_folder.parent):
         remedy = "with 'folder: ..' it can name files one folder up"
     return f"it reads {real}, which 'files' does not name ({remedy})"
 
@@ -183,7 +196,7 @@ def is_regular(path: str) -> bool:
 
 
 def _created(path: str) -> float:
-    """Return when a file was created at the latest, s since the epoch; infinitely long ago if there is none."""
+    """Return the latest creation time of a file, s since the epoch, or -inf."""
     try:
         return os.stat(path).st_ctime  # noqa: PTH116
     except (OSError, ValueError):
@@ -191,7 +204,7 @@ def _created(path: str) -> float:
 
 
 def _expand(word: str) -> str:
-    """Return what a shell makes of ``~`` and variables in a word."""
+    """Return a word with ``~`` and variables expanded as by a shell."""
     return os.path.expandvars(os.path.expanduser(word))  # noqa: PTH111
 
 

@@ -1,4 +1,4 @@
-"""The settings and commands of a user law, as its controller file gives them."""
+"""Settings and commands of custom control laws from controller files."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def make_user_settings(document: Document, controller: PythonController, law: Law) -> Floats:
-    """The numbers of the class ``Settings`` in its order, SI. Raises InputErrors with line and column."""
+    """Return the numbers of class ``Settings`` in order, SI. Raise InputErrors."""
 
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
@@ -27,8 +27,8 @@ def make_user_settings(document: Document, controller: PythonController, law: La
             else float(default)
         )
 
-    made = _read_fields(document, law, "settings", law.settings, controller.settings, number)
-    return np.array(list(made.values()), dtype=np.float64)
+    settings = _read_fields(document, law, "settings", law.settings, controller.settings, number)
+    return np.array(list(settings.values()), dtype=np.float64)
 
 
 def _read_fields(
@@ -36,51 +36,56 @@ def _read_fields(
     law: Law,
     key: str,
     kind: Any,
-    given: Mapping[str, Any],
+    entries: Mapping[str, Any],
     read: Callable[[str, str, float], T],
 ) -> dict[str, T]:
-    """What ``read`` makes of each field of a class: of its name, unit and default. Raises InputErrors with places."""
-    known = kind._fields if kind is not None else ()
+    """Return ``read`` of name, unit and default for each field of a class.
+
+    Raise InputErrors with locations.
+    """
+    fields = kind._fields if kind is not None else ()
     errors: list[InputError] = []
-    for name in given:
-        if name not in known:
+    for name in entries:
+        if name not in fields:
             expected = (
-                one_of(known, name)
-                if known
+                one_of(fields, name)
+                if fields
                 else f"no {key}: the law has no class {key.capitalize()}"
             )
             errors.append(document.key_error((key, name), f"unknown key '{name}'", expected))
-    made = {}
-    for name in known:
+    values = {}
+    for name in fields:
         try:
-            made[name] = read(
+            values[name] = read(
                 name, law.mark.units.get(name, "-"), kind._field_defaults.get(name, np.nan)
             )
         except Refusal as refusal:
-            place = (key, name) if name in given else (key,)
-            errors.append(document.error(place, refusal.found, refusal.expected))
+            location = (key, name) if name in entries else (key,)
+            errors.append(document.error(location, refusal.found, refusal.expected))
     if errors:
         raise InputErrors(errors)
-    return made
+    return values
 
 
 class CommandSteps(NamedTuple):
-    """The commands of a law: each holds a value from a time on."""
+    """Commands of a control law as step functions of time."""
 
     names: tuple[str, ...]
     times: tuple[Floats, ...]  # [step] of each, s, the first 0
     values: tuple[Floats, ...]  # [step] of each, SI
 
     def columns(self, time: Floats) -> Floats:
-        """Values ``[tick, command]`` at control ticks (s)."""
-        held = [
+        """Return values [tick, command] at control ticks ``time``, s."""
+        columns_of_values = [
             values[np.searchsorted(times, time + 1e-9, side="right") - 1]
             for times, values in zip(self.times, self.values, strict=True)
         ]
-        return np.stack(held, axis=1) if held else np.empty((time.size, 0))
+        return (
+            np.stack(columns_of_values, axis=1) if columns_of_values else np.empty((time.size, 0))
+        )
 
     def column_names(self) -> tuple[str, ...]:
-        """Names of these columns among the gains'."""
+        """Return names of these columns among the gains'."""
         return tuple(f"{COMMANDS}{name}" for name in self.names)
 
 
@@ -88,25 +93,30 @@ NO_COMMANDS = CommandSteps((), (), ())
 
 
 def make_commands(document: Document, controller: PythonController, law: Law) -> CommandSteps:
-    """The commands that a law names, in the order of its class ``Commands``. Raises InputErrors with their places."""
+    """Return a law's commands in the order of class ``Commands``.
+
+    Raise InputErrors with locations.
+    """
 
     def steps(name: str, unit: str, default: float) -> tuple[Floats, Floats]:
-        given = controller.commands.get(name)
-        by_time = given if isinstance(given, dict) else {"0 s": given}
-        at = [parse_quantity(time, TIME) for time in by_time]
-        held = [
+        entry = controller.commands.get(name)
+        by_time = entry if isinstance(entry, dict) else {"0 s": entry}
+        start_times = [parse_quantity(time, TIME) for time in by_time]
+        step_values = [
             default if value is None else parse_in_unit(value, unit) for value in by_time.values()
         ]
-        if not at or at[0] != 0.0 or sorted(set(at)) != at:
+        if not start_times or start_times[0] != 0.0 or sorted(set(start_times)) != start_times:
             raise Refusal(
                 f"values from {', '.join(map(str, by_time))} on", "times that rise from 0 s"
             )
-        if not np.isfinite(held).all():
+        if not np.isfinite(step_values).all():
             raise Refusal(f"no value for '{name}'", "one here, or a default in the class")
-        return np.array(at, dtype=np.float64), np.array(held, dtype=np.float64)
+        return np.array(start_times, dtype=np.float64), np.array(step_values, dtype=np.float64)
 
     kind = law.commands if "commands" in law.arguments else None
-    made = _read_fields(document, law, "commands", kind, controller.commands, steps)
+    commands = _read_fields(document, law, "commands", kind, controller.commands, steps)
     return CommandSteps(
-        tuple(made), tuple(at for at, _ in made.values()), tuple(held for _, held in made.values())
+        tuple(commands),
+        tuple(start_times for start_times, _ in commands.values()),
+        tuple(step_values for _, step_values in commands.values()),
     )

@@ -1,4 +1,4 @@
-"""A user's files as they were read: text and contents by hash, before anything of them runs."""
+"""Text and declared files of custom code, read before anything runs."""
 
 import ast
 import functools
@@ -18,18 +18,18 @@ from abhv_mc.shipped import PACKAGES
 
 @dataclass(frozen=True)
 class UserSource:
-    """The text of a user's file, and the files that it declares. It travels with the work; no stored plan holds it."""
+    """Text and declared files of custom code; sent to workers, not stored in plans."""
 
     text: str
-    file: str  # what its user calls it
+    file: str  # the user's name of it
     files: tuple[
         tuple[str, bytes], ...
     ] = ()  # name from the folder that holds them all, content; itself among them
-    library: bytes = b""  # of a law in C, built from all this
+    library: bytes = b""  # of a law in C, built from these files
 
     @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of the text, and of the names and contents of what it declares: what trust goes by."""
+        """SHA-256 of the text and of declared names and contents; the key of trust."""
         digest = hashlib.sha256(self.text.encode())
         for name, content in sorted(self.files):
             digest.update(f"\0{name}\0{hashlib.sha256(content).hexdigest()}".encode())
@@ -37,22 +37,22 @@ class UserSource:
 
     @functools.cached_property
     def recipe(self) -> dict[str, Any] | None:
-        """What the text of a law in C or an FMU says of it; None for one in Python."""
+        """Recipe in the text of a law in C or an FMU; None for Python."""
         return json.loads(self.text) if self.text.startswith('{"law": ') else None
 
 
 def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSource:
-    """Read a user's file as it is, without running it, and the ``files`` that it declares. Raises InputError."""
+    """Read a custom file and its declared ``files`` without running it. Raise InputError."""
     try:
         content = read_input(path)
-        declared = tuple((name, read_input(place)) for name, place in (files or {}).items())
+        declared = tuple((name, read_input(location)) for name, location in (files or {}).items())
         return UserSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, f"a file that cannot be read ({error})", "a Python file") from None
 
 
 def compile_text(source: UserSource, flags: int = 0) -> Any:
-    """What Python's ``compile`` makes of the text, without running it. Raises InputError."""
+    """Return the compiled text without running it. Raise InputError."""
     try:
         return compile(source.text, source.file, "exec", flags, dont_inherit=True)
     except (
@@ -61,12 +61,17 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
         MemoryError,
         RecursionError,
     ) as error:  # the last three: zero bytes, deep nesting
-        at = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
-        raise InputError(source.file, f"'{getattr(error, 'msg', error)}'", "Python", *at) from None
+        location = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
+        raise InputError(
+            source.file, f"'{getattr(error, 'msg', error)}'", "Python", *location
+        ) from None
 
 
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
-    """Version of each installed package that the texts import, by its name; read from the texts, which are not run."""
+    """Return the versions of installed packages that the texts import, by name.
+
+    The texts are not run.
+    """
     imported = {name for source in sources for name in _imported(source)}
     expected = imported - sys.stdlib_module_names - set(PACKAGES)
     if not expected:
@@ -84,7 +89,7 @@ def _imported(source: UserSource) -> Iterator[str]:
     for text in texts or [source.text.encode()]:
         try:
             nodes = list(ast.walk(ast.parse(text)))
-        except (SyntaxError, ValueError):  # a template, perhaps: nobody imports it
+        except (SyntaxError, ValueError):  # perhaps a template, which is not imported
             continue
         for node in nodes:
             if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""Look-ups on the user's own grids and points, multilinear; the same bits compiled and in plain Python."""
+"""Multilinear look-ups on custom grids and points, bit-identical compiled and plain."""
 
 import functools
 from collections.abc import Sequence
@@ -10,32 +10,32 @@ from numpy.typing import ArrayLike
 from abhv_mc.io.input_error import Refusal, one_of
 from abhv_mc.kernel.jit import scalar
 
-_INSIDE = -1e-12  # of a barycentric coordinate: rounding on a face
+_INSIDE = -1e-12  # smallest barycentric coordinate: rounding on a face
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 
 class LookUp:
-    """A look-up: a compiled one's bits in plain Python, too."""
+    """Base of look-ups, bit-identical compiled and in plain Python."""
 
     @functools.cached_property
     def _look_up(self) -> Any:
         return self.make_compiled()
 
-    def __call__(self, *at: float) -> float:
-        """The value there."""
+    def __call__(self, *coordinates: float) -> float:
+        """Return the value at ``coordinates``."""
         look_up = getattr(self._look_up, "py_func", self._look_up)
-        return float(look_up(*at))
+        return float(look_up(*coordinates))
 
     def make_compiled(self) -> Any:
-        """The look-up as a function that compiled code calls; its numbers are constants of it."""
+        """Return the look-up as a function for compiled code, with constant numbers."""
         raise NotImplementedError
 
 
 class Table(LookUp):
-    """Values over any number of grids: ``table(grid, values)``, ``table(grid_0, grid_1, values)``, ...
+    """Table on any number of grids: ``table(grid_0, grid_1, ..., values)``.
 
-    ``extrapolate`` says beyond which end a line goes on: ``neither`` (the default: held), ``min``, ``max`` or ``both``,
-    for all grids or each.
+    ``extrapolate`` names the ends beyond which it extrapolates linearly: ``neither`` (default:
+    constant), ``min``, ``max`` or ``both``, for all grids or each.
     """
 
     def __init__(self, *arrays: ArrayLike, extrapolate: str | Sequence[str] = "neither") -> None:
@@ -111,7 +111,7 @@ def _make_2d(
 
 
 def _make_nd(table: Table) -> Any:
-    """Three grids and more: the sum over a cell's corners, each with its weight."""
+    """Return a look-up on three or more grids: the weighted sum over a cell's corners."""
     axes = len(table.grids)
     grid = np.concatenate(table.grids)
     lengths = np.array([own.size for own in table.grids])
@@ -144,41 +144,44 @@ def _make_nd(table: Table) -> Any:
 
 
 class Scattered(LookUp):
-    """Values at points: ``scattered(points, values)`` with points [point, axis] and values [point].
+    """Values at scattered points: ``scattered(points, values)``.
 
-    Linear in the simplices of the points' Delaunay triangulation. Outside of the points' hull the simplex that lies
-    nearest holds: its coordinates below zero become zero.
+    ``points`` are [point, axis] and ``values`` [point]. The look-up is linear in the simplices of
+    the Delaunay triangulation. Outside the hull the nearest simplex is used with its negative
+    coordinates set to zero.
     """
 
     def __init__(self, points: ArrayLike, values: ArrayLike) -> None:
         from scipy.spatial import Delaunay, QhullError
 
-        at, held = (np.ascontiguousarray(array, dtype=np.float64) for array in (points, values))
-        at = at[:, np.newaxis] if at.ndim == 1 else at
+        positions, point_values = (
+            np.ascontiguousarray(array, dtype=np.float64) for array in (points, values)
+        )
+        positions = positions[:, np.newaxis] if positions.ndim == 1 else positions
         if (
-            at.ndim != 2
-            or held.shape != at.shape[:1]
-            or not (np.isfinite(at).all() and np.isfinite(held).all())
+            positions.ndim != 2
+            or point_values.shape != positions.shape[:1]
+            or not (np.isfinite(positions).all() and np.isfinite(point_values).all())
         ):
             raise Refusal(
-                f"points of the shape {at.shape} and values {held.shape}",
+                f"points of the shape {positions.shape} and values {point_values.shape}",
                 "points[point, axis], values[point]",
             )
-        if at.shape[1] == 1:
-            order = np.argsort(at[:, 0])
+        if positions.shape[1] == 1:
+            order = np.argsort(positions[:, 0])
             corners = np.stack([order[:-1], order[1:]], axis=1)
         else:
             try:
-                corners = Delaunay(at).simplices
+                corners = Delaunay(positions).simplices
             except QhullError:
                 raise Refusal(
                     "points that span no volume", "points that do not lie in a plane"
                 ) from None
-        self.axes = at.shape[1]
-        self.values = held[corners]  # [simplex, corner]
+        self.axes = positions.shape[1]
+        self.values = point_values[corners]  # [simplex, corner]
         # Barycentric coordinates: transform [simplex, axis, axis] times the distance from the last corner.
-        last = at[corners[:, -1]]
-        edges = np.swapaxes(at[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
+        last = positions[corners[:, -1]]
+        edges = np.swapaxes(positions[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
         self.transform, self.last = np.linalg.inv(edges), np.ascontiguousarray(last)
 
     def make_compiled(self) -> Any:

@@ -1,6 +1,6 @@
-"""Which code of others may run: the user's own list of the laws that he has flown, by hash.
+"""Trust in custom code: the user's list of control laws that he has run, by hash.
 
-A file in a campaign's folder is nobody's own: it may come from anywhere.
+Files in a campaign's folder may come from anywhere.
 """
 
 import os
@@ -10,11 +10,11 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
 _SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
-_trusted_now: set[str] = set()  # hashes of what the user of this process says that he trusts
+_trusted_now: set[str] = set()  # hashes that the user of this process trusts explicitly
 
 
 def list_file() -> Path:
-    """Return the list's path in the user's configuration. Raise OSError if the user has no home folder."""
+    """Return the path of the list. Raise OSError if the user has no home folder."""
     try:
         base = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
     except RuntimeError as error:  # no HOME, and the system does not know the user
@@ -23,7 +23,7 @@ def list_file() -> Path:
 
 
 def is_trusted(source: UserSource) -> bool:
-    """Whether this user has flown exactly this text."""
+    """Return whether this user has run exactly this text."""
     try:
         return source.hash in list_file().read_text(encoding="utf-8").split()
     except OSError:
@@ -31,7 +31,7 @@ def is_trusted(source: UserSource) -> bool:
 
 
 def trust(source: UserSource) -> None:
-    """Remember that this user has flown it: for this process alone where his configuration cannot be written."""
+    """Record that this user has run a source, in this process only if not writable."""
     if is_trusted(source):
         return
     try:
@@ -44,15 +44,17 @@ def trust(source: UserSource) -> None:
 
 
 def check_trusted(source: UserSource, trusted: bool = False) -> None:
-    """Raise InputError for code that this user has not flown, unless he says that he trusts it."""
+    """Raise InputError for untrusted code unless the user trusts it explicitly."""
     if trusted:
         _trusted_now.add(source.hash)
     if source.hash not in _trusted_now and not is_trusted(source):
-        found = "Python code that you have not flown from a file of your own: it would run with your rights"
-        raise InputError(source.file, found, "a look at it, then --trust-code")
+        problem = "Python code that you have not flown from a file of your own: it would run with your rights"
+        raise InputError(source.file, problem, "a look at it, then --trust-code")
 
 
 def is_in_a_folder(file: Path) -> bool:
-    """Whether a file is in a campaign's folder, or is named from within one: by a link, or by a path that leads out."""
-    parents = {parent for place in (file.absolute(), file.resolve()) for parent in place.parents}
+    """Return whether a file is in a campaign's folder, directly or through a link."""
+    parents = {
+        parent for location in (file.absolute(), file.resolve()) for parent in location.parents
+    }
     return any(all((parent / name).exists() for name in _SIGNS) for parent in parents)

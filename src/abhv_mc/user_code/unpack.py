@@ -1,4 +1,4 @@
-"""The files that a user's code consists of, on disk as they were hashed: where it runs and imports from."""
+"""Hashed files of custom code on disk, from which it runs and imports."""
 
 import contextlib
 import functools
@@ -16,7 +16,7 @@ from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.source import UserSource
 
-BUILT = "abhv_built_law.so"  # name of the library that is built of a law's sources
+BUILT = "abhv_built_law.so"  # name of the library built from a law's sources
 _modules: dict[
     str, dict[str, ModuleType]
 ] = {}  # of each law's own, by hash: taken out of Python's while it rests
@@ -24,34 +24,34 @@ _lock = threading.RLock()
 
 
 def laws_folder() -> Path:
-    """What is kept of users' code, in this user's cache of compiled code."""
+    """Return the folder of cached custom code."""
     folder = code_folder(compiler()) / "laws"
     folder.mkdir(mode=0o700, exist_ok=True)
     return folder
 
 
 def filled_once(name: str, fill: Callable[[Path], None]) -> Path:
-    """A folder there, as the first process that asked for it filled it."""
+    """Return a folder in the cache, filled by the first process that needs it."""
     folder = laws_folder() / name
     if not folder.exists():
-        made = Path(tempfile.mkdtemp(dir=folder.parent))
-        fill(made)
+        temporary = Path(tempfile.mkdtemp(dir=folder.parent))
+        fill(temporary)
         with contextlib.suppress(OSError):  # another process was first
-            made.rename(folder)
-        shutil.rmtree(made, ignore_errors=True)
+            temporary.rename(folder)
+        shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 
 @functools.lru_cache(maxsize=64)
 def unpack(source: UserSource) -> Path:
-    """The folder that holds exactly the source's files."""
+    """Return the folder that holds exactly the source's files."""
     files = (*source.files, (BUILT, source.library)) if source.library else source.files
 
     def fill(folder: Path) -> None:
         for name, content in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
-            (folder / name).chmod(0o700)  # a library must be executable on some systems
+            (folder / name).chmod(0o700)  # some systems require executable libraries
 
     name = f"{'built' if source.library else 'files'}_{source.hash[:24]}"
     folder = laws_folder() / name
@@ -73,13 +73,14 @@ def _holds(folder: Path, files: Iterable[tuple[str, bytes]]) -> bool:
 
 @contextlib.contextmanager
 def in_its_folder(source: UserSource) -> Iterator[None]:
-    """Run a law's code: its own modules can be imported, and plain names of files are those that it declares.
+    """Run a law's code in its folder, with its own modules and declared files.
 
-    Modules of its own are no other law's: they are Python's only meanwhile.
+    The modules are in ``sys.modules`` only inside the context, because laws may have modules of the
+    same name.
     """
     with _lock, contextlib.ExitStack() as as_before:
         folder = str(unpack(source)) if source.files else os.curdir
-        as_before.enter_context(contextlib.chdir(folder))  # also where the code goes to another one
+        as_before.enter_context(contextlib.chdir(folder))  # restored if the code changes the folder
         as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
         if source.files:
             own = _modules.setdefault(source.hash, {})
@@ -89,7 +90,9 @@ def in_its_folder(source: UserSource) -> Iterator[None]:
                 if name.endswith(".py")
             }
             hidden = {
-                name: held for name, held in sys.modules.items() if name.partition(".")[0] in tops
+                name: module
+                for name, module in sys.modules.items()
+                if name.partition(".")[0] in tops
             }
             for name in hidden:
                 del sys.modules[name]

@@ -1,4 +1,4 @@
-"""Channels of the user's own, compiled as a law is: one number a control tick from named tuples wired by name."""
+"""Custom channels, compiled like control laws: one number per control tick."""
 
 import functools
 from typing import Any, NamedTuple
@@ -26,14 +26,17 @@ from abhv_mc.user_code.source import UserSource
 _PATH = X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI
 _ANGLES = variable_row("angle_of_attack"), variable_row("sideslip"), s.BANK
 _ACTUAL = (*_PATH, *_ANGLES, X + s.ROLL_RATE, X + s.PITCH_RATE, X + s.YAW_RATE)
-# What every flight measures; what laws may ask for besides is not there unless the law asks.
+# Measurements in every flight; other quantities exist only if the law requests them.
 _Seen: Any = NamedTuple("Measured", [(name, float) for name in Measured._fields[: s.N_MEASURED]])  # type: ignore[misc]
 _ARGUMENTS = ("actual", "measured", "reference", "command", "time", "dt")
 
 
 @functools.lru_cache(maxsize=16)
 def compile_channels(source: UserSource, width: int) -> Any:
-    """The compiled loop over ``width`` lanes, with its ``address``. Raises InputError."""
+    """Return the compiled loop over ``width`` lanes, with its ``address``.
+
+    Raise InputError.
+    """
     module = run_module(source)
     with refuse_in_words(source, "channels", "plain functions"):
         functions = module.marked(MARK)
@@ -58,7 +61,8 @@ def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
     }
     named = {argument for arguments in signatures.values() for argument in arguments}
     before, lines = (
-        [f"{name} = {text}" for name, text in of.items() if name in named] for of in (once, inside)
+        [f"{name} = {text}" for name, text in arguments_of_loop.items() if name in named]
+        for arguments_of_loop in (once, inside)
     )
     for i, (name, arguments) in enumerate(signatures.items()):
         lines.append(f"{lane(CHANNEL + i)} = _channel_{name}({', '.join(arguments)})")

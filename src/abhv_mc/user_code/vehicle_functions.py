@@ -1,4 +1,4 @@
-"""A vehicle's own functions: run, checked, compiled as loops over lanes, and evaluated on the launching side."""
+"""Custom vehicle functions: run, checked, compiled to loops and evaluated."""
 
 import ast
 import ctypes
@@ -49,19 +49,19 @@ class Functions(NamedTuple):
 
 @made_once
 def load_vehicle(path: str | Path) -> Vehicle:
-    """Read and pack a vehicle file; functions of its own are run, if they are its user's own.
+    """Read and pack a vehicle file; run its functions if they are trusted.
 
-    Raises :class:`abhv_mc.io.documents.InputError`.
+    Raise :class:`abhv_mc.io.documents.InputError`.
     """
     file = read_vehicle_file(path)
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
-        found = (
+        problem = (
             f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes "
             f"with deflections count)"
         )
-        raise InputError(file.path, found, f"at most {s.MAX_TABLE_ROWS}")
+        raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
         raise InputError(file.path, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
     if file.code is None:
@@ -71,7 +71,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
 
 
 def check_vehicle_trusted(path: str | Path, trusted: bool = False) -> None:
-    """Raise InputError for functions in a folder that this user has not flown, unless he says that he trusts them."""
+    """Raise InputError for untrusted functions of a vehicle in a results folder."""
     code = read_vehicle_file(path).code
     for function in code.functions() if code else ():
         if is_in_a_folder(Path(function.file)):
@@ -82,7 +82,7 @@ _codes: dict[bytes, VehicleCode] = {}
 
 
 def find_code(vehicle: Vehicle) -> VehicleCode | None:
-    """The code of a loaded vehicle; None for one of tables."""
+    """Return the code of a loaded vehicle, or None for tables."""
     return _codes.get(vehicle.foreign.digest.tobytes())
 
 
@@ -96,7 +96,10 @@ def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
 
 @functools.lru_cache(maxsize=16)
 def compile_functions(code: VehicleCode, width: int) -> Functions:
-    """The compiled loops over ``width`` lanes. Raises InputError, with the user's line, for what does not compile."""
+    """Return the compiled loops over ``width`` lanes.
+
+    Raise InputError, with the user's line, for code that does not compile.
+    """
     loops = dict.fromkeys(_ARGUMENTS)
     first = 0  # of the function's settings among those of all functions
     for key, of in code.named_functions():
@@ -246,7 +249,7 @@ def _read_motion(width: int, code: VehicleCode) -> list[str]:
 
 
 def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> list[str]:
-    """Lines that make a lane's arguments of the rows of the lane memory."""
+    """Return lines that build a lane's arguments from rows of the lane memory."""
 
     lane = functools.partial(lane_of, width)
 
@@ -273,7 +276,7 @@ def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> li
 
 
 def _write_coefficients(width: int, code: VehicleCode, _: Module) -> list[str]:
-    """Lines that put coefficients of any frame into their rows, in stability axes."""
+    """Return lines that store coefficients of any frame as stability axes."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
     return _FRAMES[code.frame] + [
         f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)
@@ -281,11 +284,11 @@ def _write_coefficients(width: int, code: VehicleCode, _: Module) -> list[str]:
 
 
 def _write_thrust(width: int, code: VehicleCode, _: Module) -> list[str]:
-    """Lines that put an engine's force, moment and fuel flow into their rows."""
+    """Return lines that store an engine's force, moment and fuel flow."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
     lines = [
-        f"{lane_of(width, first[of] + i)} = made.{of}_{axis}"
-        for of in first
+        f"{lane_of(width, first[quantity] + i)} = made.{quantity}_{axis}"
+        for quantity in first
         for i, axis in enumerate("xyz")
     ]
     return [*lines, f"{lane_of(width, s.F_FUEL_FLOW)} = made.fuel_flow"]
@@ -336,7 +339,7 @@ _FRAMES = {
 def _evaluate(
     functions: Functions, settings: Floats, variables: Floats, density: Floats, speed: Floats
 ) -> tuple[Floats, Floats]:
-    """What :func:`abhv_mc.vehicle.vehicle_code.register` wants."""
+    """Return coefficients and thrust [row, point] for the registered vehicle."""
     points = variables.shape[1]
     coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
     Z = aligned_zeros((s.LAW, WIDTH))

@@ -1,6 +1,6 @@
-"""What a user's code opens and loads: refused by name where neither it declares it nor Python itself needs it.
+"""Watch on files that custom code opens or loads; undeclared ones are rejected.
 
-An audit hook (PEP 578) sees what Python opens. Files that native libraries open on their own are not seen.
+An audit hook (PEP 578) sees what Python opens, but not files that native libraries open.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ _SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # clocks,
 
 
 class _Watch:
-    """One law while it runs: where it may read, what it has written, and what it did first that it may not."""
+    """Watch on one running law: allowed reads, written files, and the first violation."""
 
     def __init__(self, source: UserSource) -> None:
         self.source = source
@@ -48,7 +48,10 @@ _watched: ContextVar[_Watch | None] = ContextVar("watched", default=None)
 
 @contextlib.contextmanager
 def watching(source: UserSource) -> Iterator[None]:
-    """Refuse what the source's code opens or loads inside beyond its files. Raises InputError, with the line."""
+    """Reject undeclared files that the code opens inside the context.
+
+    Raise InputError with the line.
+    """
     _install()
     watch = _Watch(source)
     token = _watched.set(watch)
@@ -56,7 +59,7 @@ def watching(source: UserSource) -> Iterator[None]:
         yield
     finally:
         _watched.reset(token)
-        if watch.refused is not None:  # also where the code went on without
+        if watch.refused is not None:  # also if the code caught the error
             raise watch.refused
 
 
@@ -68,7 +71,7 @@ def _install() -> None:
 
 @functools.cache
 def _allowed() -> frozenset[str]:
-    """Folders that any code may read: the interpreter, installed packages and caches."""
+    """Return folders that any code may read: the interpreter, installed packages and caches."""
     caches = (
         str(code_folder(compiler())),
         os.path.expanduser("~/.cache"),  # noqa: PTH111  Path's raises without a home
@@ -84,7 +87,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     watch = _watched.get()
     if watch is None or watch.refused is not None:
         return
-    _watched.set(None)  # what is opened below is ours
+    _watched.set(None)  # files opened below are ours
     try:
         _check(watch, event, arguments)
     finally:
@@ -97,29 +100,31 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
         real = path if bare else os.path.realpath(path)
         if Path(real).is_dir() or watch.guard.allows(real):
             continue
-        place = _find_line(watch, sys._getframe(2))
-        if place is None:
+        location = _find_line(watch, sys._getframe(2))
+        if location is None:
             return  # not on behalf of the law
         verb = "opens" if event == "open" and not real.endswith((".py", ".pyc")) else "loads"
         short = path if bare else _shorten(watch, path)
-        found = f"code that {verb} '{short}', which it does not declare"
-        file, line = place
-        watch.refused = InputError(file, found, f"files: [{short}] in its controller file", line)
+        problem = f"code that {verb} '{short}', which it does not declare"
+        file, line = location
+        watch.refused = InputError(file, problem, f"files: [{short}] in its controller file", line)
         raise watch.refused
 
 
 def _shorten(watch: _Watch, path: str) -> str:
-    """A file's name as the law's user would write it: from the law's folder where it lies there."""
-    shown = importlib.util.source_from_cache(path) if path.endswith(".pyc") else path
+    """Return a file's name relative to the law's folder if it is inside."""
+    source_path = importlib.util.source_from_cache(path) if path.endswith(".pyc") else path
     for folder in (watch.folder, os.path.dirname(watch.source.file)):  # noqa: PTH120
-        short = os.path.relpath(os.path.realpath(shown), os.path.realpath(folder or os.curdir))
+        short = os.path.relpath(
+            os.path.realpath(source_path), os.path.realpath(folder or os.curdir)
+        )
         if not short.startswith(".."):
             return short
-    return shown
+    return source_path
 
 
 def _find_line(watch: _Watch, frame: FrameType | None) -> tuple[str, int] | None:
-    """File and line of the law's own code that is at work."""
+    """Return file and line of the law's running code."""
     while frame is not None:
         name = frame.f_code.co_filename
         if name == watch.source.file:

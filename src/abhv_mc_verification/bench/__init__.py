@@ -1,1 +1,1 @@
-"""How fast the flight is on this machine, and how close that is to what the machine can do."""
+"""Speed of the flight on this machine, relative to the machine's peak."""

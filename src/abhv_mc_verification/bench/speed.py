@@ -1,8 +1,9 @@
-"""Speed of the compiled flight: batched, alone, on two workers, beside what the core can do; starts, and memory.
+"""Speed of the compiled flight relative to the core's peak, start-up times and memory.
 
-Times of one core are the thread's own, so that other programs on the machine count for little; two workers are
-measured by the clock on the wall. The measurements take turns, so that a machine that slows down slows all of them.
-Starts and memory are those of processes of their own.
+Flights are measured in batches, one at a time and on two threads. Times of one core are thread
+times, so that other programs have little influence; two threads are measured by wall time. The
+measurements alternate, so that a slowdown of the machine affects all of them. Start-up and memory
+are those of separate processes.
 """
 
 import json
@@ -37,7 +38,7 @@ _SWEEPS = 40_000
 
 @kernel
 def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
-    """Eight times ``factor * x + addend`` in place on every number of ``x``, ``sweeps`` times over."""
+    """Apply ``factor * x + addend`` eight times in place to ``x``, ``sweeps`` times."""
     half = x.size // 2
     for _ in range(sweeps):
         for i in range(half):
@@ -52,7 +53,7 @@ def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
 
 
 def measure_peak() -> float:
-    """Additions and multiplications per second of one core now; some milliseconds of work."""
+    """Return the additions and multiplications per second of one core."""
     x = np.linspace(0.0, 1.0, _NUMBERS)
     multiply_and_add(x, 0.5, 0.25, 1)  # compiles, or loads
     start = time.thread_time()
@@ -64,15 +65,15 @@ _ALONE = 4  # flights one at a time in a repetition
 
 
 def read_operations() -> dict[str, dict[str, float]]:
-    """Floating-point operations, by kind, of each controller's flight of the default campaign."""
+    """Return floating-point operations, by kind, of each controller's flight."""
     counts: dict[str, dict[str, float]] = json.loads(OPERATIONS_FILE.read_text("utf-8"))
     return counts
 
 
 def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
-    """What ``abhv-mc bench --json`` writes but starts and memory: medians of ``repetitions`` of the default campaign.
+    """Return the benchmark without start-up and memory: medians of `repetitions`.
 
-    ``flights`` at a time should be a multiple of the lanes, so that none flies empty.
+    `flights` should be a multiple of the lanes, so that all lanes are used.
     """
     plans, parameters = make_work(flights)
     first = next(iter(plans.values()))
@@ -107,7 +108,7 @@ def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
 def compare_speeds(
     seconds: float, alone: float, peak: float, operations: dict[str, float]
 ) -> dict[str, float]:
-    """Figures of a flight in a batch, and one at a time, beside its operations at ``peak`` a second."""
+    """Return figures of a flight, batched and single, relative to the peak."""
     flops = sum(operations.values())
     return {
         "flights_per_second_per_core": round(1.0 / seconds, 1),
@@ -120,7 +121,7 @@ def compare_speeds(
 
 
 def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
-    """Plans of `harder_vehicle`, the campaign that speed is recorded of, and the parameters of its first flights."""
+    """Return the plans of `harder_vehicle` and the parameters of its first flights."""
     campaign = read_campaign(shipped_campaigns() / "harder_vehicle.yaml")
     model = campaign.model
     plans = {
@@ -138,24 +139,24 @@ def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:
 
 
 def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
-    """Flights per second of two threads over those of one, by the wall's clock."""
+    """Return the flights per second of two threads over those of one, by wall time."""
     with ThreadPoolExecutor(2) as pool:
         start = time.perf_counter()
         pool.submit(fly, plan, parameters).result()
-        one = time.perf_counter() - start
+        single = time.perf_counter() - start
         start = time.perf_counter()
         for flown in [pool.submit(fly, plan, parameters) for _ in range(2)]:
             flown.result()
-        two = time.perf_counter() - start
-    return 2.0 * one / two
+        double = time.perf_counter() - start
+    return 2.0 * single / double
 
 
 def find_simd() -> str:
-    """The widest vector instructions of this processor that the compiler knows."""
+    """Return the widest vector instructions of this processor that the compiler supports."""
     from llvmlite import binding
 
     features = binding.get_host_cpu_features()
-    known = {
+    instruction_sets = {
         "avx512f": "AVX-512",
         "avx2": "AVX2",
         "avx": "AVX",
@@ -163,13 +164,15 @@ def find_simd() -> str:
         "sve": "SVE",
         "neon": "NEON",
     }
-    return next((name for feature, name in known.items() if features.get(feature)), "none")
+    return next(
+        (name for feature, name in instruction_sets.items() if features.get(feature)), "none"
+    )
 
 
 def measure_start(repetitions: int) -> dict[str, float]:
-    """Medians of ``repetitions`` starts, one cold start, and the memory of the default campaign with its report.
+    """Return median start-up times, a cold start, and the memory of the default campaign.
 
-    Raises subprocess.CalledProcessError where a process fails.
+    Raise subprocess.CalledProcessError if a process fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         fresh = {"XDG_CACHE_HOME": str(Path(folder) / "cache")}
@@ -198,7 +201,7 @@ _IMPORT = [
 
 
 def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
-    """Wall time, s, and standard output of a Python process."""
+    """Return wall time (s) and standard output of a Python process."""
     searched = {
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         "PYTHONSAFEPATH": "1",
@@ -220,9 +223,9 @@ _WATCH = (
 
 
 def _peak_memory(arguments: list[str]) -> float:
-    """Largest resident memory, MB, of a Python process; exit code 1 is a campaign that failed a requirement."""
-    _, said = _run(["-S", "-c", _WATCH, sys.executable, *arguments], {})
-    code, size = map(int, said.split())
+    """Return the largest resident memory (MB) of a Python process; exit code 1 is allowed."""
+    _, report = _run(["-S", "-c", _WATCH, sys.executable, *arguments], {})
+    code, size = map(int, report.split())
     if code not in (0, 1):
         raise subprocess.CalledProcessError(code, arguments)
     return size / (1e6 if sys.platform == "darwin" else 1e3)

@@ -45,9 +45,9 @@ def switched_cases() -> list[Case]:
     ]
 
 
-def _any_of(number: int, each: float) -> float:
+def _any_of(number: int, chance: float) -> float:
     """Chance that one at least of so many independent events happens."""
-    return float(-np.expm1(number * np.log1p(-each)))
+    return float(-np.expm1(number * np.log1p(-chance)))
 
 
 def linear(dimension: int, beta: float) -> Case:

@@ -32,11 +32,11 @@ def test_right_within_its_interval():
         *known.held_out_cases(),
     ):
         for seed in range(SEEDS):
-            found = estimate(case, 1000 + seed)
+            result = estimate(case, 1000 + seed)
             count += 1
-            refused += found.refusal is not None
-            right += found.refusal is None and found.low <= case.probability <= found.high
-            assert found.flights <= 20_000
+            refused += result.refusal is not None
+            right += result.refusal is None and result.low <= case.probability <= result.high
+            assert result.flights <= 20_000
     assert right >= 0.9 * count
     assert refused <= 0.1 * count
 
@@ -57,8 +57,8 @@ def test_openturns_says_the_same():
     theirs = algorithm.getResult()
     ours = estimate_rare(case.severity, SubsetPlan(4, case.threshold, 5, chains=256), 0.1, 100_000)
     assert ours.refusal is None
-    apart = abs(np.log(ours.probability / theirs.getProbabilityEstimate()))
-    assert apart < 3.0 * np.hypot(ours.cov, theirs.getCoefficientOfVariation())
+    log_ratio = abs(np.log(ours.probability / theirs.getProbabilityEstimate()))
+    assert log_ratio < 3.0 * np.hypot(ours.cov, theirs.getCoefficientOfVariation())
 
 
 def test_severities_may_have_random_numbers_of_their_own():
@@ -68,17 +68,17 @@ def test_severities_may_have_random_numbers_of_their_own():
     def noisy(points):
         return (points[:, 0] + draw.standard_normal(len(points))) / np.sqrt(2.0)
 
-    found = [
+    estimates = [
         estimate_rare(noisy, SubsetPlan(1, 3.7190, seed), flights=40_000) for seed in range(6)
     ]  # 1e-4
-    given = [one for one in found if one.refusal is None]
-    assert len(given) >= 2 and all(one.low <= 1e-4 <= one.high for one in given)
+    accepted = [item for item in estimates if item.refusal is None]
+    assert len(accepted) >= 2 and all(item.low <= 1e-4 <= item.high for item in accepted)
 
 
 def test_refused_where_the_event_is_never_met():
-    found = estimate_rare(lambda u: np.minimum(u[:, 0], 0.0), SubsetPlan(25, 1.0, 0))
-    assert found.refusal is not None and "no repetition" in found.refusal
-    assert (found.low, found.high) == (0.0, 1.0)
+    result = estimate_rare(lambda u: np.minimum(u[:, 0], 0.0), SubsetPlan(25, 1.0, 0))
+    assert result.refusal is not None and "no repetition" in result.refusal
+    assert (result.low, result.high) == (0.0, 1.0)
 
 
 def test_refused_where_only_some_repetitions_meet_it():
@@ -88,23 +88,23 @@ def test_refused_where_only_some_repetitions_meet_it():
         right = np.where(u[:, 0] < 1.7, 2.0 * u[:, 0], 3.4 + 0.01 * u[:, 0])
         return np.maximum(right, -u[:, 0])
 
-    found = [estimate_rare(severity, SubsetPlan(25, 3.5, seed)) for seed in range(6)]
-    given = [one for one in found if one.refusal is None]
-    assert len(given) <= 1 and all(one.low <= norm.sf(3.5) <= one.high for one in given)
+    estimates = [estimate_rare(severity, SubsetPlan(25, 3.5, seed)) for seed in range(6)]
+    accepted = [item for item in estimates if item.refusal is None]
+    assert len(accepted) <= 1 and all(item.low <= norm.sf(3.5) <= item.high for item in accepted)
 
 
 def test_refused_where_the_event_is_too_rare_for_the_flights():
-    found = estimate_rare(lambda u: u[:, 0], SubsetPlan(25, 6.0, 0), flights=8_000)  # 1e-9
-    assert found.refusal is not None and "the flights suffice for 0 of 4" in found.refusal
-    assert found.flights <= 8_000
+    result = estimate_rare(lambda u: u[:, 0], SubsetPlan(25, 6.0, 0), flights=8_000)  # 1e-9
+    assert result.refusal is not None and "the flights suffice for 0 of 4" in result.refusal
+    assert result.flights <= 8_000
 
 
 def test_importance_sampling_of_two_places():
     case = known.four_branch(4.0)
-    found = estimate(case, 3)
-    assert found.check is not None and found.check.effective >= 100
-    assert found.check.probability == pytest.approx(case.probability, rel=0.15)
-    again = sample_importance(case.severity, case.threshold, found.failures, 4096, 11)
+    result = estimate(case, 3)
+    assert result.check is not None and result.check.effective >= 100
+    assert result.check.probability == pytest.approx(case.probability, rel=0.15)
+    again = sample_importance(case.severity, case.threshold, result.failures, 4096, 11)
     assert again.probability == pytest.approx(case.probability, rel=4.0 * again.cov)
     assert again.cov < 0.1
 
@@ -121,25 +121,25 @@ def test_both_branches_are_found(dimension):
 def test_an_estimate_of_the_gradual_branch_alone_is_hardly_given(case, first):
     """Wholly below the truth lay 95 % for the one without a second look, 4 of these 10 for the other without the
     larger of both ends; more seeds are in benchmarks/rare_coverage.py --missed."""
-    found = [
+    estimates = [
         estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, first + seed))
         for seed in range(10)
     ]
-    given = [one for one in found if one.refusal is None]
-    assert given and sum(one.high < case.probability for one in given) <= 1
+    accepted = [item for item in estimates if item.refusal is None]
+    assert accepted and sum(item.high < case.probability for item in accepted) <= 1
 
 
 def test_the_interval_reaches_to_failures_that_are_random():
     """All but 2 of 27 given lay wholly below the truth; more seeds are in benchmarks/rare_coverage.py --missed."""
-    below = given = 0
+    below = accepted = 0
     for seed in range(6):
         case = known.random_crash(seed)
-        found = estimate_rare(case.severity, SubsetPlan(2, 0.0, seed))
-        wide = found.include_unwarned()
-        assert wide.high >= max(found.high, found.unwarned_high) and wide.low == found.low
-        given += found.refusal is None
-        below += found.refusal is None and wide.high < case.probability
-    assert given >= 3 and below == 0
+        result = estimate_rare(case.severity, SubsetPlan(2, 0.0, seed))
+        wide = result.include_unwarned()
+        assert wide.high >= max(result.high, result.unwarned_high) and wide.low == result.low
+        accepted += result.refusal is None
+        below += result.refusal is None and wide.high < case.probability
+    assert accepted >= 3 and below == 0
 
 
 def test_the_share_of_noise_is_that_of_ranks():
@@ -156,35 +156,40 @@ def test_the_share_of_noise_is_that_of_ranks():
 def test_beyond_dimension_10_plain_flights_bound_what_fails_without_warning():
     case = known.corner(12)
     for seed in range(3):
-        found = estimate_rare(case.severity, SubsetPlan(12, 0.0, seed))
-        failures, flights = found.plain
-        assert flights == 640 * len(found.repetitions) and found.unwarned_high > case.probability
+        result = estimate_rare(case.severity, SubsetPlan(12, 0.0, seed))
+        failures, flights = result.plain
+        assert flights == 640 * len(result.repetitions) and result.unwarned_high > case.probability
         if not failures:
-            assert found.unwarned_high == pytest.approx(1.0 - 0.05 ** (1.0 / flights))
+            assert result.unwarned_high == pytest.approx(1.0 - 0.05 ** (1.0 / flights))
 
 
 @pytest.mark.parametrize("case", known.switched_cases(), ids=lambda case: case.name)
 def test_rare_switches_are_counted(case):
     """All were refused for two switches, 10 of 24 for eight; more seeds are in benchmarks/rare_coverage.py --missed."""
-    given = below = 0
+    accepted = below = 0
     for seed in range(4):
-        found, strata = estimate_switched(case.severity, case.rates, SubsetPlan(4, 0.0, seed))
-        given, below = (
-            given + (found.refusal is None),
-            below + (found.refusal is None and found.high < case.probability),
+        result, strata = estimate_switched(case.severity, case.rates, SubsetPlan(4, 0.0, seed))
+        accepted, below = (
+            accepted + (result.refusal is None),
+            below + (result.refusal is None and result.high < case.probability),
         )
-        assert found.flights <= 20_000 and sum(part.flights for part in strata) == found.flights
-        assert sum(part.weight for part in strata) == pytest.approx(1.0, abs=1e-9)
+        assert (
+            result.flights <= 20_000
+            and sum(stratum.flights for stratum in strata) == result.flights
+        )
+        assert sum(stratum.weight for stratum in strata) == pytest.approx(1.0, abs=1e-9)
         assert (strata[-1].on is None) == (2 ** len(case.rates) > MOST_COMBINATIONS)
-    assert given >= 3 and below == 0
+    assert accepted >= 3 and below == 0
 
 
 def test_what_plain_flights_see_takes_no_levels():
     """One switch of 5 % always fails; few flights are left for a pilot of 32 combinations and of all others."""
     case = known.switched(1, 0.05, 8.0, fatal=1)
-    found, _ = estimate_switched(case.severity, case.rates, SubsetPlan(3, 0.0, 1))
-    assert not found.repetitions and found.unwarned_high is None and found.low < 0.05 < found.high
-    assert found.flights < 2000
+    result, _ = estimate_switched(case.severity, case.rates, SubsetPlan(3, 0.0, 1))
+    assert (
+        not result.repetitions and result.unwarned_high is None and result.low < 0.05 < result.high
+    )
+    assert result.flights < 2000
     many = known.switched(8, 2e-3, 4.0, fatal=1)
     assert (
         estimate_switched(many.severity, many.rates, SubsetPlan(3, 0.0, 1, 32), flights=1280)[
@@ -221,21 +226,23 @@ def test_batches_fill_lanes_and_flights_are_counted():
 
     repetitions = run_subset(counted, SubsetPlan(3, 4.0, 1), range(4), 100_000)
     assert all(size % 32 == 0 for size in sizes)
-    assert sum(sizes) == sum(one.flights for one in repetitions)
+    assert sum(sizes) == sum(repetition.flights for repetition in repetitions)
 
 
 def test_flights_that_do_not_suffice_drop_the_last_repetitions():
     plan = SubsetPlan(2, 4.5, 0)
-    kept = run_subset(first, plan, range(6), 6 * 640 + 6 * 4 * 576 + 3 * 576)
-    assert [one.number for one in kept] == list(range(len(kept)))
-    assert 0 < len(kept) < 6
+    repetitions = run_subset(first, plan, range(6), 6 * 640 + 6 * 4 * 576 + 3 * 576)
+    assert [repetition.number for repetition in repetitions] == list(range(len(repetitions)))
+    assert 0 < len(repetitions) < 6
     full = run_subset(first, plan, range(6), 10**6)
-    assert [one.probability for one in kept] == [one.probability for one in full[: len(kept)]]
+    assert [repetition.probability for repetition in repetitions] == [
+        repetition.probability for repetition in full[: len(repetitions)]
+    ]
 
 
 def test_where_too_few_would_be_left_all_end_as_cut_short():
-    kept = run_subset(
+    repetitions = run_subset(
         first, SubsetPlan(2, 4.5, 0), range(6), 6 * 640 + 6 * 2 * 576 + 3 * 576, fewest=4
     )
-    assert len(kept) == 4
-    assert all(one.cut_short and not one.reached for one in kept)
+    assert len(repetitions) == 4
+    assert all(repetition.cut_short and not repetition.reached for repetition in repetitions)

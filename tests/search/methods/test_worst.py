@@ -25,31 +25,33 @@ def slope(dimension):
 @pytest.mark.parametrize("sharpness, gap", [(2.0, 1e-4), (1.5, 5e-3), (3.0, 1e-4)])
 def test_finds_a_top_inside(dimension, seed, sharpness, gap):
     value, top = bowl(dimension, sharpness)
-    found = search_worst(value, dimension, seed=seed)
+    worst_case = search_worst(value, dimension, seed=seed)
     drawn = value(np.random.default_rng(1).uniform(-1.0, 1.0, (10_000, dimension)))
-    assert found.value > -gap * (drawn.max() - drawn.min())
-    assert np.abs(found.place - top).max() < {3: 0.01, 12: 0.1, 24: 0.2}[dimension]
-    assert not found.at_bounds.any()
+    assert worst_case.value > -gap * (drawn.max() - drawn.min())
+    assert np.abs(worst_case.place - top).max() < {3: 0.01, 12: 0.1, 24: 0.2}[dimension]
+    assert not worst_case.at_bounds.any()
 
 
 @pytest.mark.parametrize("dimension", [1, 3, 12, pytest.param(24, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_finds_a_corner(dimension, seed):
     value, corner = slope(dimension)
-    found = search_worst(value, dimension, seed=seed)
-    np.testing.assert_array_equal(found.place, corner)
-    assert found.at_bounds.all()
+    worst_case = search_worst(value, dimension, seed=seed)
+    np.testing.assert_array_equal(worst_case.place, corner)
+    assert worst_case.at_bounds.all()
 
 
 def test_what_changes_nothing_sits_on_no_end():
-    found = search_worst(lambda points: np.minimum(points[:, 0], 0.9) + points[:, 1], 3, seed=0)
-    assert found.at_bounds.tolist() == [False, True, False]
+    worst_case = search_worst(
+        lambda points: np.minimum(points[:, 0], 0.9) + points[:, 1], 3, seed=0
+    )
+    assert worst_case.at_bounds.tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize("dimension", [12, pytest.param(24, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("seed", [1, 3, 6])
 def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
-    """From most of the box uphill leads to the hill inside; the corner is higher."""
+    """Check a hill that dominates most of the box, with a higher corner."""
     draw = np.random.default_rng(seed)
     corner, top = draw.choice([-1.0, 1.0], dimension), draw.uniform(-0.3, 0.3, dimension)
 
@@ -58,8 +60,8 @@ def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
             1.0 - ((x - top) ** 2).mean(axis=1), 1.3 - (1.0 - x * corner).mean(axis=1)
         )
 
-    found = search_worst(value, dimension, seed=seed)
-    np.testing.assert_array_equal(found.place, corner)
+    worst_case = search_worst(value, dimension, seed=seed)
+    np.testing.assert_array_equal(worst_case.place, corner)
 
 
 @pytest.mark.parametrize("dimension", [3, pytest.param(12, marks=pytest.mark.thorough)])
@@ -84,12 +86,14 @@ def test_batches_fill_lanes_and_stay_within_what_is_allowed():
         assert np.abs(points).max() <= 1.0
         return value(points)
 
-    found = search_worst(counted, 5, 1000)
+    worst_case = search_worst(counted, 5, 1000)
     assert all(size % 32 == 0 for size in sizes)
-    assert sum(sizes) == len(found.values) == found.history[-1].evaluations <= 1000
-    assert [one.best for one in found.history] == sorted(one.best for one in found.history)
-    assert value(found.place[None, :])[0] == pytest.approx(found.value, rel=1e-14)
-    assert {one.stage for one in found.history} == {
+    assert sum(sizes) == len(worst_case.values) == worst_case.history[-1].evaluations <= 1000
+    assert [progress.best for progress in worst_case.history] == sorted(
+        progress.best for progress in worst_case.history
+    )
+    assert value(worst_case.place[None, :])[0] == pytest.approx(worst_case.value, rel=1e-14)
+    assert {progress.stage for progress in worst_case.history} == {
         "one at a time", "corners", "Sobol points", "CMA-ES", "polish", "sensitivity"
     }  # fmt: skip
 
@@ -98,13 +102,13 @@ def test_values_that_are_no_numbers_are_never_the_worst():
     def value(x):
         return np.where(x[:, 0] > 0.5, np.nan, x.sum(axis=1))
 
-    found = search_worst(value, 3, 1500, seed=2)
-    assert found.value == pytest.approx(2.5, abs=0.05)
-    assert found.place[0] <= 0.5
+    worst_case = search_worst(value, 3, 1500, seed=2)
+    assert worst_case.value == pytest.approx(2.5, abs=0.05)
+    assert worst_case.place[0] <= 0.5
 
 
 def test_sensitivity_about_the_worst():
-    found = search_worst(lambda x: 3.0 * x[:, 0] - (x[:, 1] - 0.2) ** 2, 2, 1000)
-    assert found.sensitivity[0, 0] == pytest.approx(-0.3)
-    assert np.isnan(found.sensitivity[0, 1])
-    np.testing.assert_allclose(found.sensitivity[1], -0.01, atol=1e-3)
+    worst_case = search_worst(lambda x: 3.0 * x[:, 0] - (x[:, 1] - 0.2) ** 2, 2, 1000)
+    assert worst_case.sensitivity[0, 0] == pytest.approx(-0.3)
+    assert np.isnan(worst_case.sensitivity[0, 1])
+    np.testing.assert_allclose(worst_case.sensitivity[1], -0.01, atol=1e-3)

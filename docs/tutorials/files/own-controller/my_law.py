@@ -33,13 +33,13 @@ def law(measured, reference, memory, settings, dt):
     # Attitude and rates to surfaces: + elevator pitches down, + aileron rolls right, + rudder yaws left.
     elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha)
     elevator = elevator + 0.8 * measured.pitch_rate
-    aileron = 0.6 * (bank - measured.bank) - 0.4 * measured.roll_rate
+    aileron = 0.3 * (bank - measured.bank) - 0.15 * measured.roll_rate
     rudder = 0.5 * measured.yaw_rate - 1.0 * measured.sideslip
 
     # Speed to equivalence ratio, proportional and integral.
     error = reference.speed - measured.speed
     speed_error = clamp(memory.speed_error + dt * error, -500.0, 500.0)
-    throttle = reference.equivalence_ratio + 0.01 * error + 0.002 * speed_error
+    throttle = reference.equivalence_ratio + 0.05 * error + 0.005 * speed_error
 
     command = Command(
         aileron,

@@ -1,1 +1,1 @@
-"""The campaign file and the files that it names: read, checked, resolved."""
+"""Reading and checking of the campaign file and the files that it names."""

@@ -1,7 +1,7 @@
-"""What a campaign file's entries must be to each other and to the tables of parameters and metrics."""
+"""Checks of a campaign file's entries against each other, parameters and metrics."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -52,6 +52,7 @@ from abhv_mc.io.documents import (
     read_document,
     validate,
 )
+from abhv_mc.io.units import parse_in_any_unit
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
@@ -62,8 +63,8 @@ _SAME = 1e-9  # by how much of itself a nominal value may be rounded
 def check_derived(
     document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]
 ) -> Derived:
-    """The campaign's derived inputs; what is wrong is added to ``errors``."""
-    made = []
+    """Return the campaign's derived inputs; append problems to ``errors``."""
+    derived_inputs = []
     nominal = full_rows((), np.empty((1, 0)), (), parameters)
     for name, text in model.derived.items():
         where = ("derived", name)
@@ -72,23 +73,33 @@ def check_derived(
             errors.append(document.key_error(where, f"unknown parameter '{name}'", expected))
             continue
         try:
-            each = compile_derived(name, text, parameters)
-            others = sorted(other for other in each.of if other in model.derived and other != name)
-            if others:
+            derived_input = compile_derived(name, text, parameters)
+            derived_operands = sorted(
+                other for other in derived_input.of if other in model.derived and other != name
+            )
+            if derived_operands:
                 raise Refusal(
-                    f"'{others[0]}', which is derived itself", "what is drawn, or its expression"
+                    f"'{derived_operands[0]}', which is derived itself",
+                    "what is drawn, or its expression",
                 )
-            if seeds := sorted(each for each in {name, *each.of} if parameters[each].seed):
+            if seeds := sorted(
+                derived_input
+                for derived_input in {name, *derived_input.of}
+                if parameters[derived_input].seed
+            ):
                 raise Refusal(f"'{seeds[0]}', a seed", "what is a quantity")
-            value, usual = float(each.evaluate(nominal)[0]), parameters[name].nominal
+            value, usual = float(derived_input.evaluate(nominal)[0]), parameters[name].nominal
             if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
-                found = f"{value:g} where all others are nominal"
-                wish = f"{usual:g}, so that the nominal flight stays it (a bias is the mean of a distribution)"
-                raise Refusal(found, wish)
-            made.append(each)
+                problem = f"{value:g} where all others are nominal"
+                required_value = (
+                    f"{usual:g}, so that the nominal flight stays it"
+                    " (a bias is the mean of a distribution)"
+                )
+                raise Refusal(problem, required_value)
+            derived_inputs.append(derived_input)
         except Refusal as refusal:
             errors.append(document.error(where, refusal.found, refusal.expected))
-    return tuple(made)
+    return tuple(derived_inputs)
 
 
 def read_campaign(
@@ -98,20 +109,23 @@ def read_campaign(
     controllers: Sequence[str] | None = None,
     engine: Engine | None = None,
 ) -> Experiment:
-    """Read and check a campaign file; the other arguments override its entries. Raises :class:`InputErrors`."""
+    """Read and check a campaign file. Raise InputErrors.
+
+    The other arguments override entries of the file.
+    """
     document = read_tables(read_document(path))
     file_runs = document.data.get("runs") if isinstance(document.data, dict) else None
-    given = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
-    if given and isinstance(document.data, dict):
-        document = replace(document, data=document.data | given)
-    campaign = check_campaign(document, engine)  # what is left out must be right, too
+    overrides = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
+    if overrides and isinstance(document.data, dict):
+        document = replace(document, data=document.data | overrides)
+    campaign = check_campaign(document, engine)  # overridden entries must be valid, too
     if controllers is not None:
         campaign = check_campaign(_select_controllers(campaign.document, controllers), engine)
     return replace(campaign, file_runs=file_runs)
 
 
 def check_campaign(document: Document, engine: Engine | None = None) -> Experiment:
-    """Check a campaign that was read already. Raises :class:`InputErrors`."""
+    """Check a campaign document. Raise InputErrors."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_tables(document))
@@ -120,7 +134,7 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
 
 
 def _check(document: Document, model: Campaign) -> Experiment:
-    """What the model does not say. Raises :class:`InputError`."""
+    """Check constraints the pydantic model cannot express. Raise InputErrors."""
     errors: list[InputError] = []
     own = model if isinstance(model, SimulatorCampaign) else None
     if not own:
@@ -143,11 +157,16 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
         effectors = find_driven(model.vehicle, model.controllers.values())
-        declared = _declare_metrics(document, model, user_channels, effectors, states, errors)
+        declared = _declare_metrics(
+            document, model, user_channels, errors, effectors=effectors, states=states
+        )
         own_channels = *effector_channels(effectors), *state_channels(states)
         _check_channels(document, model, own_channels, errors)
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
+    channels = own.returned_channels if own else (*CHANNELS, *effector_channels(effectors))
+    units = {channel.name: channel.unit for channel in channels} | dict(user_channels)
+    _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
     _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
     others = {
@@ -155,8 +174,8 @@ def _check(document: Document, model: Campaign) -> Experiment:
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
     box = model.unknowns, model.points, others, model.sampling.design
-    unknowns = check_unknowns(document, *box, parameters, errors)
-    data: Any = document.data
+    unknowns = check_unknowns(document, *box, parameters=parameters, errors=errors)
+    data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     by = model.keep.histories.by
@@ -202,29 +221,31 @@ def _check(document: Document, model: Campaign) -> Experiment:
 
 
 def name_effectors(document: Document) -> Document:
-    """The campaign with failures and effectiveness of the vehicle's own effectors and engines by their place.
+    """Return the campaign with names of effectors and engines replaced by indices.
 
-    ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` where the vehicle file lists
-    right_elevon first.
+    ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` if the vehicle
+    file lists right_elevon first.
     """
-    data: Any = document.data
+    data = document.entries
     try:
         content: Any = read_document(document.resolve(data["vehicle"])).data
         parts = (
             (content.get("effectors", {}), EFFECTORS),
             ((content.get("propulsion") or {}).get("engines", {}), ENGINES),
         )
-        places = {
-            name: place for names, there in parts for name, place in zip(names, there, strict=False)
+        indices = {
+            name: index
+            for names, entries in parts
+            for name, index in zip(names, entries, strict=False)
         }
     except (InputError, KeyError, TypeError, AttributeError):
         return document  # the models refuse it
 
     def renamed(text: str) -> str:
-        group, _, rest = text.partition(".")
-        effector = rest.partition(".")[0].removesuffix("_effectiveness")
-        known = group not in ("failure", "control") or text in OURS or effector not in places
-        return text if known else f"{group}.{places[effector]}{rest[len(effector) :]}"
+        group, _, suffix = text.partition(".")
+        effector = suffix.partition(".")[0].removesuffix("_effectiveness")
+        is_final = group not in ("failure", "control") or text in OURS or effector not in indices
+        return text if is_final else f"{group}.{indices[effector]}{suffix[len(effector) :]}"
 
     def rename(value: Any) -> Any:
         if isinstance(value, dict):
@@ -232,7 +253,7 @@ def name_effectors(document: Document) -> Document:
         if isinstance(value, list):
             return [rename(inner) for inner in value]
         return (
-            DOTTED.sub(lambda found: renamed(found[0]), value) if isinstance(value, str) else value
+            DOTTED.sub(lambda match: renamed(match[0]), value) if isinstance(value, str) else value
         )
 
     keys = ("dispersions", "unknowns", "derived", "correlations")
@@ -242,15 +263,15 @@ def name_effectors(document: Document) -> Document:
 
 
 def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
-    """A campaign that was checked, of these controllers alone."""
-    data: Any = document.data
+    """Return a checked campaign restricted to ``controllers``."""
+    data = document.entries
     key = systems_key(data)
-    held = data.get(key) or {}
+    systems = data.get(key) or {}
     for name in controllers:
-        if name not in held:
-            found = f"no {key.removesuffix('s')} '{name}', which was asked for"
-            raise document.error((key,), found, one_of(held, name))
-    chosen = {name: held[name] for name in held if name in controllers}
+        if name not in systems:
+            problem = f"no {key.removesuffix('s')} '{name}', which was asked for"
+            raise document.error((key,), problem, one_of(systems, name))
+    chosen = {name: systems[name] for name in systems if name in controllers}
     requirements = list(select_requirements(data.get("requirements") or [], controllers))
     selected = {**data, key: chosen, "requirements": requirements}
     return replace(document, data=select_asked(selected, controllers))
@@ -259,7 +280,10 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
 def _check_asked(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check that the question compares controllers of the campaign, the first of them with others."""
+    """Check the controllers that the question compares.
+
+    They must be controllers of the campaign, the first one among them.
+    """
     if not isinstance(model.asks, Compared):
         return
     for i, name in enumerate(model.asks.compare):
@@ -283,16 +307,18 @@ def _make_marginals(
         if name not in parameters.dispersible or (
             parameters[name].seed and parameters[name].of_user
         ):
-            found = f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
-            errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
+            problem = (
+                f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
+            )
+            errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
-            found = (
+            problem = (
                 f"a probability with the design '{model.sampling.design}', which sets every value"
             )
             errors.append(
                 document.error(
-                    (*where, "probability"), found, "a design that draws, or no probability"
+                    (*where, "probability"), problem, "a design that draws, or no probability"
                 )
             )
         try:
@@ -300,10 +326,10 @@ def _make_marginals(
         except Refusal as refusal:
             errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:
-        found = "dispersions beside samples from a file"
+        problem = "dispersions beside samples from a file"
         errors.append(
             document.key_error(
-                ("dispersions",), found, "one of them: the file's columns say it all"
+                ("dispersions",), problem, "one of them: the file's columns say it all"
             )
         )
     return marginals
@@ -316,15 +342,15 @@ def _make_copula(
     for i, entry in enumerate(model.correlations):
         for j, name in enumerate(entry.between):
             if name not in names:
-                found = f"'{name}', which is not dispersed"
+                problem = f"'{name}', which is not dispersed"
                 errors.append(
-                    document.error(("correlations", i, "between", j), found, one_of(names, name))
+                    document.error(("correlations", i, "between", j), problem, one_of(names, name))
                 )
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
-                found = f"'{name}', which is drawn with a probability: most flights share its nominal value"
+                problem = f"'{name}', which is drawn with a probability: most flights share its nominal value"
                 errors.append(
                     document.error(
-                        ("correlations", i, "between", j), found, "one that every flight draws"
+                        ("correlations", i, "between", j), problem, "one that every flight draws"
                     )
                 )
         pair = (min(entry.between), max(entry.between))
@@ -338,18 +364,18 @@ def _make_copula(
             normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
         )
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
-        found = f"correlations with the design '{model.sampling.design}'"
+        problem = f"correlations with the design '{model.sampling.design}'"
         errors.append(
-            document.key_error(("correlations",), found, "none: this design sets every value")
+            document.key_error(("correlations",), problem, "none: this design sets every value")
         )
     if errors:
         return Copula((), np.eye(0))
     try:
         return make_copula(names, pairs)
     except np.linalg.LinAlgError:
-        found = "correlations whose matrix is not positive definite"
+        problem = "correlations whose matrix is not positive definite"
         errors.append(
-            document.error(("correlations",), found, "correlations that can hold together")
+            document.error(("correlations",), problem, "correlations that can hold together")
         )
         return Copula((), np.eye(0))
 
@@ -358,11 +384,12 @@ def _declare_metrics(
     document: Document,
     model: Campaign,
     user_channels: Sequence[tuple[str, str]],
+    errors: list[InputError],
+    *,
     effectors: tuple[str, ...],
     states: tuple[tuple[str, str], ...],
-    errors: list[InputError],
 ) -> tuple[Metric, ...]:
-    """The records of the campaign's own metrics; no file of channels is run."""
+    """Return the records of the campaign's own metrics without running its channels' file."""
     place: tuple[str, ...] = ("metrics",)
     entries, of = model.metrics, document
     if isinstance(entries, Path):
@@ -373,7 +400,16 @@ def _declare_metrics(
         if any(entry.phase for entry in entries.values())
         else {}
     )
-    own = declare_metrics(entries, user_channels, of, place, errors, windows, effectors, states)
+    own = declare_metrics(
+        entries,
+        user_channels,
+        of,
+        place,
+        errors,
+        windows=windows,
+        effectors=effectors,
+        states=states,
+    )
     return (*effector_metrics(effectors), *own)
 
 
@@ -383,7 +419,7 @@ def _check_channels(
     own_channels: tuple[Channel, ...],
     errors: list[InputError],
 ) -> None:
-    """That kept histories can hold what they are to: channels of effectors are those of the campaign's vehicle."""
+    """Check that kept histories name channels of the program or the vehicle's effectors."""
     known = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in known:
@@ -394,6 +430,22 @@ def _check_channels(
             )
 
 
+def _check_measured(
+    document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
+) -> None:
+    """Check that the measured quantities are channels and their noise has their units."""
+    for name, value in model.measured.items():
+        where = ("measured", name)
+        if name not in units:
+            errors.append(document.key_error(where, f"channel '{name}'", one_of(units, name)))
+            continue
+        try:
+            if not parse_in_any_unit(value, units[name]) >= 0.0:
+                raise Refusal(f"{value}", "a standard deviation")
+        except Refusal as refusal:
+            errors.append(document.error(where, refusal.found, refusal.expected))
+
+
 def _check_runs(
     document: Document,
     model: Campaign,
@@ -401,7 +453,7 @@ def _check_runs(
     sample_file: SampleFile | None,
     errors: list[InputError],
 ) -> int:
-    """Number of flights: what the file says, or what the design has."""
+    """Return number of flights: what the file says, or what the design has."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
         errors.append(

@@ -1,4 +1,4 @@
-"""The campaign file as a model: keys, types and what can be checked within one entry."""
+"""Pydantic model of the campaign file: keys, types and checks within one entry."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -27,7 +27,7 @@ _LARGEST_BATCH = 2**20
 
 
 def _none_for(word: str, most: int | None = None) -> Any:
-    """In the file a word in place of the number, in the model None."""
+    """Return a field type written as ``word`` in the file and None in the model."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
 
     def read(value: Any) -> Any:
@@ -50,7 +50,7 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 
 
 class Sampling(StrictModel):
-    """The design; in the file, its name alone will do."""
+    """Sampling design; the file may give its name alone."""
 
     design: DesignName = Field("random", description="how the samples are drawn")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
@@ -72,7 +72,7 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters, of their ranks (Spearman) or of the normal numbers behind them."""
+    """Correlation of two parameters' ranks (Spearman) or of their normal variables."""
 
     between: tuple[str, str] = Field(description="the two parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
@@ -94,7 +94,7 @@ class Correlation(StrictModel):
 
 
 class RequirementEntry(StrictModel):
-    """Probability with which a metric must be below a limit, above one, or between two."""
+    """Requirement: the probability that a metric is below, above or between limits."""
 
     metric: str = Field(description="the metric that is limited")
     below: Value | None = Field(None, description="what it must be below, in its unit")
@@ -133,7 +133,7 @@ class RequirementEntry(StrictModel):
 
 
 class MarginsOfFlights(StrictModel):
-    """Of which flights stability margins are found, and where."""
+    """Flights and points of their trajectories for which stability margins are computed."""
 
     at: Points = Field(
         ("trim",), description="trim, or times of the flight such as 30 s, or a list of these"
@@ -143,19 +143,19 @@ class MarginsOfFlights(StrictModel):
     )
 
     def of(self, runs: int) -> int:
-        """How many of so many flights."""
+        """Return the number of flights with margins among ``runs``."""
         return runs if self.flights is None else min(self.flights, runs)
 
 
 class PooledSeed(StrictModel):
-    """Flights of one seed among those of several."""
+    """Seed and number of flights of one member of a pooled campaign."""
 
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of their samples")
     runs: Annotated[int, Field(ge=1)] = Field(description="how many, from its flight 0 on")
 
 
 class Family(StrictModel):
-    """All pairs of requirement and controller together: the chance of any false PASS among them."""
+    """Joint risk of any false PASS over all pairs of requirement and controller."""
 
     method: Literal["holm"] = Field("holm", description="Holm's")
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
@@ -164,7 +164,7 @@ class Family(StrictModel):
 
 
 class Execution(StrictModel):
-    """How it is flown; no result depends on it."""
+    """Execution settings; no result depends on them."""
 
     workers: Workers = Field(
         None, description="blocks of flights flown at once; auto: one for each core"
@@ -182,7 +182,7 @@ class Execution(StrictModel):
 
 
 class Compared(StrictModel):
-    """The controllers that the question compares."""
+    """Controllers that the campaign's question compares."""
 
     compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
         description="controllers that are compared, the campaign's first before the others"
@@ -190,7 +190,10 @@ class Compared(StrictModel):
 
 
 def select_asked(data: dict[str, Any], controllers: Collection[str]) -> dict[str, Any]:
-    """Return a campaign's data whose question compares only these controllers, or none with fewer than two."""
+    """Return a campaign's data with the question restricted to these controllers.
+
+    The question is removed if fewer than two remain.
+    """
     asks = data.get("asks")
     if not isinstance(asks, dict):
         return data
@@ -209,7 +212,8 @@ def _metrics_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """A campaign file."""
 
-    # What is called with an experiment to make its simulator; it stands above what is asked, so it is found late.
+    # Callable that makes the simulator of an experiment; a name, because that layer is above this
+    # one.
     simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="what the campaign asks; the headline of its report")
@@ -295,6 +299,11 @@ class Campaign(StrictModel):
         description="one risk for all verdicts together; left out: each requirement has its own",
     )
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
+    measured: dict[str, str | float] = Field(
+        {},
+        description="standard deviation of the noise with which a test flight's channels are measured, by channel: "
+        "for `abhv-mc place`; left out: the campaign's sensors",
+    )
     figures: Literal["paper"] | None = Field(
         None,
         description="'paper': the channels' figures are those of Zhu and Shen 2014, with their numbers beside them",

@@ -1,4 +1,4 @@
-"""What a campaign file asks, resolved: a value that execution, searches, the folder and the topics know."""
+"""The resolved campaign, shared by execution, searches, results folders and topics."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +42,7 @@ _MIDDLE = 0.6  # of its extent, where a dispersion stands in other trials: no no
 
 @dataclass(frozen=True)
 class Requirement:
-    """A metric that must stay within limits in a share of the flights."""
+    """Requirement: limits that a metric must meet in a share of the flights."""
 
     metric: str
     limits: Bounds  # in its metric's unit
@@ -55,14 +55,17 @@ class Requirement:
     traced: dict[str, str]  # id, text, source and rationale, as far as they are given
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
-        """The verdict on such counts alone; ``flights`` has those that were not computed, ``failures`` has not."""
+        """Return the verdict on these counts.
+
+        ``flights`` includes the uncomputed ones, ``failures`` does not.
+        """
         return judge(
             failures, flights, self.probability, self.consumer_risk, self.producer_risk, uncomputed
         )
 
 
 class System(NamedTuple):
-    """What a worker needs to fly one of the systems that are compared."""
+    """Plans that a worker needs to simulate one of the compared systems."""
 
     plan: Plan
     with_margins: Plan | None = None  # the same with stability margins of each flight
@@ -70,7 +73,7 @@ class System(NamedTuple):
 
 @dataclass(frozen=True)
 class Experiment:
-    """A campaign file that makes sense, with everything that follows from it."""
+    """Checked campaign file with all derived settings."""
 
     document: Document
     model: Campaign
@@ -102,9 +105,9 @@ class Experiment:
 
     @cached_property
     def simulator(self) -> Simulator:
-        """What computes its flights."""
-        found: Simulator = resolve_name(self.model.simulator_maker)(self)
-        return found
+        """Simulator that computes the flights."""
+        simulator: Simulator = resolve_name(self.model.simulator_maker)(self)
+        return simulator
 
     @property
     def name(self) -> str:
@@ -116,7 +119,7 @@ class Experiment:
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """The controllers that the question compares; none if it asks something else."""
+        """Controllers that the question compares, empty for other questions."""
         return self.model.asks.compare if isinstance(self.model.asks, Compared) else ()
 
     @property
@@ -125,17 +128,17 @@ class Experiment:
 
     @cached_property
     def outcomes(self) -> Outcomes:
-        """How its flights may end."""
+        """Outcomes with which flights may end."""
         return self.simulator.outcomes
 
     @property
     def can_rerun(self) -> bool:
-        """Whether its flights can be computed again; else they are known alone."""
+        """Return whether flights can be simulated again; imported flights cannot."""
         return self.simulator.capabilities.can_rerun
 
     @property
     def kind(self) -> str:
-        """What is judged and compared, in a word."""
+        """Term for the compared items, such as controller."""
         return self.simulator.kind
 
     @property
@@ -148,24 +151,24 @@ class Experiment:
 
     @property
     def runs_at_point(self) -> int:
-        """Flights of each controller at each point of the unknowns: row k flies sample k // points at k % points."""
+        """Flights of each controller per point: row k is sample k // points at point k % points."""
         return self.runs // len(self.unknowns.points)
 
     @property
     def judged(self) -> bool:
-        """Whether the flights at each point are independent draws, so that requirements get verdicts."""
+        """Return whether flights at a point are independent, so that verdicts are given."""
         if (stated := self.simulator.independent) is not None:
             return stated
         return self.sampling == INDEPENDENT and not self.has_noise
 
     @property
     def has_noise(self) -> bool:
-        """Whether its simulator draws noise that is not shown to be independent between flights."""
+        """Return whether the simulator draws noise not shown to be independent."""
         return self.repeatability is not None and not self.repeatability.is_evidence
 
     @property
     def dependence(self) -> str:
-        """Why its flights are no independent draws, as a clause."""
+        """Reason, as a clause, why the flights are not independent draws."""
         if self.has_noise:
             return "the simulator is not repeatable, and its noise is not shown to be independent"
         if not self.can_rerun:
@@ -174,47 +177,49 @@ class Experiment:
 
     @property
     def independent(self) -> bool:
-        """Whether all its flights are, so that exact binomial statistics hold."""
+        """Return whether all flights are independent and binomial statistics exact."""
         return self.judged and not self.unknowns.names
 
     @property
     def pooled_seeds(self) -> tuple[int, ...]:
-        """Of the flights that a merge joined."""
-        return tuple(part.seed for part in self.model.pooled)
+        """Seeds of the flights that a merge joined."""
+        return tuple(pool.seed for pool in self.model.pooled)
 
     @property
     def family_risk(self) -> float | None:
-        """Of any false PASS among all verdicts, where the campaign holds it."""
+        """Joint risk of any false PASS among all verdicts, if the campaign sets one."""
         return self.model.family.risk if self.model.family else None
 
     @property
     def margin_flights(self) -> int:
-        """Of how many flights margins are found."""
+        """Number of flights with stability margins."""
         return self.model.margins.of(self.runs) if self.model.margins else 0
 
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
-        """What histories of its flights hold; nothing of a user's simulator that returns none."""
+        """Channels of the histories; empty if a user's simulator returns none."""
         return self.simulator.channels
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
-        """Those that kept flights are written with."""
-        asked = self.model.keep.histories.channels
+        """Channels written for flights with kept histories."""
+        requested = self.model.keep.histories.channels
         return tuple(
-            channel.name for channel in self.channels if ALL in asked or channel.name in asked
+            channel.name
+            for channel in self.channels
+            if ALL in requested or channel.name in requested
         )
 
     @property
     def has_bands(self) -> bool:
-        """Whether it has bands over time; where flights have times of their own, they are asked for."""
-        asked = "envelopes" in self.model.keep.model_fields_set
-        return asked or self.simulator.capabilities.has_mission
+        """Return whether there are time-history envelopes; a user's simulator must request them."""
+        is_requested = "envelopes" in self.model.keep.model_fields_set
+        return is_requested or self.simulator.capabilities.has_mission
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:
-        """As the file writes them."""
-        data: Any = self.document.data
+        """Dispersions and unknowns as written in the file."""
+        data = self.document.entries
         unknowns = {
             name: {"distribution": "unknown", **entry}
             for name, entry in (data.get("unknowns") or {}).items()
@@ -234,18 +239,21 @@ class Experiment:
     @property
     def varied(self) -> tuple[str, ...]:
         """The parameters that differ from flight to flight."""
-        return (*self.dimensions, *(each.name for each in self.derived))
+        return (*self.dimensions, *(parameter.name for parameter in self.derived))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The columns of the rows that fly: the dispersed parameters, the unknowns, then the seeds that noise needs."""
+        """Columns of simulated rows: dispersed parameters, unknowns, then seeds of noise."""
         own = (*self.dimensions, *find_seeds(self.varied, self.parameters))
         return self.columns if self.columns is not None else own
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
-        """The metrics of its flights by name, margins among them where it asks for some; a requirement's side is the
-        bad one, and of requirements on both sides the distance outside their limits."""
+        """Metrics of the flights by name, with stability margins if requested.
+
+        Requirements set the bad side of a metric. With requirements on both sides, the bad value is
+        the distance outside the limits.
+        """
         margins = MARGINS if self.model.margins is not None else ()
         metrics = {metric.name: metric for metric in (*self.measured, *margins)}
         for name in {item.metric for item in self.requirements}:
@@ -266,17 +274,20 @@ class Experiment:
 
     @cached_property
     def criteria(self) -> tuple[Criterion, ...]:
-        """By what its flights are ranked: ``keep.histories.by``, a metric or all requirements (or what leads
-        without)."""
-        by = self.model.keep.histories.by
-        if by == BY_REQUIREMENTS and self.requirements:
+        """Criteria that rank the flights, from ``keep.histories.by``.
+
+        They are one metric or all requirements; without requirements, the leading metrics.
+        """
+        ranking = self.model.keep.histories.by
+        if ranking == BY_REQUIREMENTS and self.requirements:
             return tuple(
                 dict.fromkeys(
                     self._criterion(item.metric, item.limits) for item in self.requirements
                 )
             )
         return tuple(
-            self._criterion(name, None) for name in (self.asked if by == BY_REQUIREMENTS else (by,))
+            self._criterion(name, None)
+            for name in (self.asked if ranking == BY_REQUIREMENTS else (ranking,))
         )
 
     def _criterion(self, name: str, limits: Bounds | None) -> Criterion:
@@ -285,19 +296,19 @@ class Experiment:
 
     @property
     def worst(self) -> int:
-        """How many of the worst flights keep their histories: the N of 'worst N', 0 without."""
+        """Number N of the entry 'worst N', 0 without one."""
         items = [str(item).split() for item in self.model.keep.histories.flights]
-        return max((int(words[1]) for words in items if words[0] == "worst"), default=0)
+        return max((int(fields[1]) for fields in items if fields[0] == "worst"), default=0)
 
     def limits_of(self, metric: str) -> list[float]:
-        """The limits of all requirements on a metric."""
+        """Return the limits of all requirements on a metric."""
         own = [
             limit for item in self.requirements if item.metric == metric for limit in item.limits
         ]
         return [limit for limit in own if limit is not None]
 
     def ends_of(self, i: int) -> Floats:
-        """Low end, about the middle, and high end of a dispersion; the unknowns come after them."""
+        """Return low end, middle and high end of a dispersion or, after these, of an unknown."""
         if i >= len(self.names):
             low, high = (
                 float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high)
@@ -308,16 +319,19 @@ class Experiment:
         return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
 
     def make_samples(self) -> SampleSource:
-        """The source of its samples, in the order of its own inputs."""
+        """Return the source of samples in the order of ``inputs``."""
         if self.model.pooled:
-            sources = [self._samples_of(part.seed, self.runs) for part in self.model.pooled]
-            return pooled_samples(sources, [part.runs for part in self.model.pooled], self.runs)
+            sources = [self._samples_of(pool.seed, self.runs) for pool in self.model.pooled]
+            return pooled_samples(sources, [pool.runs for pool in self.model.pooled], self.runs)
         return self._at_points(
             self._samples_of(self.model.seed, self.runs_at_point), self.unknowns.points
         )
 
     def search_rows(self, flights: int, points: Floats) -> Floats:
-        """Rows of its inputs at each of ``points`` [point, unknown]: so many samples, none of those that are judged."""
+        """Return rows of ``inputs`` for a search at each of ``points`` [point, unknown].
+
+        The samples are independent of those of the judged flights.
+        """
         seed = stream_key(self.seed, "unknowns", "search") % 2**63
         rows = self._at_points(self._samples_of(seed, flights), points).draw(
             0, flights * len(points)
@@ -331,9 +345,10 @@ class Experiment:
     def judge(
         self, controllers: Sequence[str], groups: Sequence[Sequence[Verdict]]
     ) -> list[tuple[Verdict, int]]:
-        """Judge every requirement on each controller; return its verdict and the point with these counts.
+        """Judge every requirement on each controller; return verdicts and points.
 
-        ``groups`` holds the verdicts at every point of the unknowns, by controller, then requirement.
+        ``groups`` holds the verdicts at every point of the unknowns, by controller, then
+        requirement. The point is the one with the verdict's counts.
         """
         number = max(1, len(self.requirements))
         return [
@@ -342,7 +357,7 @@ class Experiment:
         ]
 
     def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
-        """Note what keeps a verdict from standing for itself: a later choice, values not searched for."""
+        """Note restrictions of a verdict: a later choice, or values not searched for."""
         notes = [verdict.note]
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
             verdict = replace(verdict, status="NOT SHOWN")
@@ -373,7 +388,7 @@ class Experiment:
         return verdicts
 
     def rows(self, values: Floats) -> Floats:
-        """Full rows ``[flight, parameter]`` of rows of its inputs."""
+        """Return full rows ``[flight, parameter]`` of rows of its inputs."""
         return full_rows(self.inputs, values, self.derived, self.parameters)
 
     def _samples_of(self, seed: int, runs: int) -> SampleSource:

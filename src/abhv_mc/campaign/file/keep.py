@@ -1,4 +1,4 @@
-"""What a campaign file says under ``keep``: which flights, channels and rates are written besides the metrics."""
+"""Settings under ``keep``: flights, channels and rates written besides the metrics."""
 
 import re
 from typing import Annotated, Any, Literal
@@ -47,7 +47,7 @@ def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
 
 
 class KeepHistories(StrictModel):
-    """Which flights are written at full length: the union of what ``flights`` names."""
+    """Flights whose full history is written: the union of the entries of ``flights``."""
 
     flights: Annotated[
         tuple[int | str, ...],
@@ -71,14 +71,14 @@ class KeepHistories(StrictModel):
 
 
 class KeepEnvelopes(StrictModel):
-    """What the envelopes over all flights cover."""
+    """Channels and rate of the envelopes over all flights."""
 
     channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or all")
     rate: Rate = Field(5.0, description="time bins per second of flight")
 
 
 class Keep(StrictModel):
-    """What a campaign writes besides metrics."""
+    """Output of a campaign besides metrics."""
 
     histories: KeepHistories = Field(
         KeepHistories(), description="flights that are written at full length"

@@ -1,4 +1,4 @@
-"""The four kinds of input file: their models, which one a file is by its keys, and which files it names."""
+"""The four kinds of input file: their models, recognition by keys, and references."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,10 +28,13 @@ _KEYS: dict[str, set[str]] = {
 
 
 def find_kind(path: Path | Document, expected: str | None = None) -> str:
-    """The kind of a file, ``expected`` unless two keys more fit another. Raises :class:`InputError` for none."""
+    """Return the kind of a file. Raise InputError if there is none.
+
+    The result is ``expected`` unless another kind has two more matching keys.
+    """
     document = read_document(path)
     keys = set(document.data) if isinstance(document.data, dict) else set()
-    shared = {kind: len(keys & known) for kind, known in _KEYS.items()}
+    shared = {kind: len(keys & model_keys) for kind, model_keys in _KEYS.items()}
     kind = max(shared, key=lambda name: (shared[name] + (name == expected), name == expected))
     if not shared[kind] and expected is None:
         raise document.error((), describe(document.data), f"the keys of {one_of(MODELS)}")
@@ -41,22 +44,22 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
 def require_kind(path: Path, kind: str) -> None:
     """Raise InputError if a file is of another kind."""
     if (actual := find_kind(path, kind)) != kind:
-        found = f"a {actual} file"
-        wish = f"a {kind} file"
+        problem = f"a {actual} file"
+        expected = f"a {kind} file"
         raise InputError(
-            path, found, wish + (": `abhv-mc run` runs a campaign" * (actual == "campaign"))
+            path, problem, expected + (": `abhv-mc run` runs a campaign" * (actual == "campaign"))
         )
 
 
 def check_kinds(document: Document, model: Campaign) -> None:
-    """That the files which a campaign names are of the kind that stands there. Raises :class:`InputErrors`."""
+    """Check that files named in a campaign are of the right kind. Raise InputErrors."""
     named: dict[tuple[str, ...], Path] = {("vehicle",): model.vehicle, ("mission",): model.mission}
     named |= {("controllers", name): file for name, file in model.controllers.items()}
     wrong = []
     for keys, file in named.items():
         kind = keys[0].removesuffix("s")
-        if (found := find_kind(file, kind)) != kind:
-            wrong.append(document.error(keys, f"'{file.name}', a {found} file", f"a {kind} file"))
+        if (actual := find_kind(file, kind)) != kind:
+            wrong.append(document.error(keys, f"'{file.name}', a {actual} file", f"a {kind} file"))
     if wrong:
         raise InputErrors(wrong)
 
@@ -66,7 +69,7 @@ _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 
 
 def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
-    """Files that a YAML file names by relative paths, and those that they name."""
+    """Yield the files that a YAML file names by relative paths, recursively."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
     data = read_document(path).data
@@ -82,7 +85,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
 
 
 def _named_files(value: Any) -> Iterator[str]:
-    """What stands at the one key that names a file in the files that a campaign refers to; text elsewhere is text."""
+    """Yield values of the keys that name files in files referenced by a campaign."""
     for key, inner in value.items() if isinstance(value, dict) else ():
         if key in ("file", "python", "around") and isinstance(inner, str):
             yield inner

@@ -1,4 +1,4 @@
-"""What of a campaign file judges flights and no flight depends on; campaigns judged by another set of requirements."""
+"""Requirement sets: judging of a campaign's flights by other requirements."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,11 +19,11 @@ from abhv_mc.io.documents import (
     validate,
 )
 
-# Keys of a campaign file that judge and present flights; rows depend on none of them.
+# Keys of a campaign file that judge and present flights; rows do not depend on them.
 JUDGING = ("requirements", "family", "question", "asks")
-_PRESENTING = ("author", "figures", "tune")
+_PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
-_EMPTY = Path("requirements")  # what errors name if a set comes from Python
+_EMPTY = Path("requirements")  # file name in errors of a set given in Python
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -32,24 +32,24 @@ class _Set(StrictModel, extra="ignore"):
 
 
 def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a campaign's data without what no row depends on: how it runs, what is required, asked and labelled."""
+    """Return the entries of a campaign's data on which simulated rows depend.
+
+    Execution, requirements, questions and labels are left out.
+    """
     left_out = ("execution", *JUDGING, *_PRESENTING)
-    kept = {key: value for key, value in data.items() if key not in left_out}
-    if isinstance(metrics := kept.get("metrics"), dict):
-        kept["metrics"] = {
+    row_data = {key: value for key, value in data.items() if key not in left_out}
+    if isinstance(metrics := row_data.get("metrics"), dict):
+        row_data["metrics"] = {
             name: {key: value for key, value in entry.items() if key != "label"}
             if isinstance(entry, dict)
             else entry
             for name, entry in metrics.items()
         }
-    return kept
+    return row_data
 
 
 def read_requirement_set(source: RequirementSource) -> Document:
-    """Read a set of requirements: a campaign file, a YAML file with ``requirements``, a CSV file, or entries.
-
-    Raise InputErrors for anything else, each with its place.
-    """
+    """Read requirements: a campaign, YAML or CSV file, or entries. Raise InputErrors."""
     if isinstance(source, str | Path):
         path = Path(source)
         if path.suffix.lower() == ".csv":
@@ -61,14 +61,17 @@ def read_requirement_set(source: RequirementSource) -> Document:
         document = Document(_EMPTY, {**data}, {(): (1, 1)}, {})
     document = read_requirements(document)
     if not isinstance(document.data, dict) or "requirements" not in document.data:
-        wish = "a campaign file, or a file with 'requirements'"
-        raise document.error((), describe(document.data), wish)
-    validate(document, _Set)  # here, where the places are those of the file
+        expected = "a campaign file, or a file with 'requirements'"
+        raise document.error((), describe(document.data), expected)
+    validate(document, _Set)  # here, because the locations are those of the file
     return document
 
 
 def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a campaign's data judged by another set; points of unknowns keep the requirements they were found for."""
+    """Return a campaign's data judged by another set of requirements.
+
+    Points of unknowns keep the requirements for which they were searched.
+    """
     judged = {**data, **{key: changed[key] for key in JUDGING if key in changed}}
     points, before = data.get("points") or {}, data.get("requirements") or []
     searched = "most_failures" in points and "requirements" not in points
@@ -78,17 +81,19 @@ def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> di
 
 
 def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
-    """Return a campaign judged by another set of requirements. Raise InputErrors in the places of the set."""
+    """Return a campaign judged by another set of requirements.
+
+    Raise InputErrors located in the set.
+    """
     changed = read_requirement_set(source)
-    held: Any = campaign.document.data
-    data = with_requirements(held, changed.data)  # type: ignore[arg-type]
-    places = {**campaign.document.value_places, **changed.value_places}
+    data = with_requirements(campaign.document.entries, changed.entries)
+    locations = {**campaign.document.value_places, **changed.value_places}
     keys = {**campaign.document.key_places, **changed.key_places}
-    document = replace(campaign.document, data=data, value_places=places, key_places=keys)
+    document = replace(campaign.document, data=data, value_places=locations, key_places=keys)
     try:
         judged = check_campaign(document, campaign.engine)
     except InputErrors as error:  # the campaign alone was right
-        raise InputErrors([_named(each, changed.path) for each in error.errors]) from None
+        raise InputErrors([_named(problem, changed.path) for problem in error.errors]) from None
     except InputError as error:
         raise _named(error, changed.path) from None
     return replace(judged, repeatability=campaign.repeatability, systems=campaign.systems)
@@ -101,7 +106,10 @@ def _named(error: InputError, file: Path) -> InputError:
 def describe_requirement_changes(
     before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> Iterator[str]:
-    """Yield what differs between the requirements of two campaigns: 'speed_error_max_mps: below 5 -> 3'."""
+    """Yield changes between requirements of two campaigns.
+
+    An item reads 'speed_error_max_mps: below 5 -> 3'.
+    """
     old, new = (_by_name(data.get("requirements") or []) for data in (before, after))
     for name in dict.fromkeys((*old, *new)):
         if name not in new:
@@ -121,7 +129,7 @@ def describe_requirement_changes(
 
 
 def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """The entries by id or metric; a second one of a metric by its place, too."""
+    """Return entries by id or metric; later ones of a metric are numbered."""
     named: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
         name = str(entry.get("id") or entry["metric"])
@@ -139,12 +147,13 @@ def _text(value: object) -> str:
 def find_later_choices(
     first: Sequence[Mapping[str, Any]], current: Sequence[Mapping[str, Any]]
 ) -> frozenset[int]:
-    """Return the numbers of current requirements whose metric, side, probability or risk is none of the first set's.
+    """Return the numbers of current requirements not chosen in the first set.
 
-    Another limit on the same metric keeps its risk: its verdict is valid however often flights are looked at.
+    A requirement is chosen by its metric, side, probability and risk. Another limit on the same
+    metric keeps the risk, because the verdict stays valid however often results are checked.
     """
-    known = {_choice(entry) for entry in first}
-    return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in known)
+    first_choices = {_choice(entry) for entry in first}
+    return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in first_choices)
 
 
 def _choice(entry: Mapping[str, Any]) -> tuple[object, ...]:

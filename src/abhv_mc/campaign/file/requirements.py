@@ -1,5 +1,8 @@
-"""What a campaign requires of its flights: a list, or a CSV file with a row for each in the columns of an entry's keys;
-and what is wrong with it beside the tables of metrics, the design and the mission."""
+"""Requirements and input tables of a campaign, and their checks.
+
+Requirements are a list or a CSV file with a row per entry. They are checked against metrics, the
+design and the mission.
+"""
 
 import contextlib
 import json
@@ -30,7 +33,7 @@ class _Table(StrictModel):
 
 
 def read_tables(document: Document) -> Document:
-    """Return the campaign with the entries of the tables of inputs and requirements that it names.
+    """Return the campaign with entries of its input and requirement tables.
 
     Raise InputErrors.
     """
@@ -38,7 +41,10 @@ def read_tables(document: Document) -> Document:
 
 
 def read_requirements(document: Document) -> Document:
-    """Return the campaign with the entries of the table of requirements that it names. Raise InputErrors."""
+    """Return the campaign with the entries of its table of requirements.
+
+    Raise InputErrors.
+    """
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
         return document
@@ -48,8 +54,8 @@ def read_requirements(document: Document) -> Document:
             ("requirements",), f"'{path.name}', which is not there", "a CSV file, or a list"
         )
     table = _read_table(path)
-    validate(table, _Table)  # here, where the places are those of the table
-    return replace(document, data={**data, **table.data})  # type: ignore[dict-item]
+    validate(table, _Table)  # here, because the locations are those of the table
+    return replace(document, data={**data, **table.entries})
 
 
 class _Inputs(StrictModel):
@@ -58,7 +64,7 @@ class _Inputs(StrictModel):
 
 
 def _read_inputs(document: Document) -> Document:
-    """Return the campaign with the inputs and dispersions of the table that it names under inputs, if any.
+    """Return the campaign with inputs and dispersions of the table named under inputs.
 
     Columns are name, the keys of an input and those of a dispersion. Raise InputErrors.
     """
@@ -67,24 +73,24 @@ def _read_inputs(document: Document) -> Document:
         return document
     path = document.resolve(str(data["inputs"]))
     if not path.is_file():
-        found = f"'{path.name}', which is not there"
-        raise document.error(("inputs",), found, "a CSV file, or names with their units")
+        problem = f"'{path.name}', which is not there"
+        raise document.error(("inputs",), problem, "a CSV file, or names with their units")
     table = read_foreign_table(path, has_units=False)
     if "name" not in table.heads:
         raise table.error(None, 0, "no column 'name'", "the name of each input")
     columns = [table.words(i) for i in range(len(table.heads))]
     entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
-    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
+    locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
     for cells, line in zip(zip(*columns, strict=True), table.lines, strict=True):
         row = {head: _number(cell) for head, cell in zip(table.heads, cells, strict=True) if cell}
         name = str(row.pop("name", ""))
         if not name or name in entries["inputs"]:
             raise InputError(path, f"the input '{name}'", "a name in each row, each once", line)
         entries["inputs"][name] = {key: row.pop(key) for key in Input.model_fields if key in row}
-        places["inputs", name] = places["dispersions", name] = line, 1
+        locations["inputs", name] = locations["dispersions", name] = line, 1
         if row:
             entries["dispersions"][name] = row
-    validate(Document(path, entries, places, places), _Inputs)
+    validate(Document(path, entries, locations, locations), _Inputs)
     entries["dispersions"] = {**(data.get("dispersions") or {}), **entries["dispersions"]}
     return replace(document, data={**data, **entries})
 
@@ -104,28 +110,28 @@ def _read_table(path: Path) -> Document:
         raise table.error(None, 0, "no column 'metric'", one_of(_COLUMNS))
     columns = [table.words(i) for i in range(len(table.heads))]
     entries: list[Any] = []
-    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
+    locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
     for row, line in enumerate(table.lines):
         entry: dict[str, Any] = {}
-        place = ("requirements", row)
-        places[place] = (line, 1)
+        location = ("requirements", row)
+        locations[location] = (line, 1)
         for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True), 1):
             if cells[row]:
                 entry[head] = _value(head, cells[row])
-                places[(*place, head)] = (line, column)
+                locations[(*location, head)] = (line, column)
         entries.append(entry)
-    return Document(path, {"requirements": entries}, places, places)
+    return Document(path, {"requirements": entries}, locations, locations)
 
 
 def _value(head: str, cell: str) -> Any:
-    """A cell as YAML would give it: plain numbers, names of controllers as a list, texts."""
+    """Return a cell as YAML would: a number, a list of controllers or text."""
     if head == "controllers":
         return cell.replace(";", " ").split()
     return _number(cell) if head in _NUMBERS else cell
 
 
 def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[Any]:
-    """The requirements that apply to some of the controllers."""
+    """Yield the requirements that apply to some of the controllers."""
     for entry in entries:
         if not entry.get("controllers"):
             yield entry
@@ -136,11 +142,14 @@ def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[An
 def join_requirements(
     first: Iterable[Any], second: Iterable[Any], controllers: Iterable[str]
 ) -> list[Any]:
-    """The requirements of both, each once: of those that differ in their controllers alone one, for all of these."""
+    """Return both lists of requirements without duplicates.
+
+    Entries that differ only in their controllers are merged.
+    """
     joined: dict[str, Any] = {}
     for entry in (*first, *second):
-        rest = {key: value for key, value in entry.items() if key != "controllers"}
-        kind = json.dumps([rest, bool(entry.get("controllers"))], sort_keys=True)
+        shared = {key: value for key, value in entry.items() if key != "controllers"}
+        kind = json.dumps([shared, bool(entry.get("controllers"))], sort_keys=True)
         named = [*joined.get(kind, {}).get("controllers", ()), *(entry.get("controllers") or ())]
         joined[kind] = (
             {**entry, "controllers": [name for name in controllers if name in named]}
@@ -156,7 +165,7 @@ def check_requirements(
     metrics: Mapping[str, Metric],
     errors: list[InputError],
 ) -> Iterator[Requirement]:
-    """The requirements, resolved."""
+    """Yield the requirements, resolved."""
     own = model if isinstance(model, SimulatorCampaign) else None
     systems: Collection[str] = own.systems if own else model.controllers
     read = parse_in_any_unit if own else _limit
@@ -171,9 +180,9 @@ def check_requirements(
             )
         for j, name in enumerate(entry.controllers or ()):
             if name not in systems:
-                found = f"{'system' if own else 'controller'} '{name}'"
+                problem = f"{'system' if own else 'controller'} '{name}'"
                 errors.append(
-                    document.error((*where, "controllers", j), found, one_of(systems, name))
+                    document.error((*where, "controllers", j), problem, one_of(systems, name))
                 )
         if entry.metric not in metrics:
             expected = one_of(
@@ -209,7 +218,7 @@ def check_requirements(
 
 
 def _limit(value: float | str, unit: str) -> float:
-    """A limit in the metric's unit; a plain number is in it already."""
+    """Return a limit in the metric's unit; a plain number is in it already."""
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):
@@ -218,7 +227,7 @@ def _limit(value: float | str, unit: str) -> float:
 
 
 def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:
-    """Stopping early needs requirements to prove, and independent flights."""
+    """Check that stopping early has requirements and independent flights."""
     if model.stop is None:
         return
     if not model.requirements:
@@ -228,32 +237,35 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
             )
         )
     if model.sampling.design != INDEPENDENT:
-        found = (
+        problem = (
             f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
         )
         errors.append(
-            document.key_error(("stop",), found, f"sampling: {INDEPENDENT}, or no 'stop'")
+            document.key_error(("stop",), problem, f"sampling: {INDEPENDENT}, or no 'stop'")
         )
 
 
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
-    """Points lie within the mission; what is required of margins is required of every flight, so all have them."""
+    """Check the points and flights of stability margins.
+
+    Points must lie within the mission. A requirement on margins needs the margins of all flights.
+    """
     if isinstance(model, SimulatorCampaign):
         return
     needed = [i for i, entry in enumerate(model.requirements) if entry.metric in _MARGIN_METRICS]
     if model.margins is None:
         for i in needed:
-            found = f"'{model.requirements[i].metric}' without 'margins'"
+            problem = f"'{model.requirements[i].metric}' without 'margins'"
             expected = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
-            errors.append(document.error(("requirements", i, "metric"), found, expected))
+            errors.append(document.error(("requirements", i, "metric"), problem, expected))
         return
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
-        found = (
+        problem = (
             f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
         )
         expected = "'flights: all': a verdict needs the metric of every flight"
-        errors.append(document.error(("margins", "flights"), found, expected))
+        errors.append(document.error(("margins", "flights"), problem, expected))
     times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
     duration = read_mission(model.mission).duration if times else 0.0
     for i, time in times.items():

@@ -1,7 +1,8 @@
-"""The JSON Schemas of the four kinds of input file, for editors and other programs.
+"""JSON Schemas of the four kinds of input file, for editors and other programs.
 
-They are the models' own, and say more: quantities have a pattern and defaults with their unit, metrics and parameters
-are enumerated, and each schema has a name (``$id``). The models check more than a schema can.
+They extend the schemas of the models: quantities have a pattern and defaults with their unit,
+metrics and parameters are enumerated, and each schema has a name (``$id``). The models check more
+than a schema can.
 """
 
 import math
@@ -21,21 +22,21 @@ from abhv_mc.plant.parameters import PARAMETERS
 
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"
-_FAILURE = "^failure[.]"  # of an effector that the vehicle's file names
+_FAILURE = "^failure[.]"  # of an effector of the vehicle file
 
 
 class _Generator(GenerateJsonSchema):
-    """Without titles of keys, which only repeat them, and without defaults that are whole mappings."""
+    """Schema generator without titles of keys and defaults that are mappings."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
 
     def default_schema(self, schema: Any) -> Schema:
-        made = super().default_schema(schema)
-        default = made.get("default")
+        schema_of_default = super().default_schema(schema)
+        default = schema_of_default.get("default")
         if default is None or isinstance(default, dict) or not _is_finite(default):
-            return {key: value for key, value in made.items() if key != "default"}
-        return made | {"default": _in_words(default, made)}
+            return {key: value for key, value in schema_of_default.items() if key != "default"}
+        return schema_of_default | {"default": _in_words(default, schema_of_default)}
 
 
 def _is_finite(default: Any) -> bool:
@@ -48,18 +49,20 @@ def _is_finite(default: Any) -> bool:
 
 
 def _in_words(default: Any, schema: Schema) -> Any:
-    """The default as it would stand in the file: a quantity with its unit."""
+    """Return a default as it is written in the file: a quantity with its unit."""
     if isinstance(default, (list, tuple)):
         parts = schema.get("prefixItems") or [schema.get("items", {})] * len(default)
-        return [_in_words(value, part) for value, part in zip(default, parts, strict=True)]
-    for part in (schema, *schema.get("anyOf", ())):
-        if isinstance(default, float) and "examples" in part:
-            return _quantity(default, part["examples"][0].split(" ", 1)[1])
+        return [
+            _in_words(value, subschema) for value, subschema in zip(default, parts, strict=True)
+        ]
+    for subschema in (schema, *schema.get("anyOf", ())):
+        if isinstance(default, float) and "examples" in subschema:
+            return _quantity(default, subschema["examples"][0].split(" ", 1)[1])
     return default
 
 
 def _quantity(value: float, unit: str) -> str | float:
-    """The shortest text, in this unit or in SI, that is read back as the value."""
+    """Return the shortest text, in ``unit`` or SI, that converts back to the value."""
     dimension = dimension_of(unit)
     texts = [f"{value / parse_unit(unit)[0]:.{digits}g} {unit}" for digits in range(1, 17)]
     if value == 0.0:
@@ -69,35 +72,38 @@ def _quantity(value: float, unit: str) -> str | float:
 
 
 def make_schema(kind: str) -> Schema:
-    """The schema of a kind of file: campaign, vehicle, mission or controller."""
+    """Return the schema of a kind of file: campaign, vehicle, mission or controller."""
     if kind == "campaign":
         either = TypeAdapter(Campaign | SimulatorCampaign).json_schema(schema_generator=_Generator)
         ours, own = either.pop("anyOf")
-        made = {
+        schema = {
             **either,
             "if": {"anyOf": [{"required": ["simulator"]}, {"required": ["inputs"]}]},
             "then": own,
             "else": ours,
         }
-        _enumerate(made["$defs"])
+        _enumerate(schema["$defs"])
     else:
-        made = MODELS[kind].model_json_schema(schema_generator=_Generator)
+        schema = MODELS[kind].model_json_schema(schema_generator=_Generator)
     head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:abhv-mc:{__version__}:{kind}",
         "title": f"{kind} file of abhv-mc",
     }
-    return head | {key: value for key, value in made.items() if key not in head}
+    return head | {key: value for key, value in schema.items() if key not in head}
 
 
 def _enumerate(parts: Schema) -> None:
-    """Name metrics, parameters and channels. Without metrics of its own a campaign has those of the program alone."""
+    """Enumerate metrics, parameters and channels.
+
+    Only a campaign with its own metrics accepts names that are not the program's.
+    """
     campaign = parts["Campaign"]
     metrics = {"enum": [*METRIC_INDEX, *MARGIN_NAMES]}
     own = {"pattern": _OWN_METRIC}
-    for part in parts.values():
-        for key in {"metric", "by"} & set(part.get("properties", ())):
-            part["properties"][key] |= {"anyOf": [metrics, own]}
+    for subschema in parts.values():
+        for key in {"metric", "by"} & set(subschema.get("properties", ())):
+            subschema["properties"][key] |= {"anyOf": [metrics, own]}
     campaign["if"] = {"not": {"required": ["metrics"]}}
     campaign["then"] = {
         "properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}
@@ -108,5 +114,8 @@ def _enumerate(parts: Schema) -> None:
         campaign["properties"][key]["propertyNames"] = {"anyOf": [names, {"pattern": _FAILURE}]}
     parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
     for keep in ("KeepHistories", "KeepEnvelopes"):
-        one: Schema = {"type": "string", "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, own]}
-        parts[keep]["properties"]["channels"]["anyOf"] = [one, {"type": "array", "items": one}]
+        channel_name: Schema = {"type": "string", "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, own]}
+        parts[keep]["properties"]["channels"]["anyOf"] = [
+            channel_name,
+            {"type": "array", "items": channel_name},
+        ]

@@ -1,4 +1,4 @@
-"""A campaign of a user's simulator: what flies, what is compared, and what goes in and comes out in its own units."""
+"""Campaign file of a user's simulator, with inputs and outputs in its own units."""
 
 import os
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ YesNo = Annotated[
 
 
 class Simulator(StrictModel):
-    """What flies: a Python function, or a program that speaks JSON lines."""
+    """User's simulator: a Python function, or a program that exchanges JSON lines."""
 
     python: str | None = Field(
         None, description="Python file with def fly(inputs, settings): one flight"
@@ -88,24 +88,26 @@ class Simulator(StrictModel):
         return self
 
     def find_files(self, folder: Path) -> dict[str, Path]:
-        """Return its files by their place in ``folder``: those that start it, then ``files``.
+        """Return the simulator's files by their path relative to ``folder``.
 
-        Raises Refusal.
+        The files that start it come first, then ``files``. Raise Refusal.
         """
         base = Path(os.path.normpath(folder))
-        words = {
+        start_paths = {
             word: Path(os.path.normpath(base / word))
             for word in (self.python, *(self.command or ()))
             if word
         }
-        for word, path in words.items():
+        for word, path in start_paths.items():
             if ".." in Path(word).parts and path.is_file() and not path.is_relative_to(base):
                 raise Refusal(
                     f"'{word}', a file outside the simulator's folder",
                     "'folder: ..' (or further up) in 'simulator', and names from there",
                     ("python" if self.python else "command",),
                 )
-        named = [path for path in words.values() if path.is_relative_to(base) and path.is_file()]
+        named = [
+            path for path in start_paths.values() if path.is_relative_to(base) and path.is_file()
+        ]
         if self.python and not named:
             raise Refusal(
                 f"'{self.python}'",
@@ -133,14 +135,14 @@ InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 
 
 class OwnChannel(StrictModel):
-    """A column of the history that a flight returns."""
+    """Column of the history that a flight returns."""
 
     unit: Unit = Field("-", description="any text; '-' of a plain number")
     doc: str = Field("", description="what it is, for the report")
 
 
 class Input(OwnChannel):
-    """What a flight is given."""
+    """Input of a flight."""
 
     nominal: float = Field(0.0, description="its nominal value, in this unit")
     seed: YesNo = Field(
@@ -149,7 +151,7 @@ class Input(OwnChannel):
 
 
 class OwnMetric(OwnChannel):
-    """What a flight returns."""
+    """Metric that a flight returns."""
 
     bad: Bad | None = Field(
         None,
@@ -160,7 +162,7 @@ class OwnMetric(OwnChannel):
     )
 
     def record(self, name: str) -> Metric:
-        """As the tables of metrics have it."""
+        """Return the metric as a record of the tables of metrics."""
         label = self.label or label_of(name, "-")
         return Metric(
             name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX
@@ -168,14 +170,17 @@ class OwnMetric(OwnChannel):
 
 
 class SimulatorExecution(Execution):
-    """The same, but the time limit is the simulator's, and it flies in processes of its own."""
+    """Execution settings without a time limit, which belongs to the simulator."""
 
     isolation: ClassVar = "auto"  # type: ignore[misc]
     flight_time_limit: ClassVar = None  # type: ignore[misc]
 
 
 class SimulatorCampaign(Campaign):
-    """A campaign file with a simulator of the user's own; what is no field here is of this program's simulator."""
+    """Campaign file with a user's simulator.
+
+    Fields of the built-in simulator are class variables that are None.
+    """
 
     simulator_maker: ClassVar = (
         "abhv_mc.simulators.user_simulator.external_simulator:make_simulator"
@@ -189,11 +194,11 @@ class SimulatorCampaign(Campaign):
     figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
         None,
-        description="what flies, in place of vehicle, mission and controllers; left out: `adopt` takes flights",
+        description="what flies, in place of vehicle, mission and controllers; without it: `import flights`",
     )
     independent: YesNo = Field(
         False,
-        description="without a simulator: yes if flights are independent draws of the dispersions; `adopt` tests it",
+        description="without a simulator: yes if flights are independent draws of the dispersions, which is tested",
     )
     columns: dict[str, str] = Field(
         {},
@@ -232,10 +237,10 @@ class SimulatorCampaign(Campaign):
                 if name in names:
                     expected = f"another name; taken are {', '.join(sorted(names))}"
                     raise Refusal(f"'{name}', a name that is taken", expected, (key, name))
-        known = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
+        column_names = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
         for name in self.columns:
-            if name not in known:
-                raise Refusal(f"'{name}'", one_of(known, name), ("columns", name))
+            if name not in column_names:
+                raise Refusal(f"'{name}'", one_of(column_names, name), ("columns", name))
         if self.columns and self.simulator:
             raise Refusal("'columns' beside a simulator", "no simulator, or none", ("columns",))
         if self.independent and self.simulator:
@@ -246,12 +251,12 @@ class SimulatorCampaign(Campaign):
 
     @property
     def returned_channels(self) -> tuple[Signal, ...]:
-        """What the history of a flight holds."""
+        """Channels of a flight's history."""
         return tuple(Signal(name, entry.unit, entry.doc) for name, entry in self.histories.items())
 
     @property
     def parameters(self) -> Parameters:
-        """What flights are given."""
+        """Parameters that flights accept."""
         entries = self.inputs.items()
         return Parameters(
             tuple(
@@ -262,17 +267,17 @@ class SimulatorCampaign(Campaign):
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
-    """The key of a campaign file under which stands what is compared."""
+    """Return the key of a campaign file that lists the compared systems."""
     return SYSTEMS if is_own(data) else "controllers"
 
 
 def is_own(data: object) -> bool:
-    """Whether a campaign file is one of a user's simulator, or of flights that somebody else has flown."""
+    """Return whether a campaign uses a user's simulator or imported flights."""
     return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
 
 
 def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:
-    """What is wrong with the simulator is added to ``errors``."""
+    """Check the simulator's entries; append problems to ``errors``."""
     try:
         if model.simulator:
             model.simulator.find_files(document.path.parent / model.simulator.folder)
@@ -280,17 +285,17 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
         errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
     for key in ("unknowns", "derived", "stop", "sampling", "histories"):
         if not model.simulator and key in model.model_fields_set:
-            found = f"'{key}' of flights that have been flown"
-            errors.append(document.key_error((key,), found, "a simulator, or none of it"))
+            problem = f"'{key}' of flights that have been flown"
+            errors.append(document.key_error((key,), problem, "a simulator, or none of it"))
     if "envelopes" in model.keep.model_fields_set and not model.histories:
         errors.append(
             document.key_error(("keep", "envelopes"), "envelopes of no 'histories'", "'histories'")
         )
-    for key, kept in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
-        if "channels" in kept.model_fields_set:
-            found = "channels of this program's own simulator"
+    for key, settings in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
+        if "channels" in settings.model_fields_set:
+            problem = "channels of this program's own simulator"
             errors.append(
                 document.key_error(
-                    ("keep", key, "channels"), found, "nothing: all 'histories' are kept"
+                    ("keep", key, "channels"), problem, "nothing: all 'histories' are kept"
                 )
             )

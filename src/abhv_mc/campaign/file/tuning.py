@@ -1,4 +1,4 @@
-"""The block ``tune`` of a campaign: which numbers of a controller's file are free, for what, within what."""
+"""Block ``tune`` of a campaign: free numbers of a controller, objective and limits."""
 
 from typing import Annotated, Any, Literal
 
@@ -15,7 +15,10 @@ _QUANTILE = "its quantile over the flights"
 
 
 class Free(StrictModel):
-    """A number of the controller's file that is varied by a factor either way; in the file, its key alone will do."""
+    """Number of the controller's file that tuning varies by a factor.
+
+    The file may give the key alone.
+    """
 
     key: str = Field(description="place in the controller's file, such as velocity.speed.bandwidth")
     factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(
@@ -24,17 +27,17 @@ class Free(StrictModel):
 
 
 class Aim(StrictModel):
-    """A quantile of a metric over the flights; a flight that ended early counts as the worst."""
+    """Quantile of a metric over the flights; early terminations count as the worst value."""
 
     metric: str = Field(description=_METRIC)
     quantile: Quantile = Field(0.95, description=_QUANTILE)
 
 
 class Limit(StrictModel):
-    """A bound on a quantile of a metric, as a number in its unit or as so many times what the start has.
+    """Bound on a quantile of a metric, in its unit or relative to the start.
 
-    A stability margin has no quantile: it is the least of the nominal vehicle, or of it and all corners of the
-    dispersions.
+    A stability margin has no quantile. It is the smallest of the nominal vehicle, or of the nominal
+    vehicle and all corners of the dispersions.
     """
 
     metric: str = Field(description=_METRIC)
@@ -51,17 +54,17 @@ class Limit(StrictModel):
 
     @property
     def is_margin(self) -> bool:
-        """Whether it bounds a stability margin and not a metric of flights."""
+        """Return whether it limits a stability margin rather than a metric of flights."""
         return self.metric in MARGIN_NAMES
 
     @model_validator(mode="after")
     def _one(self) -> "Limit":
-        given = [
+        bounds = [
             key for key in ("below", "above", "below_start_times") if getattr(self, key) is not None
         ]
-        if len(given) != 1:
+        if len(bounds) != 1:
             raise Refusal(
-                " and ".join(given) or "none of them", "one of below, above, below_start_times"
+                " and ".join(bounds) or "none of them", "one of below, above, below_start_times"
             )
         if self.is_margin and (
             "quantile" in self.model_fields_set or self.above is None or self.above <= 0.0
@@ -98,7 +101,7 @@ Points = Annotated[
 
 
 class Tune(StrictModel):
-    """What is tuned, for what, within what."""
+    """Tuning problem: free numbers, objective and limits."""
 
     free: Annotated[
         tuple[Free, ...],
@@ -130,8 +133,10 @@ class Tune(StrictModel):
         quantile = self.minimise.quantile
         least = flights_to_bound(quantile)
         if self.validation < least:
-            found = f"{self.validation} validation flights for the {100.0 * quantile:g} % quantile"
+            problem = (
+                f"{self.validation} validation flights for the {100.0 * quantile:g} % quantile"
+            )
             key = "validation" if "validation" in self.model_fields_set else "minimise"
-            wish = f"validation: {least} or more, with which its difference has a bound"
-            raise Refusal(found, wish, (key,))
+            expected = f"validation: {least} or more, with which its difference has a bound"
+            raise Refusal(problem, expected, (key,))
         return self

@@ -1,6 +1,6 @@
-"""A campaign's unknowns: parameters with one value for the whole programme, of which only bounds are known."""
+"""Unknowns: parameters with one value for the whole programme, known only by bounds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -35,13 +35,31 @@ class Unknown(StrictModel):
 Count = Annotated[int, Field(ge=0)]
 
 
+_HINTED = 3  # dispersions that a sentence names
+
+
+def unknowns_hint(dispersed: Iterable[str]) -> str:
+    """Return a sentence on dispersions that may be constant for the programme, or ''."""
+    drawn = [
+        name for name in dispersed if name.startswith("aero.") or name.endswith("_effectiveness")
+    ]
+    if not drawn:
+        return ""
+    tail = f" and {len(drawn) - _HINTED} more" if len(drawn) > _HINTED else ""
+    return (
+        f"Each flight draws {', '.join(drawn[:_HINTED])}{tail} anew. If one value holds for the whole programme, list "
+        "it under `unknowns`: requirements are then judged at its worst value."
+    )
+
+
 class MostFailures(StrictModel):
-    """Where the search of a controller saw a requirement fail most often."""
+    """Point at which a controller's search saw a requirement fail most often."""
 
     controller: str = Field(description="whose search")
     requirement: Count = Field(description="number of the requirement, from 0")
     point: Count = Field(description="number of the point, from 0")
-    failures: Count = Field(description=f"of {SEARCH_FLIGHTS} flights")
+    failures: Count = Field(description="of the flights of the search at the point")
+    flights: Count = Field(SEARCH_FLIGHTS, description="of the search at each value that was tried")
     tried: Count = Field(description="how many values were tried")
 
 
@@ -68,7 +86,7 @@ class UnknownPoints(StrictModel):
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Their box, and the points of it that are flown; without unknowns one point, of nothing."""
+    """Box of the unknowns and its simulated points; without unknowns one empty point."""
 
     names: tuple[str, ...] = ()
     low: Floats = field(default_factory=lambda: np.empty(0))  # [unknown], SI
@@ -82,12 +100,12 @@ class Unknowns:
     )  # requirements whose worst values were not searched for
     parameters: Parameters = OURS
 
-    def values(self, places: Floats) -> Floats:
-        """SI values [point, unknown] of places in the box, from -1 to 1."""
-        return self.low + 0.5 * (places + 1.0) * (self.high - self.low)
+    def values(self, positions: Floats) -> Floats:
+        """Return SI values [point, unknown] of positions in the box, from -1 to 1."""
+        return self.low + 0.5 * (positions + 1.0) * (self.high - self.low)
 
     def words(self, point: int) -> str:
-        """'lift +10 %, drag -15 %'."""
+        """Return 'lift +10 %, drag -15 %'."""
         parts = []
         for name, value in zip(self.names, self.points[point].tolist(), strict=True):
             parameter = self.parameters[name]
@@ -125,11 +143,11 @@ class Unknowns:
     def _most_words(self, entry: MostFailures, verdict: Verdict) -> str:
         text = f"of {entry.tried} values tried "
         if entry.failures:
-            text += f"the most failures were {entry.failures} of {SEARCH_FLIGHTS} at "
+            text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
-            text += f"none failed in {SEARCH_FLIGHTS} flights; nearest to the limit came "
+            text += f"none failed in {entry.flights} flights; nearest to the limit came "
         text += f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights failed"
-        factor = showing_factor(verdict.probability)
+        factor = showing_factor(verdict.probability, entry.flights)
         if factor <= 1.0:
             return text
         return (
@@ -143,8 +161,12 @@ def points_entry(
     chosen: JudgedPoints,
     controllers: Sequence[str],
     searches: Sequence[Search],
+    flights: int,
 ) -> dict[str, object]:
-    """Return the file's `points` from those chosen in the box and the search of each controller."""
+    """Return the file's `points` from those chosen in the box and the search of each controller.
+
+    ``flights`` is their number at each point that was tried.
+    """
     values = unknowns.values(chosen.points)
     entry: dict[str, object] = {
         "tried": len(np.unique(np.vstack([search.points for search in searches]), axis=0))
@@ -160,6 +182,7 @@ def points_entry(
                 "requirement": most.requirement,
                 "point": most.point,
                 "failures": most.failures,
+                **({} if flights == SEARCH_FLIGHTS else {"flights": flights}),
                 "tried": len(searches[most.search].points),
             }
             for most in chosen.most_failures
@@ -172,7 +195,7 @@ def match_requirements(
     points: UnknownPoints | None,
     requirements: Sequence[Mapping[str, Any]],
 ) -> Unknowns:
-    """Return the unknowns with the search's results for these requirements, if it was made for others."""
+    """Return the unknowns with search results matched to these requirements."""
     if points is None or points.requirements is None:
         return unknowns
     searched = [_severity(entry) for entry in points.requirements]
@@ -193,7 +216,7 @@ def match_requirements(
 
 
 def _severity(entry: Mapping[str, Any]) -> tuple[object, ...]:
-    """What a search of the worst values depends on."""
+    """Return the entries on which a search of the worst values depends."""
     keys = ("metric", "below", "above")
     return (*(str(entry.get(key)) for key in keys), entry.get("ended_early", "failure"))
 
@@ -202,59 +225,65 @@ def check_unknowns(
     document: Document,
     unknowns: dict[str, Unknown],
     points: UnknownPoints | None,
-    others: dict[str, str],
+    other_roles: dict[str, str],
     design: str,
+    *,
     parameters: Parameters,
     errors: list[InputError],
 ) -> Unknowns:
-    """The campaign's unknowns; what is wrong is added to ``errors``. ``others``: what else a parameter is, by name."""
+    """Return the campaign's unknowns; append problems to ``errors``.
+
+    ``other_roles`` gives other uses of a parameter by name.
+    """
     before, ends = len(errors), []
     for name, entry in unknowns.items():
         where = ("unknowns", name)
         if name not in parameters or parameters[name].seed:
-            found = f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
-            errors.append(document.key_error(where, found, one_of(parameters.dispersible, name)))
-        elif name in others:
-            found = f"'{name}', which is {others[name]}, too"
+            problem = (
+                f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
+            )
+            errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
+        elif name in other_roles:
+            problem = f"'{name}', which is {other_roles[name]}, too"
             errors.append(
                 document.key_error(
-                    where, found, "one of them: random anew in each flight, or unknown"
+                    where, problem, "one of them: random anew in each flight, or unknown"
                 )
             )
         else:
             values = {(*where, key): getattr(entry, key) for key in ("low", "high")}
             ends.append(
                 [
-                    _read(document, at, value, parameters[name], errors)
-                    for at, value in values.items()
+                    _read(document, keys, value, parameters[name], errors)
+                    for keys, value in values.items()
                 ]
             )
             if not ends[-1][0] < ends[-1][1]:
-                found = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
-                errors.append(document.error((*where, "high"), found, "low below high"))
+                problem = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
+                errors.append(document.error((*where, "high"), problem, "low below high"))
     if unknowns and design != INDEPENDENT:
-        found = f"unknowns with the design '{design}'"
+        problem = f"unknowns with the design '{design}'"
         errors.append(
             document.key_error(
-                ("unknowns",), found, f"sampling: {INDEPENDENT}, at each of their values"
+                ("unknowns",), problem, f"sampling: {INDEPENDENT}, at each of their values"
             )
         )
     if len(unknowns) > MOST_UNKNOWNS:
-        found = f"{len(unknowns)} unknowns"
-        errors.append(document.key_error(("unknowns",), found, f"at most {MOST_UNKNOWNS}"))
+        problem = f"{len(unknowns)} unknowns"
+        errors.append(document.key_error(("unknowns",), problem, f"at most {MOST_UNKNOWNS}"))
     if points is not None:
         lengths = {len(values) for values in points.at.values()}
         if set(points.at) != set(unknowns) or len(lengths) != 1 or not min(lengths, default=0):
-            wish = "as many values of each of the unknowns, one at least"
+            expected = "as many values of each of the unknowns, one at least"
             errors.append(
                 document.key_error(
-                    ("points",), f"points of {', '.join(points.at) or 'nothing'}", wish
+                    ("points",), f"points of {', '.join(points.at) or 'nothing'}", expected
                 )
             )
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
-            found = f"more than the {number} points of 'at' in 'shared' or 'most_failures'"
-            errors.append(document.key_error(("points",), found, "numbers of points, from 0"))
+            problem = f"more than the {number} points of 'at' in 'shared' or 'most_failures'"
+            errors.append(document.key_error(("points",), problem, "numbers of points, from 0"))
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T

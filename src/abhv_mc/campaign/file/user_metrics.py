@@ -1,4 +1,4 @@
-"""Metrics that a campaign declares: their entries in its file, and their records."""
+"""Metrics declared in a campaign file, and their records."""
 
 import ast
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ def _statistic(value: Any) -> Any:
 
 
 class MetricEntry(StrictModel):
-    """A metric that the campaign declares."""
+    """Metric declared by the campaign."""
 
     of: str = Field(
         description="a channel, or an expression of channels: + - * / abs min max sqrt sin cos"
@@ -107,12 +107,12 @@ class MetricEntry(StrictModel):
                 ("limit",),
             )
         if (self.share is None) == (self.statistic == Statistic.QUANTILE):
-            found = (
+            problem = (
                 "'quantile' without 'share'"
                 if self.share is None
                 else f"a share with '{self.statistic.word}'"
             )
-            raise Refusal(found, "'share: 95 %' with 'quantile', and only there")
+            raise Refusal(problem, "'share: 95 %' with 'quantile', and only there")
         if self.to is not None and self.to <= self.from_:
             raise Refusal("an empty window", "'from' before 'to'", ("to",))
         if self.phase is not None and (self.from_ or self.to is not None):
@@ -124,11 +124,11 @@ MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 
 
 class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
-    """A file of metrics."""
+    """File of metrics."""
 
 
 def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
-    """A file of metrics. Raises InputError."""
+    """Return the document and entries of a file of metrics. Raise InputError."""
     document = read_document(path)
     return document, validate(document, MetricsFile).root
 
@@ -139,11 +139,15 @@ def declare_metrics(
     document: Document,
     where: tuple[str, ...],
     errors: list[InputError],
+    *,
     windows: Mapping[str, tuple[float, float]],
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),
 ) -> tuple[Metric, ...]:
-    """Records of a campaign's metrics; what is wrong is added to ``errors``. ``effectors``: those with actuators."""
+    """Return records of a campaign's metrics; append problems to ``errors``.
+
+    ``effectors`` are those with actuators.
+    """
     known = known_sources(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
@@ -175,18 +179,18 @@ def declare_metrics(
 
 
 def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
-    """Names and units of the user's own channels as plans carry them."""
+    """Return names and units [channel, 2] of user channels, the form in plans."""
     return np.array(user_channels, dtype=np.str_).reshape(-1, 2)
 
 
 def _record(
     name: str,
     entry: MetricEntry,
-    known: Mapping[str, Known],
+    sources: Mapping[str, Known],
     nonnegative: bool,
     window: tuple[float, float],
 ) -> Metric:
-    unit, statistic = _unit(name, entry, known), entry.statistic
+    unit, statistic = _unit(name, entry, sources), entry.statistic
     record = Metric(
         name,
         unit,
@@ -206,15 +210,15 @@ def _record(
     return record if record.doc else replace(record, doc=record.counted)
 
 
-def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
-    """The unit of a metric: what the entry says, what its channel and statistic make, what its name ends with."""
+def _unit(name: str, entry: MetricEntry, sources: Mapping[str, Known]) -> str:
+    """Return the unit of a metric from its entry, its channel and statistic, or its name."""
     if entry.unit is not None:
         return entry.unit
     if entry.statistic == Statistic.REVERSALS:
         return "-"
     if entry.statistic in NEEDS_LIMIT:
         return "s"
-    source = known.get(entry.of.strip())
+    source = sources.get(entry.of.strip())
     if source is None:
         return next((unit for unit in _NAMED_UNITS if name.endswith(f"_{name_end(unit)}")), "-")
     if entry.statistic != Statistic.INTEGRAL:
@@ -225,9 +229,12 @@ def _unit(name: str, entry: MetricEntry, known: Mapping[str, Known]) -> str:
 
 
 def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
-    """Name and unit of each ``@channel`` of a file, found in its text: the file is not run. Raises InputError."""
+    """Return name and unit of each ``@channel`` function without running the file.
+
+    Raise InputError.
+    """
     tree = compile_text(read_source(path), ast.PyCF_ONLY_AST)
-    found: list[tuple[str, str]] = []
+    channels: list[tuple[str, str]] = []
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
             for mark in node.decorator_list:
@@ -248,7 +255,7 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                     ):
                         found_name = f"'{node.name}', a name of the program"
                         raise InputError(path, found_name, "another name", node.lineno)
-                    found.append((node.name, str(units[0].value)))
-    if not found:
+                    channels.append((node.name, str(units[0].value)))
+    if not channels:
         raise InputError(path, "no function with @channel", 'one: @channel(unit="deg")')
-    return tuple(found)
+    return tuple(channels)

@@ -1,1 +1,1 @@
-"""What is flown: designs, marginal distributions, correlation."""
+"""Sampling: designs, marginal distributions and correlation."""

@@ -1,7 +1,9 @@
-"""Inputs that follow from others, such as a drag factor that goes with lift: computed last, from a flight's row.
+"""Derived inputs: parameters computed from others of the same flight.
 
-They are no dimension of the samples: what is drawn, stored, searched, re-weighted and shrunk is what they are made of.
-Expressions are those of metrics, of parameters in SI; they are parsed into instructions and never run as Python.
+An example is a drag factor that follows lift. Derived inputs are computed last, from a flight's
+row, and are no dimension of the samples: only their operands are drawn, stored, searched and
+re-weighted. Expressions are those of metrics, with parameters in SI; they are parsed into
+instructions and never run as Python.
 """
 
 import re
@@ -17,7 +19,7 @@ from abhv_mc.kernel.flight.counting import Operation
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import OURS, Parameters
 
-DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # a parameter's name, and no number
+DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # a parameter's name, but no number
 _DOT = "__"  # in an expression's names, which have none
 _sincos = np.vectorize(sincos, otypes=(float, float))  # the same bits on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
@@ -36,7 +38,7 @@ _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
 
 @dataclass(frozen=True)
 class DerivedInput:
-    """A parameter and the instructions that make it."""
+    """Parameter and the instructions that compute it."""
 
     name: str
     of: frozenset[str]  # parameters
@@ -44,49 +46,52 @@ class DerivedInput:
     constants: tuple[float, ...]
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Its values ``[flight]`` of full rows ``[flight, parameter]``, SI."""
-        found: dict[int, Floats] = {}
-        with np.errstate(all="ignore"):  # what is no number ends the flight
+        """Return values [flight] in SI from full rows [flight, parameter]."""
+        registers: dict[int, Floats] = {}
+        with np.errstate(all="ignore"):  # a result that is not finite ends the flight
             for (operation, out, a, b), constant in zip(self.code, self.constants, strict=True):
                 if operation == Operation.LOAD:
-                    found[out] = rows[:, a]
+                    registers[out] = rows[:, a]
                 elif operation == Operation.CONSTANT:
-                    found[out] = np.full(len(rows), constant)
+                    registers[out] = np.full(len(rows), constant)
                 else:
-                    found[out] = _ACTIONS[Operation(operation)](found[a], found[b])
-        return found[0]
+                    registers[out] = _ACTIONS[Operation(operation)](registers[a], registers[b])
+        return registers[0]
 
 
 Derived = tuple[DerivedInput, ...]
 
 
 def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> DerivedInput:
-    """The instructions of a derived input. Raises Refusal."""
+    """Return the instructions of a derived input. Raise Refusal."""
     index = parameters.index
-    known = {
-        each.replace(".", _DOT): Known(parameters[each].unit, index[each], 1.0)
-        for each in parameters.dispersible
+    sources = {
+        parameter.replace(".", _DOT): Known(parameters[parameter].unit, index[parameter], 1.0)
+        for parameter in parameters.dispersible
     }
     try:
-        made = compile_expression(
-            DOTTED.sub(lambda found: found[0].replace(".", _DOT), text), known
+        compiled = compile_expression(
+            DOTTED.sub(lambda problem: problem[0].replace(".", _DOT), text), sources
         )
     except Refusal as refusal:
-        found, expected = (
-            words.replace(_DOT, ".").replace("channel", "parameter")
-            for words in (refusal.found, refusal.expected)
+        problem, expected = (
+            text_part.replace(_DOT, ".").replace("channel", "parameter")
+            for text_part in (refusal.found, refusal.expected)
         )
-        raise Refusal(found, expected) from None
+        raise Refusal(problem, expected) from None
     names = frozenset(
         parameters.records[a].name
-        for operation, _, a, _ in made.code
+        for operation, _, a, _ in compiled.code
         if operation == Operation.LOAD
     )
-    return DerivedInput(name, names, tuple(made.code), tuple(made.constant))
+    return DerivedInput(name, names, tuple(compiled.code), tuple(compiled.constant))
 
 
 def derive(rows: Floats, derived: Derived, parameters: Parameters = OURS) -> None:
-    """Put derived inputs into full rows ``[flight, parameter]``: each from what the rows held before."""
-    values = [each.evaluate(rows) for each in derived]
-    for each, value in zip(derived, values, strict=True):
-        rows[:, parameters.index[each.name]] = value
+    """Fill derived inputs into full rows [flight, parameter].
+
+    All are computed from the original rows.
+    """
+    values = [derived_input.evaluate(rows) for derived_input in derived]
+    for derived_input, value in zip(derived, values, strict=True):
+        rows[:, parameters.index[derived_input.name]] = value

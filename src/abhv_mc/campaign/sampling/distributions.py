@@ -1,7 +1,8 @@
-"""The distributions that a campaign file may name, and how each becomes the distribution of its parameter.
+"""Distributions of the campaign file and their conversion to marginals.
 
-Values carry the parameter's unit; those of a factor are numbers or percentages. ``half_width`` and ``sigma`` of a
-factor are relative to its nominal value 1, those of an error are in its unit about its nominal value 0.
+Values have the parameter's unit; those of a factor are numbers or percentages. ``half_width`` and
+``sigma`` of a factor are relative to its nominal value 1, those of an error are in its unit about
+its nominal value 0.
 """
 
 import math
@@ -38,10 +39,10 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """The distribution of the drawn value of ``parameter`` in SI. Raises Refusal."""
+        """Return the distribution of the drawn value of ``parameter`` in SI. Raise Refusal."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
-        """Its distribution in SI, with the nominal value where that holds now and then. Raises Refusal."""
+        """Return the marginal in SI, mixed with the nominal value if needed. Raise Refusal."""
         drawn = self.draw_from(parameter)
         return (
             drawn
@@ -73,7 +74,7 @@ class _Ranged(_Distribution):
     high: Value | None = Field(None, description="upper end")
 
     def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
-        """The range given by ``half_width`` about ``center``, or by ``low`` and ``high``."""
+        """Return the range of ``half_width`` about ``center``, or ``low`` and ``high``."""
         low, high = self._read("low", parameter), self._read("high", parameter)
         if self.half_width is not None:
             if low is not None or high is not None:
@@ -90,7 +91,7 @@ class _Ranged(_Distribution):
 
 
 class Uniform(_Ranged):
-    """Every value of a range alike."""
+    """Uniform distribution over a range."""
 
     distribution: Literal["uniform"] = Field(description=_KIND)
 
@@ -100,7 +101,7 @@ class Uniform(_Ranged):
 
 
 class Normal(_Distribution):
-    """Gauss, unbounded."""
+    """Normal distribution."""
 
     distribution: Literal["normal"] = Field(description=_KIND)
     sigma: Value = Field(description="standard deviation")
@@ -115,7 +116,7 @@ class Normal(_Distribution):
 
 
 class TruncatedNormal(_Ranged):
-    """Gauss conditioned on lying in a range (values outside are not moved to its ends)."""
+    """Normal distribution conditioned on a range; values outside are not moved to its ends."""
 
     distribution: Literal["truncated_normal"] = Field(description=_KIND)
     sigma: Value = Field(description="standard deviation before truncation")
@@ -140,7 +141,7 @@ class TruncatedNormal(_Ranged):
 
 
 class Triangular(_Ranged):
-    """Linear up to the mode and down from it."""
+    """Triangular distribution."""
 
     distribution: Literal["triangular"] = Field(description=_KIND)
     mode: Value | None = Field(
@@ -156,7 +157,7 @@ class Triangular(_Ranged):
 
 
 class Lognormal(_Distribution):
-    """A quantity whose logarithm is normal."""
+    """Lognormal distribution."""
 
     distribution: Literal["lognormal"] = Field(description=_KIND)
     sigma: Value = Field(
@@ -176,7 +177,7 @@ class Lognormal(_Distribution):
 
 
 class Beta(_Ranged):
-    """Beta distribution with exponents a and b stretched over a range."""
+    """Beta distribution with exponents a and b, scaled to a range."""
 
     distribution: Literal["beta"] = Field(description=_KIND)
     a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
@@ -188,7 +189,7 @@ class Beta(_Ranged):
 
 
 class Discrete(_Distribution):
-    """One of the values, all alike or by weight."""
+    """Discrete distribution with equal or given weights."""
 
     distribution: Literal["discrete"] = Field(description=_KIND)
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
@@ -210,7 +211,7 @@ class Discrete(_Distribution):
 
 
 class Scipy(_Distribution):
-    """Any continuous distribution of scipy.stats by its name, with its shape parameters, place and scale."""
+    """Continuous distribution of scipy.stats, by name with shape, location and scale."""
 
     distribution: Literal["scipy"] = Field(description=_KIND)
     law: str = Field(description="a continuous distribution of scipy.stats, such as weibull_min")
@@ -229,8 +230,8 @@ class Scipy(_Distribution):
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
         ]  # in the law's order
         if sorted(self.shapes) != sorted(shapes):
-            found = f"shapes {', '.join(self.shapes) or 'none'}"
-            raise Refusal(found, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
+            problem = f"shapes {', '.join(self.shapes) or 'none'}"
+            raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
         loc = self._read("loc", parameter) or 0.0
         marginal = ContinuousMarginal(
@@ -251,7 +252,7 @@ _Part = Annotated[
 
 
 class Mixture(_Distribution):
-    """One of several distributions, all alike or by weight."""
+    """Mixture of distributions with equal or given weights."""
 
     distribution: Literal["mixture"] = Field(description=_KIND)
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(
@@ -261,25 +262,27 @@ class Mixture(_Distribution):
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         weights, drawn = _shares(self.weights, len(self.parts)), []
-        for i, part in enumerate(self.parts):
-            if part.probability < 1.0:
+        for i, component in enumerate(self.parts):
+            if component.probability < 1.0:
                 raise Refusal(
                     "a part with a probability",
                     "a weight, or a probability of the mixture",
                     ("parts", i),
                 )
             try:
-                drawn.append(part.draw_from(parameter))
+                drawn.append(component.draw_from(parameter))
             except Refusal as refusal:
                 raise Refusal(
                     refusal.found, refusal.expected, ("parts", i, *refusal.keys)
                 ) from None
-        choices = [part for part in drawn if isinstance(part, DiscreteMarginal)]
+        choices = [component for component in drawn if isinstance(component, DiscreteMarginal)]
         if len(choices) < len(drawn):
             return MixtureMarginal(tuple(drawn), tuple(weights.tolist()))
-        values = np.unique(np.concatenate([part.values for part in choices]))
+        values = np.unique(np.concatenate([component.values for component in choices]))
         cumulative = np.cumsum(
-            sum(w * part.density(values) for w, part in zip(weights, choices, strict=True))
+            sum(
+                w * component.density(values) for w, component in zip(weights, choices, strict=True)
+            )
         )
         return DiscreteMarginal(values, np.append(cumulative[:-1], 1.0))
 
@@ -298,11 +301,11 @@ def _read(parameter: Parameter, value: Value, *keys: str | int, of_nominal: bool
 
 
 def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
-    """Weights whose sum is 1, all alike where none are given."""
-    found = np.array([1.0] * number if weights is None else weights)
-    if len(found) != number:
-        raise Refusal(f"{len(found)} weights", f"{number}, one for each", ("weights",))
-    return found / found.sum()
+    """Return weights with sum 1, equal if ``weights`` is None."""
+    shares = np.array([1.0] * number if weights is None else weights)
+    if len(shares) != number:
+        raise Refusal(f"{len(shares)} weights", f"{number}, one for each", ("weights",))
+    return shares / shares.sum()
 
 
 def _or(value: float | None, parameter: Parameter) -> float:

@@ -1,4 +1,4 @@
-"""Marginal distributions in SI: what a design's probabilities are turned into values by."""
+"""Marginal distributions in SI, which convert a design's probabilities to values."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,29 +9,32 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 
-# Corners, grid and trial flights take an unbounded distribution between these probabilities: +-3 sigma of a normal.
+# Corners, grid and trial flights truncate unbounded distributions here: +-3 sigma of a normal one.
 TAIL_PROBABILITY = 0.0013498980316301
 _HALVINGS = 64  # of a mixture's bracket
 
 
 class Marginal(Protocol):
-    """A distribution of a scalar."""
+    """Distribution of a scalar."""
 
     def ppf(self, probability: Floats) -> Floats:
-        """Values at probabilities in (0, 1): the inverse of :meth:`cdf`."""
+        """Return the values at probabilities in (0, 1), the inverse of :meth:`cdf`."""
 
     def cdf(self, value: Floats) -> Floats:
-        """Probability of a value at most ``value``."""
+        """Return the probability of a value of at most ``value``."""
 
     def density(self, value: Floats) -> Floats:
-        """Probability density, or the probability of a discrete value."""
+        """Return the probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Values at fractions 0..1 of the distribution's extent, for designs that step through values."""
+        """Return values at fractions 0 to 1 of the range, for designs that step through it."""
 
 
 class _Uniform(NamedTuple):
-    """As scipy.stats.uniform, to the bit; so :class:`_Normal`: their import takes half a second, these are common."""
+    """Uniform distribution, bit-identical to scipy.stats.uniform.
+
+    :class:`_Normal` likewise replaces scipy.stats.norm: importing scipy.stats takes half a second.
+    """
 
     low: float
     width: float
@@ -43,8 +46,8 @@ class _Uniform(NamedTuple):
         return np.clip((value - self.low) / self.width, 0.0, 1.0)
 
     def pdf(self, value: Floats) -> Floats:
-        place = (value - self.low) / self.width
-        return np.where((place >= 0.0) & (place <= 1.0), 1.0 / self.width, 0.0)
+        fraction = (value - self.low) / self.width
+        return np.where((fraction >= 0.0) & (fraction <= 1.0), 1.0 / self.width, 0.0)
 
     def support(self) -> tuple[float, float]:
         return self.low, self.width + self.low
@@ -80,14 +83,14 @@ _PLAIN: dict[str, Callable[..., Any]] = {"uniform": _Uniform, "norm": _Normal}
 
 @dataclass(frozen=True)
 class ContinuousMarginal:
-    """A continuous distribution of scipy.stats by its name, with its shape parameters, location and scale."""
+    """Continuous distribution of scipy.stats, by name with shape, location and scale."""
 
     law: str
     arguments: tuple[float, ...]
 
     @cached_property
     def frozen(self) -> Any:
-        """The distribution, of scipy.stats unless it is a plain one."""
+        """Frozen distribution; uniform and normal ones without scipy.stats."""
         if self.law in _PLAIN:
             return _PLAIN[self.law](*self.arguments)
         from scipy import stats
@@ -105,14 +108,16 @@ class ContinuousMarginal:
 
     def at_fraction(self, fraction: Floats) -> Floats:
         low, high = self.frozen.support()
-        if not np.isfinite(high - low):  # 0, where a lognormal one begins, is no value that it has
+        if not np.isfinite(
+            high - low
+        ):  # the end 0 of a lognormal distribution is no possible value
             low, high = self.frozen.ppf([TAIL_PROBABILITY, 1.0 - TAIL_PROBABILITY])
         return np.asarray(low + (high - low) * fraction, np.float64)
 
 
 @dataclass(frozen=True)
 class DiscreteMarginal:
-    """A choice among values, in increasing order, with the probabilities that each or a smaller one is drawn."""
+    """Discrete distribution: ascending values and their cumulative probabilities."""
 
     values: Floats
     cumulative: Floats  # last entry 1
@@ -125,9 +130,9 @@ class DiscreteMarginal:
         return np.concatenate(([0.0], self.cumulative))[number]
 
     def density(self, value: Floats) -> Floats:
-        place = np.minimum(np.searchsorted(self.values, value), len(self.values) - 1)
+        index = np.minimum(np.searchsorted(self.values, value), len(self.values) - 1)
         return np.where(
-            self.values[place] == value, np.diff(self.cumulative, prepend=0.0)[place], 0.0
+            self.values[index] == value, np.diff(self.cumulative, prepend=0.0)[index], 0.0
         )
 
     def at_fraction(self, fraction: Floats) -> Floats:
@@ -136,14 +141,14 @@ class DiscreteMarginal:
 
 @dataclass(frozen=True)
 class MixtureMarginal:
-    """Each part with its weight; at least one part is continuous."""
+    """Mixture of weighted components, of which at least one is continuous."""
 
     parts: tuple[Marginal, ...]
     weights: tuple[float, ...]  # sum 1
 
     def ppf(self, probability: Floats) -> Floats:
-        """The least values that are reached with the probabilities, by bisection between those of the parts."""
-        ends = np.stack([part.ppf(probability) for part in self.parts])
+        """Return quantiles by bisection between those of the components."""
+        ends = np.stack([component.ppf(probability) for component in self.parts])
         low, high = ends.min(axis=0), ends.max(axis=0)
         for _ in range(
             _HALVINGS
@@ -151,8 +156,8 @@ class MixtureMarginal:
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
-            reached = self.cdf(middle) >= probability
-            low, high = np.where(reached, low, middle), np.where(reached, middle, high)
+            is_reached = self.cdf(middle) >= probability
+            low, high = np.where(is_reached, low, middle), np.where(is_reached, middle, high)
         for atom in find_atoms(self):
             above = self.cdf(np.array([atom]))[0]
             below = above - self.density(np.array([atom]))[0]
@@ -160,18 +165,20 @@ class MixtureMarginal:
         return high
 
     def cdf(self, value: Floats) -> Floats:
-        return np.asarray(sum(weight * part.cdf(value) for weight, part in self._weighed()))
+        return np.asarray(
+            sum(weight * component.cdf(value) for weight, component in self._weighed())
+        )
 
     def density(self, value: Floats) -> Floats:
-        """Density of the continuous parts; at a discrete part's value its probability."""
+        """Return the density of continuous components, or a discrete value's probability."""
         mass, density = np.zeros(np.shape(value)), np.zeros(np.shape(value))
-        for weight, part in self._weighed():
-            total = mass if isinstance(part, DiscreteMarginal) else density
-            total += weight * part.density(value)
+        for weight, component in self._weighed():
+            total = mass if isinstance(component, DiscreteMarginal) else density
+            total += weight * component.density(value)
         return np.where(mass > 0.0, mass, density)
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        ends = np.array([part.at_fraction(np.array([0.0, 1.0])) for part in self.parts])
+        ends = np.array([component.at_fraction(np.array([0.0, 1.0])) for component in self.parts])
         low, high = ends[:, 0].min(), ends[:, 1].max()
         return np.asarray(low + (high - low) * fraction)
 
@@ -181,10 +188,11 @@ class MixtureMarginal:
 
 @dataclass(frozen=True)
 class SometimesMarginal:
-    """A drawn value with a probability, else the nominal one: the mixture's quantiles, so that they still rise.
+    """Distribution that has the drawn value with a probability, else the nominal one.
 
-    A flight's one uniform number says both whether the drawn value holds and which. Where the nominal value is
-    infinite (a failure that never comes), the flights below ``probability`` are those with the drawn value.
+    One uniform number of a flight decides whether the drawn value applies and which it is, so that
+    quantiles still rise. If the nominal value is infinite (a failure that never occurs), the
+    flights below ``probability`` have the drawn value.
     """
 
     drawn: Marginal
@@ -208,40 +216,49 @@ class SometimesMarginal:
         )
 
     def density(self, value: Floats) -> Floats:
-        """Density of the drawn values, and the probability of the nominal one."""
+        """Return the density of drawn values, and the probability of the nominal one."""
         with np.errstate(invalid="ignore"):
             drawn = self.probability * self.drawn.density(value)
         return np.where(value == self.nominal, 1.0 - self.probability, drawn)
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Values of the drawn distribution's extent: trial flights ask whether a failure matters when it comes."""
+        """Return values over the drawn distribution's range.
+
+        Trial flights test the failure itself rather than its probability.
+        """
         return self.drawn.at_fraction(fraction)
 
 
-_SLACK = 1e-9  # of a distribution's width: values of a table may be rounded
+_SLACK = 1e-9  # relative to a distribution's width: values of a table may be rounded
 
 
 def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) -> Mask:
-    """Return which values [flight] a distribution never has, ``rounding`` [flight] aside."""
+    """Return which values [flight] a distribution cannot have.
+
+    ``rounding`` [flight] is the tolerance.
+    """
     if isinstance(marginal, SometimesMarginal):
         off_nominal = np.abs(values - marginal.nominal) > rounding
         return outside(marginal.drawn, values, rounding) & off_nominal
     if isinstance(marginal, MixtureMarginal):
-        return np.logical_and.reduce([outside(part, values, rounding) for part in marginal.parts])
+        return np.logical_and.reduce(
+            [outside(component, values, rounding) for component in marginal.parts]
+        )
     if isinstance(marginal, DiscreteMarginal):
         slack = _SLACK * float(np.ptp(marginal.values)) + rounding
         return np.asarray(np.abs(values[:, None] - marginal.values).min(axis=1) > slack)
-    low, high = marginal.frozen.support()  # type: ignore[attr-defined]
+    scipy_like: Any = marginal
+    low, high = scipy_like.frozen.support()
     slack = (_SLACK * (high - low) if np.isfinite(high - low) else 0.0) + rounding
     return np.asarray((values < low - slack) | (values > high + slack))
 
 
 def find_atoms(marginal: Marginal) -> Floats:
-    """Return the values of positive probability."""
+    """Return the values with positive probability."""
     if isinstance(marginal, SometimesMarginal):
         return np.union1d(find_atoms(marginal.drawn), [marginal.nominal])
     if isinstance(marginal, MixtureMarginal):
-        return np.unique(np.concatenate([find_atoms(part) for part in marginal.parts]))
+        return np.unique(np.concatenate([find_atoms(component) for component in marginal.parts]))
     return marginal.values if isinstance(marginal, DiscreteMarginal) else np.empty(0)
 
 
@@ -259,7 +276,7 @@ def find_moments(marginal: Marginal) -> tuple[float, float]:
         parts = [(value, 0.0) for value in marginal.values.tolist()]
         weights = np.diff(marginal.cumulative, prepend=0.0)
     elif isinstance(marginal, MixtureMarginal):
-        parts = [find_moments(part) for part in marginal.parts]
+        parts = [find_moments(component) for component in marginal.parts]
         weights = np.array(marginal.weights)
     elif isinstance(marginal, SometimesMarginal):
         parts = [find_moments(marginal.drawn), (marginal.nominal, 0.0)]

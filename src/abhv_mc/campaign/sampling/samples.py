@@ -1,7 +1,8 @@
-"""A campaign's samples: one row of parameter values for each flight, drawn before anything flies, or from a file.
+"""Samples of a campaign: one row of parameter values per flight, drawn or from a file.
 
-Turbulence and sensor noise have seeds: columns of the samples as soon as there is such noise, and no dispersion.
-Without a seed of its own every flight would meet the same gusts, and the flights would not be independent.
+Turbulence and sensor noise have seeds. They are columns of the samples if there is such noise, but
+no dispersions. Without its own seed every flight would meet the same gusts, and flights would not
+be independent.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +36,7 @@ _WHOLE = 2.0**52  # a seed of a user's simulator is a whole number below it
 
 @dataclass(frozen=True)
 class SampleSource:
-    """Where samples come from."""
+    """Source of samples."""
 
     names: tuple[str, ...]  # sampled parameters
     flights: int
@@ -47,7 +48,7 @@ class SampleSource:
 def drawn_samples(
     design: Design, marginals: Sequence[Marginal], copula: Copula, parameters: Parameters = OURS
 ) -> SampleSource:
-    """Samples of a design: its probabilities, correlated by the copula, through each parameter's distribution."""
+    """Return samples of a design: correlated probabilities converted by the marginals."""
 
     def draw(first: int, stop: int) -> Floats:
         rows = design.draw(first, stop)
@@ -67,7 +68,7 @@ def drawn_samples(
 
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
-    """The seeds that flights need beside columns of these names; all of a user's simulator."""
+    """Return the seeds that flights need besides ``names``; all of a user's simulator."""
     if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
     there = {
@@ -82,7 +83,7 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
 
 
 def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
-    """Values [flight] of a seed: in 0..1, of a user's simulator whole numbers."""
+    """Return values [flight] of a seed: in 0 to 1, or integers of a user's simulator."""
     drawn = draw_uniforms(stream_key(seed, name), first, count)
     return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 
@@ -90,9 +91,9 @@ def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
 def seeded_samples(
     samples: SampleSource, seeds: tuple[str, ...], seed: int, design: str
 ) -> SampleSource:
-    """Samples with the seeds of the flights' noise in columns behind them, each from (seed, name, flight).
+    """Return samples with the seeds of noise appended, drawn from (seed, name, flight).
 
-    Flights that are compared with each other by their ``design``, all of a factorial one, have a common one.
+    Flights of a factorial ``design`` are compared with each other and share one seed.
     """
 
     def draw(first: int, stop: int) -> Floats:
@@ -110,7 +111,10 @@ def seeded_samples(
 def pooled_samples(
     sources: Sequence[SampleSource], runs: Sequence[int], flights: int
 ) -> SampleSource:
-    """Samples of several seeds, one after the other: the first flights of each, numbered on; the last one goes on."""
+    """Return samples of several seeds in sequence: the first ``runs`` flights of each.
+
+    The last seed continues up to ``flights``.
+    """
     starts = np.cumsum((0, *runs[:-1])).tolist()
     ends = [*starts[1:], flights]
 
@@ -126,25 +130,27 @@ def pooled_samples(
 
 
 def samples_at_points(
-    samples: SampleSource, place: int, unknowns: Sequence[str], points: Floats
+    samples: SampleSource, column: int, unknowns: Sequence[str], points: Floats
 ) -> SampleSource:
-    """Samples, each flown at every one of ``points`` [point, unknown]: row k is sample k // points at point k % points;
-    the unknowns' columns come at ``place`` among the others."""
+    """Return samples at every one of ``points`` [point, unknown].
+
+    Row k is sample k // points at point k % points. The unknowns' columns start at ``column``.
+    """
 
     def draw(first: int, stop: int) -> Floats:
         sample, point = np.divmod(np.arange(first, stop), len(points))
         low = first // len(points)
         rows = samples.draw(low, -(-stop // len(points)))[sample - low]
-        return np.column_stack([rows[:, :place], points[point], rows[:, place:]])
+        return np.column_stack([rows[:, :column], points[point], rows[:, column:]])
 
-    names = (*samples.names[:place], *unknowns, *samples.names[place:])
+    names = (*samples.names[:column], *unknowns, *samples.names[column:])
     return SampleSource(names, samples.flights * len(points), draw)
 
 
 def full_rows(
     names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS
 ) -> Floats:
-    """Full rows ``[flight, parameter]`` in the order of ``parameters``: nominal but for sampled and derived columns."""
+    """Return full rows [flight, parameter], nominal except sampled and derived columns."""
     rows = np.tile(parameters.nominal, (len(values), 1))
     rows[:, [parameters.index[name] for name in names]] = values
     derive(rows, derived, parameters)
@@ -153,30 +159,30 @@ def full_rows(
 
 @dataclass(frozen=True)
 class SampleFile:
-    """Samples that somebody else drew, SI; factors as they are."""
+    """Samples from a file, in SI."""
 
     names: tuple[str, ...]
     values: NDArray[np.float64]  # [flight, parameter]
 
 
-def read_sample_file(path: Path, known: Parameters) -> SampleFile:
-    """Read a table with a row per flight, a column per parameter, and if wanted a ``flight`` that counts from 0.
+def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
+    """Read a table with a row per flight and a column per parameter. Raise InputError.
 
-    Raise InputError.
+    An optional column ``flight`` must count from 0.
     """
     table = read_foreign_table(path)
-    columns = table.find([*known.dispersible, "flight"])
+    columns = table.find([*parameters.dispersible, "flight"])
     indices = {column.position for column in columns.values()}
     for i, head in enumerate(table.heads):
         if i not in indices:
-            expected = f"a parameter: {one_of(known.dispersible, head)}"
+            expected = f"a parameter: {one_of(parameters.dispersible, head)}"
             raise table.error(None, i, f"a column '{head}'", expected)
     flight = columns.pop("flight", None)
     if not columns:
         raise InputError(path, "no column of a parameter", "at least one", 1)
     if not len(table):
         raise InputError(path, "no rows", "one row per flight", 1)
-    factors = [table.factor(column, known[name].unit) for name, column in columns.items()]
+    factors = [table.factor(column, parameters[name].unit) for name, column in columns.items()]
     values = table.numbers([column.position for column in columns.values()]) * factors
     if flight and not np.array_equal(
         table.numbers([flight.position])[:, 0], np.arange(len(values))

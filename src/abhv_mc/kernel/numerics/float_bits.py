@@ -6,8 +6,7 @@ Plain Python goes through ``struct``; compiled code gets one LLVM bitcast, which
 import struct
 from typing import Any
 
-from numba import types
-from numba.extending import intrinsic, overload
+from abhv_mc.kernel.jit import when_loaded
 
 
 def float_bits(x: float) -> int:
@@ -20,27 +19,29 @@ def bits_float(bits: int) -> float:
     return float(struct.unpack("<d", struct.pack("<q", bits))[0])
 
 
-@intrinsic
-def _to_int64(typing_context: Any, x: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
+@when_loaded
+def _overload_both() -> None:
+    from numba import types
+    from numba.extending import intrinsic, overload
 
-    return types.int64(types.float64), generate
+    @intrinsic
+    def _to_int64(typing_context: Any, x: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.bitcast(arguments[0], context.get_value_type(types.int64))
 
+        return types.int64(types.float64), generate
 
-@intrinsic
-def _to_float64(typing_context: Any, bits: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], context.get_value_type(types.float64))
+    @intrinsic
+    def _to_float64(typing_context: Any, bits: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.bitcast(arguments[0], context.get_value_type(types.float64))
 
-    return types.float64(types.int64), generate
+        return types.float64(types.int64), generate
 
+    @overload(float_bits, jit_options={"forceinline": True}, strict=False)
+    def _float_bits(x: Any) -> Any:
+        return lambda x: _to_int64(x)  # type: ignore[call-arg]  # noqa: PLW0108
 
-@overload(float_bits, jit_options={"forceinline": True}, strict=False)
-def _float_bits(x: Any) -> Any:
-    return lambda x: _to_int64(x)  # type: ignore[call-arg]  # noqa: PLW0108
-
-
-@overload(bits_float, jit_options={"forceinline": True}, strict=False)
-def _bits_float(bits: Any) -> Any:
-    return lambda bits: _to_float64(bits)  # type: ignore[call-arg]  # noqa: PLW0108
+    @overload(bits_float, jit_options={"forceinline": True}, strict=False)
+    def _bits_float(bits: Any) -> Any:
+        return lambda bits: _to_float64(bits)  # type: ignore[call-arg]  # noqa: PLW0108

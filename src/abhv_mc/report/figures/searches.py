@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.report.numbers.planned import Planned
@@ -17,6 +16,7 @@ from abhv_mc.topics.figure_style import (
     GREEN,
     INK,
     MARKERS,
+    PERCENT,
     SKY,
     VERMILION,
     label_lowest,
@@ -160,53 +160,6 @@ def plot_failures(names: Sequence[str], points: Floats) -> Figure:
 
 
 @styled
-def plot_front(
-    labels: tuple[str, str],
-    points: tuple[Floats, Floats, NDArray[np.bool_]],
-    front: NDArray[np.intp],
-    best: int,
-) -> Figure:
-    """Candidates by usage and error: those beyond a limit, those within all, the front, the start and the best."""
-    usage, error, allowed = points
-    figure = new_figure(3.4)
-    axes = figure.subplots()
-    shown = np.isfinite(usage) & np.isfinite(error)
-    axes.plot(
-        usage[shown & ~allowed],
-        error[shown & ~allowed],
-        ".",
-        color="#BBBBBB",
-        label="beyond a limit",
-    )
-    axes.plot(
-        usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits"
-    )
-    axes.plot(
-        usage[front],
-        error[front],
-        color=BLUE,
-        linewidth=1.2,
-        drawstyle="steps-post",
-        label="Pareto front",
-    )
-    axes.plot(usage[0], error[0], "s", color=INK, label="start")
-    axes.plot(usage[best], error[best], "o", color=VERMILION, label="result", zorder=5)
-    axes.set_xlabel(labels[0])
-    axes.set_ylabel(labels[1])
-    if shown.any():  # far candidates would squeeze what matters into a corner
-        for near, values in ((axes.set_xlim, usage), (axes.set_ylim, error)):
-            low = float(values[shown].min())
-            marks = values[[0, best]]
-            far = float(marks[np.isfinite(marks)].max(initial=low))
-            near(
-                low - 0.1 * (far - low),
-                far + 1.5 * max(far - low, 0.1 * abs(far)),
-            )
-    figure.legend(loc="outside right upper")
-    return figure
-
-
-@styled
 def plot_flights(
     times: Floats,
     panels: Mapping[str, Floats],
@@ -292,7 +245,7 @@ def plot_planned(planned: Planned) -> Figure:
         axes.set_title("all requirements PASS at some flight (bounds)", fontsize=8)
     for axes in grid.flat[:count]:
         axes.axvline(1.0, color=INK, linewidth=0.8)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("chance of PASS")
     label_lowest(grid, count, "true failure rate over the allowed one")

@@ -158,13 +158,13 @@ def compare_results(
             names,
             metrics,
             compared,
-            requirements,
+            requirements=requirements,
             independent=independent,
             points=len(unknowns.points),
         )
         if found is not None:
             gates = {
-                metric: _gate(*flights, metric, margin, requirements, unknowns)
+                metric: _gate(*flights, metric, margin, requirements, unknowns=unknowns)
                 for metric, margin in (margins or {}).items()
             }
             rows_a, rows_b = common_rows(*flights)
@@ -229,6 +229,7 @@ def _gate(
     metric: str,
     margin: float,
     requirements: Sequence[Requirement],
+    *,
     unknowns: Unknowns,
 ) -> Gate:
     """What stops `b`, which may be so much worse; with unknowns at the point that stops it, or is nearest to it.
@@ -251,7 +252,7 @@ def _gate(
             (lost[0][at], lost[1][at]),
             [(x[at], y[at]) for x, y in missed],
             margin,
-            RISK / points,
+            risk=RISK / points,
         )
         gates.append(replace(gate, at=unknowns.words(point) if unknowns.names else ""))
     return min(gates, key=lambda gate: (gate.shown, gate.within_low))

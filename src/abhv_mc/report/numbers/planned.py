@@ -140,4 +140,5 @@ def _points(campaign: Experiment) -> tuple[int, int]:
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0
     controllers = len(campaign.controllers)
-    return most_points(unknowns, controllers * asked), controllers * search_flights(unknowns, asked)
+    searched = controllers * search_flights(unknowns, asked, campaign.runs_at_point)
+    return most_points(unknowns, controllers * asked), searched

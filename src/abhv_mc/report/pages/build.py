@@ -130,17 +130,18 @@ def build_report(
     stage: Stage = nullcontext,
     out: Path | None = None,
     requirements: Path | None = None,
+    junit: Path | None = None,
 ) -> Path:
     """Write a folder's report into ``out``, by default the folder itself, and return its page.
 
-    ``svg`` also writes each figure as SVG; ``requirements`` judges the flights in place of the folder's. Raise
-    InputError.
+    ``svg`` also writes each figure as SVG; ``requirements`` judges the flights in place of the folder's; ``junit``
+    takes the verdicts as JUnit XML. Raise InputError.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import explain_os_error, write_text
     from abhv_mc.report.numbers.compare import compare_baseline
     from abhv_mc.report.numbers.report_numbers import make_numbers
-    from abhv_mc.report.pages.matrix import make_matrix, make_metrics
+    from abhv_mc.report.pages.matrix import judged_cases, make_junit, make_matrix, make_metrics
     from abhv_mc.report.pages.page import PageFigure, make_page
     from abhv_mc.topics.figure_style import write_png, write_svg
     from abhv_mc.topics.metrics import METRICS
@@ -151,7 +152,7 @@ def build_report(
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
     key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
     results = read_flown(folder, requirements)
-    models = Models(results)
+    models = Models(results, page=out or folder)
     held = compare_baseline(results, baseline) if baseline else None
     with stage("report: statistics"):
         numbers = {**make_numbers(models, held), "files": hash_files(folder)}
@@ -196,6 +197,8 @@ def build_report(
         pages[written.matrix] = make_matrix(models[VERDICTS], results.campaign.metrics)
     for path, content in pages.items():
         write_text(path, content)
+    if junit is not None:
+        write_text(junit, make_junit(out.name, judged_cases(models[VERDICTS])))
     pictures = hash_pages(out, [path.relative_to(out).as_posix() for path in sorted(kept)])
     names = [path.name for path in pages]
     numbers |= {"pages": hash_pages(out, names), "pictures": pictures, "key": key}

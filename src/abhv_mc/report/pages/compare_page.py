@@ -1,14 +1,17 @@
 """The page of a paired comparison: gates, who is better in what and by how much, the flights that only one loses."""
 
+import json
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import nan
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
+from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
@@ -20,7 +23,8 @@ from abhv_mc.report.numbers.compare import (
 )
 from abhv_mc.report.numbers.contrast import Contrast, contrast_results
 from abhv_mc.report.numbers.judgement import few
-from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_section
+from abhv_mc.report.numbers.runs import COMPARISON_FILE
+from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_rows, contrast_section
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
@@ -28,17 +32,71 @@ from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.comparison.sentences import pair_words, standing, verdict_of
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names, full_labels, names_of
+from abhv_mc.topics.plain import plain
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 from abhv_mc.topics.words import ends_of, fixed, joined, p_value
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
-class Comparison(NamedTuple):
-    """Two folders compared: in numbers, in words and tables, and the page where one is asked for."""
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two campaigns compared: in numbers, in words and tables, as a figure, and as a page if one is asked for.
+
+    Attributes
+    ----------
+    found
+        `Compared`, flight by flight, of the same samples; else `Contrast`.
+    page
+        The page that was written.
+    """
 
     found: Compared | Contrast
-    section: Section
+    section: Section = field(repr=False)
     page: Path | None
+    _draw: Callable[[], Iterable[Drawn]] = field(repr=False)
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the numbers of ``abhv-mc compare --json``."""
+        numbers: dict[str, Any] = plain(self.found)
+        return numbers
+
+    @property
+    def table(self) -> "pd.DataFrame":
+        """One row a controller and quantity: differences with their 95 % intervals.
+
+        Of the same samples the first minus the second: the median over flights, and quantiles. Of others the second
+        minus the first: the share of flights that fails each requirement, and quantiles, with both sides' values.
+        """
+        import pandas as pd
+
+        rows = (
+            _paired_rows(self.found)
+            if isinstance(self.found, Compared)
+            else contrast_rows(self.found)
+        )
+        columns = ("a", "b", "metric", "quantity", "first", "second", "difference", "low", "high")
+        return pd.DataFrame(list(rows), columns=list(columns))
+
+    def figure(self) -> "Figure":
+        """Return the figure of the page. Raise InputError if no flight differs or nothing is drawn."""
+        for _, figure in self._draw():
+            return figure
+        raise InputError("figure", "no metric that differs", "campaigns of which a flight differs")
+
+
+def _paired_rows(found: Compared) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of :attr:`Comparison.table` of a paired comparison."""
+    for pair in found.paired:
+        for metric, entry in pair.metrics.items():
+            names = {"median": entry.median_difference, **entry.quantile_differences}
+            for level, difference in names.items():
+                words = "median over flights" if level == "median" else f"{level[1:]} % quantile"
+                ends = difference.value, difference.low, difference.high
+                yield (*pair.controllers, metric, words, nan, nan, *ends)
 
 
 def compare_folders(
@@ -64,6 +122,10 @@ def compare_folders(
         return _contrast(a, b, controllers, out)
     found = compare_results(a, b, controllers, margins)
     told = _told(a, b, found)
+
+    def draw() -> list[Drawn]:
+        return _figures(a, b, {words: pair for words, pair, _ in told if not _is_same(pair)})
+
     section = _section(a, b, found, told)
     page = None
     if out is not None:
@@ -71,11 +133,20 @@ def compare_folders(
         title = joined([words for words, *_ in told]) if one == other else f"{one} against {other}"
         kicker = f"Paired comparison · {a.campaign.question or a.campaign.name.replace('_', ' ')}"
         whole = replace(section, items=(*section.items, _provenance(a, b, found, out)))
-        drawn = _figures(a, b, {words: pair for words, pair, _ in told if not _is_same(pair)})
-        page = write_answer(Answer(title, kicker, whole, drawn), out / "report.html")
+        page = write_answer(Answer(title, kicker, whole, draw()), out / "report.html")
+        _write_numbers(a, b, found, out)
     for results in (a, b):
         results.refuse_changes()
-    return Comparison(found, section, page)
+    return Comparison(found, section, page, draw)
+
+
+def _write_numbers(
+    a: FlownCampaign, b: FlownCampaign, found: Compared | Contrast, out: Path
+) -> None:
+    """Write `comparison.json`: the numbers, and the digests by which `abhv-mc runs` finds the page."""
+    digests = [each.manifest.digest for each in (a, b)]
+    content = {"digests": digests, **plain(found)}
+    write_text(out / COMPARISON_FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def _contrast(
@@ -84,6 +155,10 @@ def _contrast(
     """Compare two campaigns on different samples."""
     found, titles = contrast_results(a, b, controllers), _folder_names(a, b)
     section, page = contrast_section(a, b, found, titles), None
+
+    def draw() -> Iterator[Drawn]:
+        return contrast_figures(a, b, found, titles)
+
     if out is not None:
         kicker = f"Comparison on different samples · {a.campaign.question or a.campaign.name}"
         words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out)]
@@ -96,11 +171,12 @@ def _contrast(
             rows,
         )
         whole = replace(section, items=(*section.items, made))
-        drawn = contrast_figures(a, b, found, titles)
-        page = write_answer(Answer(" and ".join(titles), kicker, whole, drawn), out / "report.html")
+        shown = Answer(" and ".join(titles), kicker, whole, draw())
+        page = write_answer(shown, out / "report.html")
+        _write_numbers(a, b, found, out)
     for results in (a, b):
         results.refuse_changes()
-    return Comparison(found, section, page)
+    return Comparison(found, section, page, draw)
 
 
 def _section(

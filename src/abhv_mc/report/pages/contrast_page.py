@@ -1,6 +1,7 @@
 """Two campaigns on different samples as sentences, tables and figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import nan
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,
     INK,
+    PERCENT,
     distribution_steps,
     log_if_wide,
     new_panels,
@@ -51,7 +53,7 @@ def contrast_section(
 ) -> Section:
     """Return what differs, who met the requirements before and meets them now, and the tables."""
     labels = _labels(a, b, found)
-    answers = [*_answers(found, labels)]
+    answers = [*change_sentences(found, labels)]
     lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:4]))
     changes = list(found.changes)
     if len(changes) > _CHANGES:
@@ -62,8 +64,8 @@ def contrast_section(
         "Newcombe's of shares, bootstrap of quantiles. An interval without 0 shows a difference."
     )
     tables = [
-        _verdict_table(found, labels, titles),
-        _quantile_table(found, a.asked, labels, titles),
+        _verdict_table(a, found, labels, titles),
+        _quantile_table(a, found, labels, titles),
     ]
     shown = [table for table in tables if table.groups[0]]
     return Section("Answer", (lead, Bullets(tuple(told)), Picture("distributions"), *shown))
@@ -80,23 +82,25 @@ def _labels(a: FlownCampaign, b: FlownCampaign, found: Contrast) -> list[str]:
     return labels
 
 
-def _answers(found: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield what each controller newly misses or meets, then who meets all in both campaigns."""
+def change_sentences(found: Contrast, labels: Sequence[str]) -> Iterator[str]:
+    """Yield what each controller newly misses or meets, then who has the same verdicts in both campaigns."""
     same = {}
     for label, each in zip(labels, found.contrasted, strict=True):
         if not each.requirements:
             return
         missed = [item for item in each.requirements if _turns(item, "FAIL")]
         met = [item for item in each.requirements if _turns(item, "PASS")]
-        lost = [
-            item for item in each.requirements if _turns(item, "NOT SHOWN") and item not in missed
-        ]
+        lost, unmissed = (
+            [item for item in each.requirements if (item.before.status, item.after.status) == turn]
+            for turn in (("PASS", "NOT SHOWN"), ("FAIL", "NOT SHOWN"))
+        )
         parts = [
             f"{verb} {joined([_change(item) for item in items])}"
             for verb, items in (
                 ("newly misses", missed),
                 ("newly meets", met),
-                ("is no longer shown to meet" if lost else "", lost),
+                ("is no longer shown to meet", lost),
+                ("is no longer shown to miss", unmissed),
             )
             if items
         ]
@@ -115,11 +119,14 @@ def _turns(item: ContrastRequirement, status: str) -> bool:
 
 
 def _change(item: ContrastRequirement) -> str:
-    before, after = (each.failures / each.flights for each in (item.before, item.after))
-    return f"{item.words} ({percent(before, 2)} -> {percent(after, 2)} of the flights fail)"
+    before, after = item.before, item.after
+    shares = " -> ".join(percent(side.failures / side.flights, 2) for side in (before, after))
+    return f"{item.words} ({before.status} -> {after.status}, {shares} of the flights fail)"
 
 
-def _verdict_table(found: Contrast, labels: Sequence[str], titles: tuple[str, str]) -> Table:
+def _verdict_table(
+    a: FlownCampaign, found: Contrast, labels: Sequence[str], titles: tuple[str, str]
+) -> Table:
     rows = [
         (
             f"{item.words} in {percent(item.probability)}",
@@ -132,8 +139,26 @@ def _verdict_table(found: Contrast, labels: Sequence[str], titles: tuple[str, st
         for label, each in zip(labels, found.contrasted, strict=True)
         for item in (each.requirements[i],)
     ]
-    heads = ("Requirement", "Controller", *titles, "Difference of the share that fails")
+    kind = a.campaign.kind.capitalize()
+    heads = ("Requirement", kind, *titles, "Difference of the share that fails")
     return make_table("Verdicts", "Requirements of the first campaign in both", heads, rows)
+
+
+def contrast_rows(found: Contrast) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of a comparison's table: shares that fail, and quantiles, each with its difference."""
+    for each in found.contrasted:
+        for item in each.requirements:
+            shares = (side.failures / side.flights for side in (item.before, item.after))
+            difference = item.share_difference
+            interval = difference.value, difference.low, difference.high
+            yield (*each.controllers, item.words, "share that fails", *shares, *interval)
+        for metric, levels in each.metrics.items():
+            for level, pair in levels.items():
+                ends = pair.before.value, pair.after.value
+                shown = pair.difference or Interval(nan, nan, nan)
+                quantity = f"{level[1:]} % quantile"
+                interval = shown.value, shown.low, shown.high
+                yield (*each.controllers, metric, quantity, *ends, *interval)
 
 
 def _side(found: SideVerdict) -> str:
@@ -145,7 +170,7 @@ def _is_shown(difference: Interval | None) -> bool:
 
 
 def _quantile_table(
-    found: Contrast, asked: Sequence[str], labels: Sequence[str], titles: tuple[str, str]
+    a: FlownCampaign, found: Contrast, labels: Sequence[str], titles: tuple[str, str]
 ) -> Table:
     rows = [
         (
@@ -160,9 +185,9 @@ def _quantile_table(
         for metric, words in found.words.items()
         for label, each in zip(labels, found.contrasted, strict=True)
         for level, pair in each.metrics[metric].items()
-        if metric in asked or _is_shown(pair.difference)
+        if metric in a.asked or _is_shown(pair.difference)
     ]
-    heads = ("Metric", "Controller", "Quantile", *titles, "Difference")
+    heads = ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference")
     caption = (
         "Of other metrics than the required ones, differences that are shown. A dash: fewer than five flights lie "
         "beyond the quantile, or lost flights reach it"
@@ -226,7 +251,7 @@ def plot_contrast(
             axes.axvline(limit, color=INK, linewidth=0.8)
         log_if_wide(axes, "x", drawn)
         axes.set_xlabel(panel.label)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     entries = [Line2D([], [], color=CYCLE[i % len(CYCLE)]) for i in range(len(labels))]
     entries += [Line2D([], [], color=INK, linestyle=style) for style in _STYLES]
     put_legend(figure, entries, [*labels, *titles])

@@ -93,14 +93,14 @@ class PageFigure:
         return Markup(f"data:image/png;base64,{image}")  # noqa: S704  letters of base64 only
 
 
-def _script_json(data: object) -> Markup:
-    """JSON that cannot end the script element which holds it."""
+def script_json(data: object) -> Markup:
+    """Return JSON that cannot end the script element which holds it."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
 
 
-def _script_hashes(*scripts: str) -> Markup:
-    """The sources of a content security policy that lets these scripts run and no other."""
+def script_hashes(*scripts: str) -> Markup:
+    """Return the sources of a content security policy that lets these scripts run and no other."""
     hashes = (
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
         for script in scripts
@@ -168,6 +168,7 @@ def make_page(
     packed_library = (template / "plotly-basic.min.js.gz").read_bytes()
     envelopes, arrays = envelope_data(results, names.controllers, colors)
     flights, columns = make_flights_view(results, names.controllers, colors)
+    flights["folder"] = names.folder
     places, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = (
@@ -193,10 +194,10 @@ def make_page(
             figure_of={figure.text.name: figure for figure in figures},
             style=Markup("".join(map(template_text, STYLES))),  # noqa: S704  our own files
             script=Markup(script),  # noqa: S704
-            script_hashes=_script_hashes(script, gzip.decompress(packed_library).decode()),
+            script_hashes=script_hashes(script, gzip.decompress(packed_library).decode()),
             plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
             packed=Markup(packed),  # noqa: S704  letters of base64 only
-            data=_script_json({"envelopes": envelopes, "flights": flights, "places": places}),
+            data=script_json({"envelopes": envelopes, "flights": flights, "places": places}),
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=[card(models, name, colors[name]) for name in names.controllers],

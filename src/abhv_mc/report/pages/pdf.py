@@ -30,13 +30,25 @@ def find_browser() -> str:
     return found
 
 
-def print_pdf(page: Path, browser: str, letter: bool = False) -> Path:
-    """Print a page beside itself, on A4 or letter; the PDF's path. Raises InputError where nothing was printed."""
-    target = page.with_suffix(".pdf")
+# Two pages: the answer, then what is asked over the flights and what moves it; the rest is in the report.
+_BRIEF = """
+main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, figcaption .file,
+#metrics > p, #metrics > .scroll, #drivers > p { display: none !important; }
+#metrics { break-before: page; }
+"""
+
+
+def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = False) -> Path:
+    """Print a page beside itself, on A4 or letter, and return the PDF's path; ``brief``: two pages of it.
+
+    Raise InputError if nothing was printed.
+    """
+    target = page.with_name("brief.pdf") if brief else page.with_suffix(".pdf")
     target.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as profile:
         sized = Path(profile) / page.name
-        size = f"<style>@page {{ size: {'letter' if letter else 'A4'}; }}</style></head>"
+        rules = _BRIEF * brief
+        size = f"<style>@page {{ size: {'letter' if letter else 'A4'}; }}{rules}</style></head>"
         sized.write_text(
             page.read_text(encoding="utf-8").replace("</head>", size, 1), encoding="utf-8"
         )

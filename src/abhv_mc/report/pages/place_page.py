@@ -58,6 +58,8 @@ def _sentences(found: Placement) -> Iterator[str]:
             f"{flight.name}: joint p-value of {len(flight.metrics)} metrics {p_value(flight.joint_p_value)}; the "
             f"rarest is {first.metric}, rank {first.rank} of {found.simulated + 1}"
         )
+        if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
+            text += ", not unusual alone: their combination is"
         if flight.leaves:
             text += f"; {flight.leaves.channel} leaves the simultaneous band first, at {flight.leaves.time_s:g} s"
         elif flight.band_p_value is not None:
@@ -73,10 +75,12 @@ def _remarks(found: Placement) -> Iterator[str]:
         f"each p-value is at most {percent(1.0 - CONFIDENCE)} in that share of such flights, and its whole history "
         f"stays within the simultaneous band in {percent(CONFIDENCE)}."
     )
-    if found.bands and not found.noise:
+    if found.sensed:
+        yield f"Bias, scale and noise of the campaign's sensors were added: {joined(found.sensed)}."
+    if found.bands and not (found.noise or found.sensed):
         yield (
             "No measurement noise is declared: an instrument's noise alone puts an honest flight outside. Add it with "
-            "`--measured CHANNEL=SIGMA`."
+            "`measured: {CHANNEL: SIGMA}` in the campaign or with `--measured CHANNEL=SIGMA`."
         )
     elif found.noise:
         noise = joined([f"{sigma:g} in {channel}" for channel, sigma in found.noise.items()])

@@ -23,7 +23,13 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
     metric, dimensions = found.metric, len(found.space.names)
     asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
     flights = flights_table(
-        found.flights, found.severities, dimensions, metric, found.controller, folder, found.known
+        found.flights,
+        found.severities,
+        dimensions,
+        metric,
+        found.controller,
+        folder=folder,
+        known=found.known,
     )
     items = (
         *_answers(found, asked),

@@ -84,6 +84,7 @@ def flights_table(
     dimensions: int,
     metric: Metric,
     controller: str,
+    *,
     folder: Path,
     known: Parameters,
 ) -> Fold:

@@ -32,7 +32,9 @@ def verify_campaign(root: Path) -> Iterator[str]:
 def _report_differences(root: Path) -> Iterator[str]:
     path = root / "report.json"
     if not path.is_file():
-        raise InputError(path, "no such file", f"a report: abhv-mc report {root}")
+        if (root / "report.html").is_file():
+            yield "report.json: missing, although report.html is there"
+        return
     try:
         written: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         files, pages, pictures = (written.pop(name) for name in ("files", "pages", "pictures"))

@@ -22,7 +22,13 @@ def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
     metric = found.metric
     searched = found.severities[: found.searched]
     flights = flights_table(
-        found.flights, searched, len(found.names), metric, found.controller, folder, found.known
+        found.flights,
+        searched,
+        len(found.names),
+        metric,
+        found.controller,
+        folder=folder,
+        known=found.known,
     )
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"

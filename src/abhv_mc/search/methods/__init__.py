@@ -1,7 +1,7 @@
-"""Beyond sampling: the worst case in a box, the probability of a rare event, better values of free parameters.
+"""Search algorithms: worst case in a box, rare-event probability, optimal parameters.
 
-Every algorithm here sees arrays alone. It is given a function that takes points ``[point, dimension]`` and returns one
-value (or one row) for each, and it calls that function with batches that fill the lanes of compiled flights. Its
-random numbers belong to its seed and its place in the algorithm, so the same values give the same points again: a
-search is resumed by answering its first batches from what was stored.
+Every algorithm uses arrays only. It calls a given function with batches of points [point,
+dimension] that fill the lanes of compiled flights, and receives one value (or one row) for each
+point. Its random numbers depend on its seed and on the step, so that equal values give equal
+points: a search is resumed by answering its first batches from stored flights.
 """

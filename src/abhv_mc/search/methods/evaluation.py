@@ -1,4 +1,4 @@
-"""What every search asks of its caller, what it has evaluated so far, and where its random numbers come from."""
+"""Evaluation record and random streams shared by all search algorithms."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,24 +9,24 @@ from abhv_mc.array_types import Floats
 
 Evaluate = Callable[[Floats], Floats]  # values [point] of the points [point, dimension]
 
-LANES = 32  # flights that compiled code flies side by side: batches are multiples of it
+LANES = 32  # flights that compiled code simulates in parallel: batches are multiples of it
 
 
-def make_generator(seed: int, *place: int) -> np.random.Generator:
-    """The generator of one place in a search (repetition, level, step, ...), independent of all others."""
+def make_generator(seed: int, *key: int) -> np.random.Generator:
+    """Return the independent random generator of a key (repetition, level, step, ...)."""
     return np.random.Generator(
-        np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=place))
+        np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=key))
     )
 
 
 def round_up(number: int, multiple: int = LANES) -> int:
-    """The smallest multiple that is not below ``number``."""
+    """Return the smallest multiple that is not below `number`."""
     return -(-number // multiple) * multiple
 
 
 @dataclass(frozen=True)
 class Progress:
-    """The best value once a batch was evaluated."""
+    """Best value after a batch."""
 
     evaluations: int
     best: float
@@ -35,7 +35,7 @@ class Progress:
 
 @dataclass
 class Record:
-    """Evaluates points of the box -1 .. 1 and remembers them; larger values are better, not-a-number is worst."""
+    """Evaluated points of the box -1 .. 1 with their values; larger is better, NaN is worst."""
 
     evaluate: Evaluate
     limit: int  # evaluations in all
@@ -49,16 +49,16 @@ class Record:
 
     @property
     def used(self) -> int:
-        """Evaluations so far."""
+        """Number of evaluations so far."""
         return sum(map(len, self.values))
 
     @property
     def left(self) -> int:
-        """Evaluations that are left."""
+        """Number of evaluations left."""
         return self.limit - self.used
 
     def call(self, points: Floats, stage: str) -> Floats:
-        """Values ``[point]`` of points ``[point, dimension]``."""
+        """Evaluate points [point, dimension] and return their values [point]."""
         values = self.evaluate(points)
         values = np.where(np.isnan(values), -np.inf, values)
         self.points.append(points)
@@ -69,12 +69,15 @@ class Record:
         self.history.append(Progress(self.used, self.best, stage))
         return values
 
-    def best_places(self, number: int, apart: float) -> Floats:
-        """The best places, at most ``number``, each at least ``apart`` (rms over the dimensions) from better ones."""
+    def best_places(self, number: int, min_distance: float) -> Floats:
+        """Return at most `number` best points, each at least `min_distance` from better ones.
+
+        The distance is the rms over the dimensions.
+        """
         order = np.argsort(-np.concatenate(self.values), kind="stable")
         points = np.concatenate(self.points)[order]
         chosen: list[Floats] = []
         while len(points) and len(chosen) < number:
             chosen.append(points[0])
-            points = points[np.sqrt(np.mean((points - points[0]) ** 2, axis=1)) >= apart]
+            points = points[np.sqrt(np.mean((points - points[0]) ** 2, axis=1)) >= min_distance]
         return np.array(chosen)

@@ -1,4 +1,4 @@
-"""Where a search of a box starts: its middle, one dimension at a time, its corners, and points that fill it evenly."""
+"""First points of a search: the centre, single dimensions, corners and Sobol points."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ _CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256  # of the evaluations, for a climb over co
 
 
 def sobol_points(dimension: int, number: int, seed: int) -> Floats:
-    """The first points of a scrambled Sobol sequence in the box -1 .. 1."""
+    """Return the first points of a scrambled Sobol sequence in the box -1 .. 1."""
     from scipy.stats.qmc import Sobol
 
     sequence = Sobol(dimension, rng=np.random.default_rng(seed))
@@ -21,14 +21,14 @@ def sobol_points(dimension: int, number: int, seed: int) -> Floats:
 
 
 def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
-    """Evaluate first points of the box, whole batches: about a quarter of what the record may."""
+    """Evaluate first points of the box in whole batches, about a quarter of the limit."""
     share = record.limit // 4
     star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
     even = sobol_points(dimension, record.limit, seed)
     taken = 0
 
     def fill(points: Floats) -> Floats:
-        """The points, and as many even ones as fill their last batch."""
+        """Return the points, padded with Sobol points to whole batches."""
         nonlocal taken
         missing = -len(points) % batch
         taken += missing
@@ -49,9 +49,9 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
 def _climb_corners(
     record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]
 ) -> None:
-    """Uphill from the corner that the slopes point to: all neighbours, then all signs at once that gained alone.
+    """Climb over corners from the one that the slopes point to, then from the opposite one.
 
-    Where that leads no further, the climb begins again at the opposite corner.
+    Each step evaluates all neighbours, then all improving sign changes together.
     """
     dimension = len(star) // 2
     slopes = star[1 : dimension + 1] - star[dimension + 1 :]
@@ -59,11 +59,11 @@ def _climb_corners(
     order = np.argsort(np.abs(slopes), kind="stable")  # least certain first
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
     opposite = [-corner]
-    # Batches come in pairs: neighbours, and what they suggest.
+    # Batches come in pairs: neighbours, and their combination.
     share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
     def call(expected: list[Floats]) -> tuple[list[Floats], Floats]:
-        """Those of the corners that were not tried, as many as fit, and their values; the best of all moves along."""
+        """Evaluate the untried corners that fit; return them with their values."""
         nonlocal corner, best
         candidates = [c for c in expected if c.tobytes() not in tried][:batch]
         if not candidates:
@@ -82,7 +82,7 @@ def _climb_corners(
                 return
             corner, best = opposite.pop(), -np.inf
             continue
-        # Signs by what their change alone gained; the middle itself is among the first candidates, or was the best.
+        # Gain of each single sign change; the middle is among the first candidates, or was the best.
         at_middle = before if np.isfinite(before) else values[0]
         alone = {
             int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
@@ -100,15 +100,15 @@ def _climb_corners(
 
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
-    """A corner, those with one sign changed, then those with two changed; dimensions in the given order."""
-    found = [corner]
+    """Return a corner, and those with one, then two changed signs, in the order of dimensions."""
+    corners = [corner]
     for i in order:
-        one = corner.copy()
-        one[i] = -one[i]
-        found.append(one)
+        single = corner.copy()
+        single[i] = -single[i]
+        corners.append(single)
     for k, i in enumerate(order):
         for j in order[:k]:
-            two = corner.copy()
-            two[[i, j]] = -two[[i, j]]
-            found.append(two)
-    return found
+            double = corner.copy()
+            double[[i, j]] = -double[[i, j]]
+            corners.append(double)
+    return corners

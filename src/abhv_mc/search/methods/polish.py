@@ -1,4 +1,4 @@
-"""The last steps to a maximum in a box: slopes and curvatures, then the steps that they suggest."""
+"""Local ascent to a maximum in a box, by slopes and curvatures."""
 
 import numpy as np
 from scipy.optimize import minimize
@@ -7,7 +7,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
 _LEAST_STEP = 1e-3  # half widths of the box
-_REACHES = (2.0, 8.0)  # steps: how far away the top of a fitted quadratic may be
+_REACHES = (2.0, 8.0)  # steps: largest distance of the maximum of a fitted quadratic
 _SPREADS = (
     1.2,
     2.0,
@@ -24,18 +24,21 @@ _RIDGE = (
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
-    """Climb from the record's best place until the step is small or ``reserve`` evaluations are left."""
+    """Climb from the record's best point until the step or the evaluations are used up.
+
+    `reserve` evaluations are left.
+    """
     iteration = 0
     suggested: list[Floats] = []  # by the slopes of the batch before
     while step > _LEAST_STEP:
-        place, best = record.place, record.best
-        dimension = len(place)
+        center, best = record.place, record.best
+        dimension = len(center)
         compass = np.clip(
-            np.concatenate([place + step * np.eye(dimension), place - step * np.eye(dimension)]),
+            np.concatenate([center + step * np.eye(dimension), center - step * np.eye(dimension)]),
             -1.0,
             1.0,
         )
-        tops = _tops(record, place, step)
+        tops = _tops(record, center, step)
         expected = np.array([*compass, *tops, *suggested])
         filled = round_up(len(expected), batch)
         if record.left - reserve < filled:
@@ -50,39 +53,39 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             tops
         ):  # half of them: shorter and longer variants of the step to a top, dimension by dimension
             half = len(around) // 2
-            around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - place)
+            around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - center)
         values = record.call(
-            np.clip(np.concatenate([expected, place + around]), -1.0, 1.0), "polish"
+            np.clip(np.concatenate([expected, center + around]), -1.0, 1.0), "polish"
         )
-        suggested = _suggest(place, best, compass, values[: 2 * dimension], step)
-        moved = np.abs(record.place - place).max()
+        suggested = _suggest(center, best, compass, values[: 2 * dimension], step)
+        moved = np.abs(record.place - center).max()
         step = 1.5 * step if moved > step else step if moved > _FAR_ENOUGH * step else step / 3.0
         iteration += 1
 
 
-def _tops(record: Record, place: Floats, step: float) -> list[Floats]:
+def _tops(record: Record, center: Floats, step: float) -> list[Floats]:
     points, values = np.concatenate(record.points), np.concatenate(record.values)
-    known = np.isfinite(values)
-    if not known.any():
+    is_finite = np.isfinite(values)
+    if not is_finite.any():
         return []
-    points, values = points[known], values[known]
+    points, values = points[is_finite], values[is_finite]
     return [
-        find_top(points, values, place, reach * step, spread)
+        find_top(points, values, center, reach * step, spread)
         for reach in _REACHES
         for spread in _SPREADS
     ]
 
 
 def _suggest(
-    place: Floats, best: float, compass: Floats, values: Floats, step: float
+    center: Floats, best: float, compass: Floats, values: Floats, step: float
 ) -> list[Floats]:
-    """Places that a parabola in each dimension and the slope suggest."""
-    dimension = len(place)
+    """Return points suggested by a parabola in each dimension and by the slope."""
+    dimension = len(center)
     up, down = values[:dimension], values[dimension:]
-    ahead = np.diag(compass[:dimension]) - place
-    behind = np.diag(compass[dimension:]) - place
+    ahead = np.diag(compass[:dimension]) - center
+    behind = np.diag(compass[dimension:]) - center
     up, down = np.where(np.isfinite(up), up, best), np.where(np.isfinite(down), down, best)
-    # Slope and curvature of the parabola through three points, or the slope to one where a bound is in the way.
+    # Slope and curvature of the parabola through three points, or the one-sided slope at a bound.
     gradient, curvature = np.zeros(dimension), np.zeros(dimension)
     both = (ahead > 0.0) & (behind < 0.0)
     a, b = ahead[both], -behind[both]
@@ -98,33 +101,33 @@ def _suggest(
     better = np.where(up > np.maximum(down, best), ahead, np.where(down > best, behind, 0.0))
     size = np.abs(gradient).max()
     along = gradient / size if size > 0.0 else np.zeros(dimension)
-    found = [place + newton, place + better, place + 0.5 * newton, place + 2.0 * newton]
-    found += [place + factor * step * along for factor in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)]
-    found += [place + factor * step * np.sign(gradient) for factor in (1.0, 4.0)]
+    suggestions = [center + newton, center + better, center + 0.5 * newton, center + 2.0 * newton]
+    suggestions += [center + factor * step * along for factor in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)]
+    suggestions += [center + factor * step * np.sign(gradient) for factor in (1.0, 4.0)]
     snapped = [
-        np.where(np.abs(one) > _NEAR_BOUND, np.sign(one), one)
-        for one in (place, place + newton, place + better)
+        np.where(np.abs(point) > _NEAR_BOUND, np.sign(point), point)
+        for point in (center, center + newton, center + better)
     ]
-    corner = np.where(gradient > 0.0, 1.0, np.where(gradient < 0.0, -1.0, place))
-    return [*found, *snapped, corner]
+    corner = np.where(gradient > 0.0, 1.0, np.where(gradient < 0.0, -1.0, center))
+    return [*suggestions, *snapped, corner]
 
 
 def find_top(
-    points: Floats, values: Floats, place: Floats, radius: float, spread: float = 2.0
+    points: Floats, values: Floats, center: Floats, radius: float, spread: float = 2.0
 ) -> Floats:
-    """The highest place ``[dimension]`` of a quadratic fitted to the points, within ``radius`` in each dimension.
+    """Return the maximum [dimension] of a fitted quadratic, within `radius` per dimension.
 
-    It sees a ridge that lies across the dimensions, as slopes and curvatures along each of them do not.
-    ``points`` [point, dimension] lie in the box -1 .. 1, their ``values`` [point] are finite. The nearest take part,
-    ``spread`` for each coefficient; the nearer, the more they count.
+    The fit includes ridges that are oblique to the dimensions. `points` [point, dimension] lie in
+    the box -1 .. 1, their `values` [point] are finite. `spread` times as many nearest points as
+    coefficients are used; weights decrease with the distance.
     """
-    dimension = len(place)
+    dimension = len(center)
     rows, columns = np.triu_indices(dimension)
     number = 1 + dimension + len(rows)
-    apart = ((points - place) ** 2).sum(axis=1)
-    near = np.argsort(apart, kind="stable")[: round(spread * number)]
-    size = float(np.sqrt(apart[near[-1]])) or 1.0
-    moved = (points[near] - place) / size
+    distances = ((points - center) ** 2).sum(axis=1)
+    near = np.argsort(distances, kind="stable")[: round(spread * number)]
+    size = float(np.sqrt(distances[near[-1]])) or 1.0
+    moved = (points[near] - center) / size
     terms = np.column_stack([np.ones(len(near)), moved, moved[:, rows] * moved[:, columns]])
     weights = 1.0 / (_NEAR + (moved**2).sum(axis=1))
     normal = terms.T @ (weights[:, None] * terms) + _RIDGE * weights.sum() * np.eye(number)
@@ -138,7 +141,7 @@ def find_top(
     def fall(step: Floats) -> tuple[float, Floats]:
         return -float(slope @ step + 0.5 * step @ curvature @ step), -(slope + curvature @ step)
 
-    low, high = np.maximum(-1.0, place - radius), np.minimum(1.0, place + radius)
-    bounds = np.column_stack([low - place, high - place]) / size
-    found = minimize(fall, np.zeros(dimension), jac=True, bounds=bounds, method="L-BFGS-B")
-    return np.clip(place + size * found.x, low, high)
+    low, high = np.maximum(-1.0, center - radius), np.minimum(1.0, center + radius)
+    bounds = np.column_stack([low - center, high - center]) / size
+    optimum = minimize(fall, np.zeros(dimension), jac=True, bounds=bounds, method="L-BFGS-B")
+    return np.clip(center + size * optimum.x, low, high)

@@ -1,9 +1,10 @@
-"""The probability of a rare event with an interval, or the reason why there is none to trust.
+"""Rare-event probability with an interval, or the reason why it cannot be trusted.
 
-Independent repetitions of subset simulation give estimates whose logarithms are about normal: the interval is
-Student's for their mean, about the logarithm of the mean estimate. Repetitions that contradict each other (one of them
-does not find the event; they differ by far more than their chains explain; the interval spans decades) are a refusal,
-and so is a second opinion by importance sampling that does not agree; the upper end is the larger of both.
+Independent repetitions of subset simulation give estimates whose logarithms are about normal: the
+interval is Student's for their mean, about the logarithm of the mean estimate. The estimate is
+rejected if repetitions contradict each other (one does not reach the event; they differ by far more
+than their chains explain; the interval spans decades), or if importance sampling disagrees. The
+upper end is the larger of both.
 """
 
 from dataclasses import dataclass, replace
@@ -35,21 +36,21 @@ _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # of the flights, for importance sampling
 _SEEN = 8.0  # effective failures from which on importance sampling can show a branch left behind, and its end counts
-_ENOUGH = 30.0  # effective failures with which it takes the estimate's place
+_ENOUGH = 30.0  # effective failures from which it replaces the estimate
 EXPECTED = 100.0  # effective failures with which it may say that the estimate is too high
-_HEAVY = 1.5  # times its spread: for heavy weights that are missing from most samples
+_HEAVY = 1.5  # factor of its spread, for heavy weights that most samples miss
 _FEWEST_CHECKED = 256  # flights of importance sampling
 _SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
 
 
 def choose_chains(flights: int) -> int:
-    """Chains of a repetition, whole lanes, so that four repetitions reach 1e-7 with about so many flights."""
+    """Return the chains of a repetition, so that four repetitions reach about 1e-7."""
     return LANES * int(np.clip(flights // _SHARE_OF_LANES, 1, 8))
 
 
 @dataclass(frozen=True)
 class RareEstimate:
-    """What repetitions of subset simulation say."""
+    """Estimate from repetitions of subset simulation."""
 
     probability: float  # mean of the repetitions
     low: float
@@ -58,42 +59,46 @@ class RareEstimate:
     flights: int
     repetitions: tuple[Repetition, ...]
     check: ImportanceEstimate | None
-    refusal: str | None  # why the estimate is not to be trusted
+    refusal: str | None  # why the estimate cannot be trusted
 
     @property
     def failures(self) -> Floats:
-        """Failures ``[point, dimension]``, distributed as failures are; of all repetitions."""
+        """Failures [point, dimension] of all repetitions, distributed as failures are."""
         return (
-            np.concatenate([one.failures for one in self.repetitions])
+            np.concatenate([repetition.failures for repetition in self.repetitions])
             if self.repetitions
             else np.empty((0, 0))
         )
 
     @property
     def plain(self) -> tuple[int, int]:
-        """Failures and flights of the repetitions' first levels, which are drawn freely."""
-        return sum(one.plain_failures for one in self.repetitions), sum(
-            len(one.points) for one in self.repetitions
+        """Failures and flights of the repetitions' first levels, which are plain samples."""
+        return sum(repetition.plain_failures for repetition in self.repetitions), sum(
+            len(repetition.points) for repetition in self.repetitions
         )
 
     @property
     def unwarned_high(self) -> float | None:
-        """Upper end (95 %, one-sided) for what fails without warning: the first levels' alone. None without levels."""
+        """Upper bound (95 %, one-sided) of failures without warning, from the first levels.
+
+        None without levels.
+        """
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
     def include_unwarned(self) -> "RareEstimate":
-        """Return the estimate with an interval that reaches to what may fail without warning."""
+        """Return the estimate with an interval that includes failures without warning."""
         return replace(self, high=max(self.high, self.unwarned_high or 0.0))
 
 
 def estimate_rare(
     evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000
 ) -> RareEstimate:
-    """P(severity > threshold) of standard normal points, with an interval of 95 % confidence.
+    """Return P(severity > threshold) of standard normal points, with a 95 % interval.
 
-    The first repetitions run side by side; more are added until the interval is as narrow as that of a normal
-    estimate with ``target_cov``, or the next one would not fit into ``flights``. Severities may depend on random
-    numbers of their own, drawn afresh with each point. The first levels of ``FEWEST`` repetitions have to fit in.
+    The first repetitions run in parallel; more are added until the interval is as narrow as that of
+    a normal estimate with `target_cov`, or the next one would exceed `flights`. Severities may
+    depend on additional random numbers, drawn for each point. `flights` must be enough for the
+    first levels of `FEWEST` repetitions.
     """
     check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_SAMPLED else 0
     if plan.dimension <= MOST_LOOKED:
@@ -107,17 +112,17 @@ def estimate_rare(
 
     repetitions = run_subset(counted, plan, range(FEWEST), flights, FEWEST)
     number = FEWEST
-    while more := _count_more(repetitions, flights - check_flights - used, target_cov):
+    while added := _count_more(repetitions, flights - check_flights - used, target_cov):
         repetitions += run_subset(
-            counted, plan, range(number, number + more), flights - check_flights - used
+            counted, plan, range(number, number + added), flights - check_flights - used
         )
-        number += more
+        number += added
     refusal = _judge(repetitions)
     probability, low, high, cov = _interval(repetitions)
     check = None
     check_flights = min(check_flights, (flights - used) // LANES * LANES)
     if refusal is None and check_flights >= _FEWEST_CHECKED:
-        failures = np.concatenate([one.failures for one in repetitions])
+        failures = np.concatenate([repetition.failures for repetition in repetitions])
         if plan.dimension <= MOST_LOOKED and check_flights >= _FEWEST_CHECKED + LOOK_FLIGHTS:
             again = find_failures(counted, plan.dimension, plan.threshold, probability, plan.seed)
             failures, check_flights = (
@@ -126,16 +131,16 @@ def estimate_rare(
             )
         check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
     if check is not None and check.effective >= _SEEN:
-        apart, deviation = np.log(check.probability / probability), _HEAVY * check.cov
+        log_ratio, deviation = np.log(check.probability / probability), _HEAVY * check.cov
         factor = np.exp(stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * deviation)
-        contradicts = abs(apart) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
+        contradicts = abs(log_ratio) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if (
-            contradicts and apart > 0.0 and check.effective >= _ENOUGH
-        ):  # it has found what the levels left behind
+            contradicts and log_ratio > 0.0 and check.effective >= _ENOUGH
+        ):  # it includes a branch that the levels lost
             probability, low, cov = check.probability, check.probability / factor, deviation
         elif contradicts and (
-            apart > 0.0 or check.effective >= EXPECTED
-        ):  # smaller says nothing unless worth much
+            log_ratio > 0.0 or check.effective >= EXPECTED
+        ):  # a smaller value counts only with many effective failures
             refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
         high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
@@ -144,18 +149,19 @@ def estimate_rare(
 def noise_share(severities: tuple[Floats, Floats]) -> float:
     """Return the share of the variance of the severities' ranks that is noise.
 
-    Both are severities [point] of the same points, with other random numbers.
+    Both arrays are severities [point] of the same points with different random numbers.
     """
     first, second = np.split(standard_ranks(np.concatenate(severities)), 2)
     return min(1.0, float(np.mean((first - second) ** 2)) / 2.0)
 
 
 def _half_width(repetitions: list[Repetition], number: int) -> float:
-    """Half the width of the interval of the logarithm with ``number`` repetitions like these.
+    """Return half the width of the interval of the logarithm with `number` repetitions.
 
-    Few repetitions know their own spread badly. What the chains of each say about it counts like so many more.
+    The variance combines the spread of the repetitions with that from their chains, which counts as
+    more repetitions, because few repetitions estimate their spread badly.
     """
-    logs = np.log([one.probability for one in repetitions])
+    logs = np.log([repetition.probability for repetition in repetitions])
     chains = (_BEYOND_CHAINS * _chain_cov(repetitions)) ** 2
     own = len(logs) - 1
     variance = (_PRIOR * chains + own * logs.var(ddof=1)) / (_PRIOR + own)
@@ -165,16 +171,16 @@ def _half_width(repetitions: list[Repetition], number: int) -> float:
 
 
 def _chain_cov(repetitions: list[Repetition]) -> float:
-    """Coefficient of variation of one repetition, as the chains' correlation gives it."""
-    return float(np.sqrt(np.mean([one.cov**2 for one in repetitions])))
+    """Return the coefficient of variation of a repetition from its chains' correlation."""
+    return float(np.sqrt(np.mean([repetition.cov**2 for repetition in repetitions])))
 
 
 def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> int:
-    """How many more repetitions to run: as many as are wanted and fit."""
-    if not all(one.reached for one in repetitions):
+    """Return how many more repetitions are needed and possible."""
+    if not all(repetition.reached for repetition in repetitions):
         return 0
     wide = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * target_cov
-    fitting = left // max(one.flights for one in repetitions)
+    fitting = left // max(repetition.flights for repetition in repetitions)
     expected, number = 0, len(repetitions)
     while expected < fitting and _half_width(repetitions, number + expected) > wide:
         expected += 1
@@ -182,8 +188,8 @@ def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> 
 
 
 def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float]:
-    """Mean, ends of its interval, coefficient of variation of the mean; all of 0 .. 1 where there is no interval."""
-    estimates = np.array([one.probability for one in repetitions])
+    """Return the mean, its interval and its coefficient of variation; 0 .. 1 if undefined."""
+    estimates = np.array([repetition.probability for repetition in repetitions])
     number = len(estimates)
     mean = float(estimates.mean())
     if not np.all(estimates > 0.0):
@@ -194,19 +200,20 @@ def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float
 
 
 def _judge(repetitions: list[Repetition]) -> str | None:
-    """Why these repetitions are not to be trusted; None where they are."""
+    """Return why the repetitions cannot be trusted, or None."""
     number = len(repetitions)
-    missed = sum(not one.reached for one in repetitions)
+    missed = sum(not repetition.reached for repetition in repetitions)
     deepest = min(
-        float(np.prod([level.probability for level in one.levels])) for one in repetitions
+        float(np.prod([level.probability for level in repetition.levels]))
+        for repetition in repetitions
     )
-    if any(one.cut_short for one in repetitions):
+    if any(repetition.cut_short for repetition in repetitions):
         return f"the flights suffice for {number - missed} of {number} repetitions, down to {deepest:.1g}"
     if missed == number:
         return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
     if missed:
         return f"{missed} of {number} repetitions do not reach the event, the others do"
-    logs = np.log([one.probability for one in repetitions])
+    logs = np.log([repetition.probability for repetition in repetitions])
     _, low, high, _ = _interval(repetitions)
     if high > _WIDEST * low:
         return f"the repetitions range from {np.exp(logs.min()):.1g} to {np.exp(logs.max()):.1g}"

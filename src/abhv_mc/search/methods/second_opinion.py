@@ -1,15 +1,16 @@
-"""A second opinion on a rare event: a second look for failures that the levels left behind, and importance sampling.
+"""Verification of a rare-event estimate by a second search and importance sampling.
 
-Levels of subset simulation follow the branch along which severity rises earliest. One that rises late and steeply is
-lost among them, though it may fail more often. So points are drawn far out in random directions; from those that fail,
-chains of failures walk to where failures are likely (conditional sampling, as in subset simulation). Random directions
-enter such a branch in 16 % of tries in 5 dimensions and in 1 % in 20.
+Levels of subset simulation follow the branch along which severity rises earliest. A branch that
+rises late and steeply is lost, although it may fail more often. Points are therefore drawn far out
+in random directions; from those that fail, chains of failures move to likely failures (conditional
+sampling, as in subset simulation). Random directions enter such a branch in 16 % of tries in 5
+dimensions and in 1 % in 20.
 
-Importance sampling is from a mixture of normals fitted to all these failures by cross-entropy: the density of a family
-that is nearest to the failures' own is the one that fits a sample of failures with the greatest likelihood:
-R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method" (2004); mixtures of normals for failures in several places:
-N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using Gaussian mixture", Structural Safety 42
-(2013). The points drawn here are new.
+Importance sampling uses a mixture of normals fitted to all these failures by cross-entropy: the
+density of a family closest to that of the failures has the greatest likelihood for a sample of
+failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of normals for
+several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using
+Gaussian mixture", Structural Safety 42, 2013). The points are independent of the fit.
 """
 
 from dataclasses import dataclass
@@ -20,8 +21,8 @@ from scipy.special import ndtri
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator
 
-MOST_LOOKED = 10  # dimensions up to which the second look is shown to find such branches
-_PLACE = 1 << 20  # of its random numbers, beyond those of repetitions
+MOST_LOOKED = 10  # dimensions up to which the second search is shown to find such branches
+_PLACE = 1 << 20  # key of its random numbers, beyond those of repetitions
 _DIRECTIONS, _CHAINS, _LOOK_STEPS = 8 * LANES, 2 * LANES, 24
 _BEYOND = 2.5  # standard deviations beyond the radius at which the estimate's failures lie
 _KEPT = 8  # of a chain's last points
@@ -38,7 +39,10 @@ _SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
 def find_failures(
     evaluate: Evaluate, dimension: int, threshold: float, probability: float, seed: int
 ) -> Floats:
-    """Failures ``[point, dimension]`` about as likely as failures are, of every branch that was found; perhaps none."""
+    """Return failures [point, dimension] of all detected branches, possibly none.
+
+    They are about as likely as failures of the estimate.
+    """
     draw = make_generator(seed, _PLACE)
     directions = draw.standard_normal((_DIRECTIONS, dimension))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -47,33 +51,33 @@ def find_failures(
     if not len(failed):
         return failed
     points = np.resize(failed, (_CHAINS, dimension))
-    scale, kept = 0.5, []
+    scale, last_points = 0.5, []
     for step in range(_LOOK_STEPS):
         tried = np.sqrt(1.0 - scale**2) * points + scale * draw.standard_normal(points.shape)
         inside = evaluate(tried) > threshold
         points = np.where(inside[:, None], tried, points)
         scale = float(np.clip(scale * np.exp(inside.mean() - 0.44), 0.05, 0.95))
         if step >= _LOOK_STEPS - _KEPT:
-            kept.append(points)
-    return np.concatenate(kept)
+            last_points.append(points)
+    return np.concatenate(last_points)
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """A mixture of normal densities."""
+    """Mixture of normal densities."""
 
     weights: Floats  # [component]
     means: Floats  # [component, dimension]
     factors: Floats  # [component, dimension, dimension]: lower Cholesky factors of the covariances
 
     def draw(self, number: int, generator: np.random.Generator) -> Floats:
-        """Points ``[point, dimension]``."""
+        """Return random points [point, dimension]."""
         component = generator.choice(len(self.weights), number, p=self.weights)
         noise = generator.standard_normal((number, self.means.shape[1]))
         return self.means[component] + np.einsum("pij,pj->pi", self.factors[component], noise)
 
     def log_parts(self, points: Floats) -> Floats:
-        """Logarithms ``[point, component]`` of each component's part of the density."""
+        """Return the logarithms [point, component] of the weighted component densities."""
         parts = np.empty((len(points), len(self.weights)))
         for k, (weight, mean, factor) in enumerate(
             zip(self.weights, self.means, self.factors, strict=True)
@@ -87,19 +91,19 @@ class Mixture:
 
 @dataclass(frozen=True)
 class ImportanceEstimate:
-    """What importance sampling says."""
+    """Estimate of importance sampling."""
 
     probability: float
     cov: float
-    effective: float  # failures it is worth
+    effective: float  # effective number of failures
     flights: int
 
 
 def fit_mixture(points: Floats, components: int, generator: np.random.Generator) -> Mixture:
-    """A mixture of ``components`` normals fitted to the points by expectation and maximisation."""
+    """Return a mixture of `components` normals fitted by expectation maximization."""
     number = len(points)
     means = points[[generator.integers(number)]]
-    while len(means) < components:  # starts far apart, as k-means++ chooses them
+    while len(means) < components:  # distant starts, as in k-means++
         distance = ((points[:, None, :] - means) ** 2).sum(axis=2).min(axis=1)
         means = np.vstack([means, points[generator.choice(number, p=distance / distance.sum())]])
     nearest = ((points[:, None, :] - means) ** 2).sum(axis=2).argmin(axis=1)
@@ -117,22 +121,22 @@ def fit_mixture(points: Floats, components: int, generator: np.random.Generator)
 
 
 def _maximise(points: Floats, shares: Floats) -> Mixture:
-    """The normals that fit best points which belong to them by these shares ``[point, component]``."""
+    """Return the best-fitting normals for membership shares [point, component]."""
     dimension = points.shape[1]
     totals = shares.sum(axis=0) + 1e-9
     means = (shares.T @ points) / totals[:, None]
     factors = []
     for k, mean in enumerate(means):
-        apart = points - mean
-        covariance = (shares[:, k, None] * apart).T @ apart
-        # As if `dimension` more points had the covariance of the standard normal law that failures are cut from.
+        deviations = points - mean
+        covariance = (shares[:, k, None] * deviations).T @ deviations
+        # Prior of `dimension` additional points with the unit covariance of the input distribution.
         covariance = (covariance + dimension * np.eye(dimension)) / (totals[k] + dimension)
         factors.append(np.linalg.cholesky(covariance))
     return Mixture(totals / totals.sum(), means, np.array(factors))
 
 
 def choose_mixture(points: Floats, seed: int) -> Mixture:
-    """The mixture of 1 .. 6 components that Schwarz's criterion (1978) prefers, its covariances widened."""
+    """Return the mixture of 1 .. 6 components chosen by Schwarz's criterion (1978), widened."""
     distinct = np.unique(points, axis=0)
     if len(distinct) > _MOST_POINTS:
         distinct = distinct[make_generator(seed, 0, 1).permutation(len(distinct))[:_MOST_POINTS]]
@@ -156,7 +160,10 @@ def choose_mixture(points: Floats, seed: int) -> Mixture:
 def sample_importance(
     evaluate: Evaluate, threshold: float, failures: Floats, flights: int, seed: int
 ) -> ImportanceEstimate:
-    """P(severity > ``threshold``) by ``flights`` new points about known ``failures`` [point, dimension]."""
+    """Return P(severity > `threshold`) by `flights` new points near `failures`.
+
+    `failures` is [point, dimension].
+    """
     mixture = choose_mixture(failures, seed)
     points = mixture.draw(flights, make_generator(seed, 0))
     failed = evaluate(points) > threshold

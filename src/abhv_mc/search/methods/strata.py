@@ -1,10 +1,11 @@
-"""A rare event where some parameters are switches: they come with a probability, or not at all.
+"""Rare-event probability with switches: parameters that occur with a probability.
 
-P = sum over combinations of switches of P(combination) P(event | combination): the heaviest by subset simulation, the
-others by plain sampling, beyond 32 as one stratum. A level of subset simulation over all at once would meet a rare
-switch in no flight. A combination that subset simulation does not finish has the interval of its plain flights. The
-intervals of the parts are joined as independent ones (Zou & Donner, "Construction of confidence limits about effect
-measures", Statistics in Medicine 27, 2008), those of parts without a failure exactly.
+P = sum over combinations of switches of P(combination) P(event | combination): the most probable
+one by subset simulation, the others by plain sampling, beyond 32 as one stratum. Subset simulation
+over all combinations would not meet a rare switch. A combination that subset simulation does not
+finish has the interval of its plain flights. The intervals are joined as independent ones (Zou &
+Donner, "Construction of confidence limits about effect measures", Statistics in Medicine 27, 2008),
+those without a failure exactly.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,19 +25,19 @@ Switched = NDArray[np.bool_]  # [point, switch]
 EvaluateSwitched = Callable[[Floats, Switched], Floats]
 
 MOST_COMBINATIONS = 32
-_PLACE = 1 << 21  # of the random numbers of plain flights
+_PLACE = 1 << 21  # key of the random numbers of plain flights
 _PILOT = 2 * LANES  # plain flights of each combination
-_FEWEST_FAILURES = 4  # of a pilot with which plain flights do
+_FEWEST_FAILURES = 4  # of a pilot from which plain flights are enough
 _MAIN_SHARE = 0.75  # of the flights, for subset simulation
 _MOST_PLAIN = 2560  # plain flights before subset simulation takes over
-_MOST_AT_ONCE = 16 * LANES  # plain flights before it is asked again where they are worth most
+_MOST_AT_ONCE = 16 * LANES  # plain flights before the allocation is updated
 _SHARE_OF_COV = 0.5  # of the coefficient of variation, that plain flights may leave
 _MOST_LISTED = 4096  # combinations that are weighed
 
 
 @dataclass(frozen=True)
 class Stratum:
-    """One combination of switches, or all that are left."""
+    """Combination of switches, or all remaining combinations."""
 
     on: tuple[int, ...] | None  # switches that are on; None: all combinations that are left
     weight: float  # probability of the combination
@@ -47,49 +48,52 @@ class Stratum:
 
     @property
     def value(self) -> float:
-        """What it adds to the sum."""
+        """Contribution to the sum."""
         return self.weight * self.probability
 
 
 def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], float]]:
-    """Combinations of independent switches with their probabilities, the heaviest first, at most a few thousand."""
+    """Return combinations of independent switches with probabilities, most probable first.
+
+    The list is limited to a few thousand.
+    """
     switches = range(len(probabilities))
     odds = probabilities / (1.0 - probabilities)
     none = float(np.prod(1.0 - probabilities))
     listed: list[tuple[tuple[int, ...], float]] = []
     for number in range(len(probabilities) + 1):
-        more = [
+        weighted = [
             (on, none * float(np.prod(odds[list(on)]))) for on in combinations(switches, number)
         ]
-        listed += more
-        if len(listed) + len(more) * len(probabilities) > _MOST_LISTED:
+        listed += weighted
+        if len(listed) + len(weighted) * len(probabilities) > _MOST_LISTED:
             break
     return sorted(listed, key=lambda entry: -entry[1])
 
 
 @dataclass
-class _Part:
-    """The plain flights of a stratum, and subset simulation's estimate where that finished."""
+class _Sampler:
+    """Plain flights of a stratum, and the estimate of subset simulation if it finished."""
 
     on: tuple[int, ...] | None
     rows: Switched  # [combination, switch]
     weights: Floats  # [combination]
-    place: int  # of its random numbers
+    place: int  # key of its random numbers
     flights: int = 0
     failures: int = 0
     levels: int = 0  # flights of subset simulation beyond its plain ones
     estimate: RareEstimate | None = None
 
     def draw(self, flights: int, plan: SubsetPlan) -> tuple[Floats, Switched]:
-        """Points and switches of its next plain flights."""
+        """Return points and switches of the next plain flights."""
         generator = make_generator(plan.seed, _PLACE + self.place, self.flights)
         picks = generator.choice(len(self.rows), flights, p=self.weights / self.weights.sum())
         return generator.standard_normal((flights, plan.dimension)), self.rows[picks]
 
     def stratum(self) -> Stratum:
-        """Subset simulation's interval, or Clopper and Pearson's."""
+        """Return the stratum with the interval of subset simulation, or Clopper and Pearson's."""
         low, high = clopper_pearson(self.failures, self.flights, CONFIDENCE)
-        found = Stratum(
+        plain = Stratum(
             self.on,
             float(self.weights.sum()),
             self.failures / self.flights,
@@ -97,11 +101,13 @@ class _Part:
             high,
             self.flights + self.levels,
         )
-        one = self.estimate
+        estimate = self.estimate
         return (
-            found
-            if one is None
-            else replace(found, probability=one.probability, low=one.low, high=one.high)
+            plain
+            if estimate is None
+            else replace(
+                plain, probability=estimate.probability, low=estimate.low, high=estimate.high
+            )
         )
 
 
@@ -112,12 +118,14 @@ def estimate_switched(
     target_cov: float = 0.2,
     flights: int = 20000,
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
-    """P(severity > threshold) where switches [switch] come with `probabilities`, and what each combination adds.
+    """Return P(severity > threshold) with switches, and the contribution of each combination.
 
-    `evaluate` gives severities [point] of standard normal points [point, dimension] and of the switches that are on
-    [point, switch]. All combinations are piloted; the heaviest (no switch on, where each comes less often than not) is
-    estimated by subset simulation unless plain flights do; the flights that are left go where weight times width is
-    largest. The estimate's repetitions are those of the heaviest combination.
+    Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
+    normal points [point, dimension] and the mask of active switches [point, switch]. All
+    combinations have pilot flights; the most probable one is estimated by subset simulation unless
+    plain flights are enough; the remaining flights go to the combination with the largest product
+    of weight and interval width. The estimate's repetitions are those of the most probable
+    combination.
     """
     if not len(probabilities):
         return estimate_rare(
@@ -130,82 +138,93 @@ def estimate_switched(
         used += len(points)
         return evaluate(points, on)
 
-    def fly_plainly(which: list[_Part], number: int) -> None:
-        points, on = zip(*(part.draw(number, plan) for part in which), strict=True)
+    def fly_plainly(which: list[_Sampler], number: int) -> None:
+        points, on = zip(*(sampler.draw(number, plan) for sampler in which), strict=True)
         failed = fly(np.concatenate(points), np.concatenate(on)) > plan.threshold
-        for part, failures in zip(
+        for sampler, failures in zip(
             which, failed.reshape(len(which), number).sum(axis=1), strict=True
         ):
-            part.flights, part.failures = part.flights + number, part.failures + int(failures)
+            sampler.flights, sampler.failures = (
+                sampler.flights + number,
+                sampler.failures + int(failures),
+            )
 
-    parts = _list_parts(probabilities)
-    fly_plainly(parts, int(np.clip(flights // (2 * len(parts)), LANES, _PILOT)) // LANES * LANES)
-    main, seen = parts[0], sum(part.stratum().value for part in parts)
-    # Where none of so many fails, little is left beside what the pilots have seen.
+    samplers = _list_samplers(probabilities)
+    fly_plainly(
+        samplers, int(np.clip(flights // (2 * len(samplers)), LANES, _PILOT)) // LANES * LANES
+    )
+    main, seen = samplers[0], sum(sampler.stratum().value for sampler in samplers)
+    # If none of so many fails, its contribution is small compared with that of the pilots.
     enough = 3.7 * main.stratum().weight / (_SHARE_OF_COV * target_cov * seen) if seen else np.inf
     budget = min(int(_MAIN_SHARE * flights), flights - used)
-    one: RareEstimate | None = None
+    main_estimate: RareEstimate | None = None
     if main.failures < _FEWEST_FAILURES and enough > _MOST_PLAIN and budget >= FEWEST * plan.size:
-        one = estimate_rare(
+        main_estimate = estimate_rare(
             lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget
         )
-        main.estimate = one if one.refusal is None else None
+        main.estimate = main_estimate if main_estimate.refusal is None else None
         failures, number = (
-            (0, 0) if main.estimate else one.plain
-        )  # of levels without an estimate the first one counts
+            (0, 0) if main.estimate else main_estimate.plain
+        )  # without an estimate only the first level counts
         main.flights, main.failures, main.levels = (
             main.flights + number,
             main.failures + failures,
-            one.flights - number,
+            main_estimate.flights - number,
         )
     while flights - used >= LANES:
-        plain = [part for part in parts if part.estimate is None]
-        below, above = _ends([part.stratum() for part in plain])
+        plain = [sampler for sampler in samplers if sampler.estimate is None]
+        below, above = _ends([sampler.stratum() for sampler in plain])
         if below + above <= _SHARE_OF_COV * 3.92 * target_cov * sum(
-            part.stratum().value for part in parts
+            sampler.stratum().value for sampler in samplers
         ):
             break
-        widest = max(plain, key=lambda part: sum(_ends([part.stratum()])))
+        widest = max(plain, key=lambda sampler: sum(_ends([sampler.stratum()])))
         fly_plainly([widest], min(widest.flights, _MOST_AT_ONCE, flights - used) // LANES * LANES)
-    found = tuple(part.stratum() for part in parts)
-    return _join(found, one, used), found
+    strata = tuple(sampler.stratum() for sampler in samplers)
+    return _join(strata, main_estimate, used), strata
 
 
-def _list_parts(probabilities: Floats) -> list[_Part]:
-    """The heaviest combinations one by one, and all others as they come among themselves."""
+def _list_samplers(probabilities: Floats) -> list[_Sampler]:
+    """Return the most probable combinations one by one, and all others as one stratum."""
     listed = list_combinations(probabilities)
     weights = np.array([weight for _, weight in listed])
     rows = np.array([np.isin(np.arange(len(probabilities)), on) for on, _ in listed])
-    parts = [
-        _Part(on, rows[[i]], weights[[i]], i)
+    samplers = [
+        _Sampler(on, rows[[i]], weights[[i]], i)
         for i, (on, _) in enumerate(listed[:MOST_COMBINATIONS])
     ]
-    if len(rest := weights[MOST_COMBINATIONS:]):
-        rest *= (
+    if len(remainder := weights[MOST_COMBINATIONS:]):
+        remainder *= (
             1.0 - weights[:MOST_COMBINATIONS].sum()
-        ) / rest.sum()  # those that are not listed among them
-        parts.append(_Part(None, rows[MOST_COMBINATIONS:], rest, len(parts)))
-    return parts
+        ) / remainder.sum()  # including combinations that are not listed
+        samplers.append(_Sampler(None, rows[MOST_COMBINATIONS:], remainder, len(samplers)))
+    return samplers
 
 
-def _ends(found: Sequence[Stratum]) -> tuple[float, float]:
-    """How far the sum's interval reaches below and above the sum of these.
+def _ends(strata: Sequence[Stratum]) -> tuple[float, float]:
+    """Return the distances from the sum to the lower and upper end of its interval.
 
-    Where none of n_i flights failed in any part i, -sum n_i log(1 - p_i) has one upper end for all of them together,
-    and so the sum of weight times p_i: the largest of what each would add alone.
+    If none of n_i flights failed in any stratum i, -sum n_i log(1 - p_i) has one upper bound for
+    all of them, and so has the sum of weight times p_i: the largest single contribution.
     """
-    below = [part.weight * (part.probability - part.low) for part in found]
+    below = [stratum.weight * (stratum.probability - stratum.low) for stratum in strata]
     above = [
-        part.weight * (part.high - part.probability) for part in found if part.probability > 0.0
+        stratum.weight * (stratum.high - stratum.probability)
+        for stratum in strata
+        if stratum.probability > 0.0
     ]
-    clean = [-part.weight * np.log1p(-part.high) for part in found if part.probability == 0.0]
+    clean = [
+        -stratum.weight * np.log1p(-stratum.high)
+        for stratum in strata
+        if stratum.probability == 0.0
+    ]
     return float(np.linalg.norm(below)), float(np.linalg.norm([*above, max(clean, default=0.0)]))
 
 
-def _join(found: Sequence[Stratum], main: RareEstimate | None, used: int) -> RareEstimate:
-    """The sum of all combinations, with its interval."""
-    total = sum(part.value for part in found)
-    below, above = _ends(found)
+def _join(strata: Sequence[Stratum], main: RareEstimate | None, used: int) -> RareEstimate:
+    """Return the sum over all combinations, with its interval."""
+    total = sum(stratum.value for stratum in strata)
+    below, above = _ends(strata)
     low, high = max(0.0, total - below), min(1.0, total + above)
     refusal = None
     if total == 0.0 or high > 10.0 * low:

@@ -1,11 +1,12 @@
-"""Subset simulation: a rare event as a product of frequent ones, each given the one before.
+"""Subset simulation: a rare-event probability as a product of conditional probabilities.
 
-S.K. Au, J.L. Beck, "Estimation of small failure probabilities in high dimensions by subset simulation", Probabilistic
-Engineering Mechanics 16 (2001); the chains are moved by adaptive conditional sampling: I. Papaioannou, W. Betz,
-K. Zwirglmaier, D. Straub, "MCMC algorithms for subset simulation", Probabilistic Engineering Mechanics 41 (2015).
+S.K. Au, J.L. Beck, "Estimation of small failure probabilities in high dimensions by subset
+simulation", Probabilistic Engineering Mechanics 16 (2001); the chains are moved by adaptive
+conditional sampling: I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, "MCMC algorithms for
+subset simulation", Probabilistic Engineering Mechanics 41 (2015).
 
-Points are independent standard normal numbers. Several repetitions, independent of each other, run side by side so
-that each batch holds one step of all chains of all repetitions.
+Points are independent standard normal numbers. Independent repetitions run in parallel, so that
+each batch contains one step of all chains of all repetitions.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +25,7 @@ ACCEPTANCE = 0.44  # optimal for these chains: Papaioannou et al., section 4
 
 @dataclass(frozen=True)
 class Level:
-    """One level of one repetition."""
+    """Level of one repetition."""
 
     threshold: float  # severity from which on a point belongs to the next level; the last level's is the requirement's
     probability: float  # share of this level's points at or above it
@@ -35,14 +36,14 @@ class Level:
 
 @dataclass
 class Repetition:
-    """One independent subset simulation as it goes."""
+    """State of one independent subset simulation."""
 
     number: int
     points: (
         Floats  # [point, dimension] of the present level, chain by chain in blocks: [step, chain]
     )
     values: Floats  # [point]
-    flights: int  # evaluated for it so far
+    flights: int  # number of its evaluations so far
     plain_failures: int  # among its first level, which is drawn freely
     levels: list[Level] = field(default_factory=list)
     scale: float = 0.6  # lambda of the adaptation; 0.6 is where Papaioannou et al. start
@@ -53,12 +54,12 @@ class Repetition:
 
     @property
     def probability(self) -> float:
-        """Product of the levels' probabilities; 0 where the last level was not reached."""
+        """Product of the levels' probabilities; 0 if the event was not reached."""
         return float(np.prod([level.probability for level in self.levels])) if self.reached else 0.0
 
     @property
     def failures(self) -> Floats:
-        """The failures ``[point, dimension]`` of the last level, a point once for every move that stayed there."""
+        """Failures [point, dimension] of the last level, repeated for rejected moves."""
         return (
             self.points[self.values > self.levels[-1].threshold]
             if self.reached
@@ -67,13 +68,13 @@ class Repetition:
 
     @property
     def cov(self) -> float:
-        """Coefficient of variation as the levels' own, taken as independent (Au & Beck's lower bound)."""
+        """Coefficient of variation, with independent levels (lower bound of Au & Beck)."""
         return float(np.sqrt(np.sum([level.cov**2 for level in self.levels])))
 
 
 @dataclass(frozen=True)
 class SubsetPlan:
-    """What every repetition has in common."""
+    """Settings common to all repetitions."""
 
     dimension: int
     threshold: float  # a severity above it is a failure
@@ -82,20 +83,19 @@ class SubsetPlan:
 
     @property
     def size(self) -> int:
-        """Points of a level."""
+        """Number of points of a level."""
         return self.chains * _LENGTH
 
 
 def run_subset(
     evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int, fewest: int = 0
 ) -> list[Repetition]:
-    """The repetitions ``numbers`` of a subset simulation for P(severity > threshold).
+    """Return the repetitions `numbers` of a subset simulation for P(severity > threshold).
 
-    Where ``flights`` do not suffice for another level of all, the last ones by number are given up and not returned,
-    whatever they have found: which ones are kept must not depend on their results. Where that would leave fewer than
-    ``fewest``, all end there, those that are not done as cut short. A repetition that has not met
-    enough failures at the last level, or meets a plateau on which no point is more severe than another, has
-    ``reached`` False.
+    If `flights` are not enough for another level of all repetitions, the last ones by number are
+    dropped, whatever their results, so that the selection is unbiased. If fewer than `fewest` would
+    remain, all end there, and unfinished ones are marked `cut_short`. `reached` is False for a
+    repetition without enough failures at the last level, or on a plateau of equal severities.
     """
     size = plan.size
     drawn = [
@@ -104,41 +104,48 @@ def run_subset(
     ]
     values = evaluate(np.concatenate(drawn)).reshape(len(drawn), size)
     failed = (values > plan.threshold).sum(axis=1)
-    kept = [Repetition(n, drawn[i], values[i], size, int(failed[i])) for i, n in enumerate(numbers)]
-    left, cost = flights - size * len(kept), size - plan.chains
-    active = kept
+    repetitions = [
+        Repetition(n, drawn[i], values[i], size, int(failed[i])) for i, n in enumerate(numbers)
+    ]
+    left, cost = flights - size * len(repetitions), size - plan.chains
+    active = repetitions
     for level in range(1, _MOST_LEVELS + 1):
-        active = [one for one in active if not _close_level(one, plan)]
+        active = [repetition for repetition in active if not _close_level(repetition, plan)]
         while cost * len(active) > left:
-            if len(kept) <= fewest:
-                for one in active:
-                    one.cut_short = True
-                return kept
-            dropped = kept.pop()
-            active = [one for one in active if one is not dropped]
+            if len(repetitions) <= fewest:
+                for repetition in active:
+                    repetition.cut_short = True
+                return repetitions
+            dropped = repetitions.pop()
+            active = [repetition for repetition in active if repetition is not dropped]
         if not active or level == _MOST_LEVELS:
             break
         _move_chains(evaluate, active, plan, level)
         left -= cost * len(active)
-    return kept
+    return repetitions
 
 
-def _close_level(one: Repetition, plan: SubsetPlan) -> bool:
-    """Choose the level's threshold and note its probability; whether this was the repetition's last level."""
+def _close_level(repetition: Repetition, plan: SubsetPlan) -> bool:
+    """Set the level's threshold and probability; return whether it was the last level."""
     size, chains, threshold = plan.size, plan.chains, plan.threshold
-    limit = float(np.partition(one.values, size - chains)[size - chains])
+    limit = float(np.partition(repetition.values, size - chains)[size - chains])
     last = limit > threshold
-    inside = one.values > threshold if last else one.values >= limit
-    correlated = _chain_inflation(inside, chains) if one.levels else 1.0
+    inside = repetition.values > threshold if last else repetition.values >= limit
+    correlated = _chain_inflation(inside, chains) if repetition.levels else 1.0
     share = float(inside.mean())
     cov = float(np.sqrt((1.0 - share) / (share * size) * correlated))
-    one.levels.append(Level(threshold if last else limit, share, cov, one.acceptance, one.spread))
-    one.reached = last
+    repetition.levels.append(
+        Level(threshold if last else limit, share, cov, repetition.acceptance, repetition.spread)
+    )
+    repetition.reached = last
     return last or bool(inside.all())
 
 
 def _chain_inflation(inside: np.ndarray, chains: int) -> float:
-    """Factor of the variance of a level's share that its chains' correlation makes: 1 + gamma of Au & Beck."""
+    """Return the variance factor of a level's share due to its chains' correlation.
+
+    It is 1 + gamma of Au & Beck.
+    """
     table = inside.reshape(-1, chains).astype(np.float64)  # [step, chain]
     length = len(table)
     share = table.mean()
@@ -153,42 +160,45 @@ def _chain_inflation(inside: np.ndarray, chains: int) -> float:
 def _move_chains(
     evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan, level: int
 ) -> None:
-    """Replace the points of each repetition by chains that start in its points beyond the last threshold."""
+    """Replace the points by chains that start at the points beyond the last threshold."""
     seed, chains = plan.seed, plan.chains
     limits, histories, accepted = [], [], []
-    for one in active:
-        limit = one.levels[-1].threshold
-        inside = np.flatnonzero(one.values >= limit)
-        seeds = make_generator(seed, one.number, level, 0).permutation(inside)[:chains]
-        histories.append([(one.points[seeds], one.values[seeds])])
+    for repetition in active:
+        limit = repetition.levels[-1].threshold
+        inside = np.flatnonzero(repetition.values >= limit)
+        seeds = make_generator(seed, repetition.number, level, 0).permutation(inside)[:chains]
+        histories.append([(repetition.points[seeds], repetition.values[seeds])])
         limits.append(limit)
         accepted.append(0.0)
     for step in range(1, _LENGTH):
         proposals = []
-        for one, history in zip(active, histories, strict=True):
-            # One for all dimensions: those of the seeds, 64 points, made it 1.9 times too high at dimension 100.
-            one.spread = min(1.0, one.scale)
-            noise = make_generator(seed, one.number, level, step).standard_normal(
+        for repetition, history in zip(active, histories, strict=True):
+            # One spread for all dimensions: the spread of the 64 seeds gave 1.9 times too high
+            # probabilities at dimension 100.
+            repetition.spread = min(1.0, repetition.scale)
+            noise = make_generator(seed, repetition.number, level, step).standard_normal(
                 history[-1][0].shape
             )
-            proposals.append(np.sqrt(1.0 - one.spread**2) * history[-1][0] + one.spread * noise)
-        found = evaluate(np.concatenate(proposals)).reshape(len(active), chains)
-        for i, one in enumerate(active):
-            better = found[i] >= limits[i]
+            proposals.append(
+                np.sqrt(1.0 - repetition.spread**2) * history[-1][0] + repetition.spread * noise
+            )
+        proposed_values = evaluate(np.concatenate(proposals)).reshape(len(active), chains)
+        for i, repetition in enumerate(active):
+            better = proposed_values[i] >= limits[i]
             points, values = histories[i][-1]
             histories[i].append(
                 (
                     np.where(better[:, None], proposals[i], points),
-                    np.where(better, found[i], values),
+                    np.where(better, proposed_values[i], values),
                 )
             )
             rate = float(better.mean())
             accepted[i] += rate / (_LENGTH - 1)
-            one.scale = float(
-                np.clip(one.scale * np.exp((rate - ACCEPTANCE) / np.sqrt(step)), 1e-3, 10.0)
+            repetition.scale = float(
+                np.clip(repetition.scale * np.exp((rate - ACCEPTANCE) / np.sqrt(step)), 1e-3, 10.0)
             )
-    for i, one in enumerate(active):
-        one.points = np.concatenate([points for points, _ in histories[i]])
-        one.values = np.concatenate([values for _, values in histories[i]])
-        one.flights += chains * (_LENGTH - 1)
-        one.acceptance = accepted[i]
+    for i, repetition in enumerate(active):
+        repetition.points = np.concatenate([points for points, _ in histories[i]])
+        repetition.values = np.concatenate([values for _, values in histories[i]])
+        repetition.flights += chains * (_LENGTH - 1)
+        repetition.acceptance = accepted[i]

@@ -1,8 +1,9 @@
-"""The largest value in a box: corners, one dimension at a time and even points, then CMA-ES, then a local polish.
+"""Largest value in a box: first points, then CMA-ES, then a local polish.
 
-CMA-ES: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary
-Computation 9 (2001), as in the package cmaes. Several of them run side by side from different starts; one that has
-converged is replaced by another from the best place that is still far from those tried.
+CMA-ES: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies",
+Evolutionary Computation 9 (2001), as in the package cmaes. Several optimizers run in parallel from
+different starts; one that has converged is replaced by another at the best point that is far from
+those tried.
 """
 
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ AT_BOUND = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The largest value found in the box -1 .. 1."""
+    """Largest value found in the box -1 .. 1."""
 
     value: float
     place: Floats  # [dimension]
@@ -46,7 +47,7 @@ class WorstCase:
 
     @property
     def at_bounds(self) -> np.ndarray:
-        """Which dimensions ``[dimension]`` sit on a bound, less those that change nothing there."""
+        """Mask [dimension] of the dimensions at a bound, except those without influence."""
         idle = np.isfinite(self.sensitivity).any(axis=1) & (
             np.nan_to_num(self.sensitivity) == 0.0
         ).all(axis=1)
@@ -54,7 +55,7 @@ class WorstCase:
 
 
 def _choose_batch(evaluations: int) -> int:
-    """Points of a batch: the more, the more evaluations there are, so that many workers have their share."""
+    """Return the size of a batch, which grows with the number of evaluations."""
     return (
         int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES)))
         * 2
@@ -63,14 +64,20 @@ def _choose_batch(evaluations: int) -> int:
 
 
 def least_evaluations(dimension: int, evaluations: int) -> int:
-    """The fewest evaluations that :func:`search_worst` takes in batches as of so many."""
+    """Return the fewest evaluations that :func:`search_worst` needs.
+
+    Batches have the size for `evaluations`.
+    """
     return 2 * round_up(2 * dimension + 1, _choose_batch(evaluations)) + round_up(2 * dimension)
 
 
 def search_worst(
     evaluate: Evaluate, dimension: int, evaluations: int = 2000, seed: int = 0
 ) -> WorstCase:
-    """Search the box -1 .. 1 for the largest value with at most so many evaluations, `least_evaluations` or more."""
+    """Search the box -1 .. 1 for the largest value with at most `evaluations` evaluations.
+
+    At least `least_evaluations` are needed.
+    """
     batch = _choose_batch(evaluations)
     reserve = round_up(2 * dimension)
     record = Record(evaluate, evaluations)
@@ -91,10 +98,10 @@ def search_worst(
 
 
 def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int) -> float:
-    """CMA-ES from the best places until ``reserve`` evaluations are left; a first step for the polish."""
+    """Run CMA-ES until `reserve` evaluations are left; return a first step for the polish."""
     from cmaes import CMA
 
-    if dimension == 1:  # CMA-ES wants two; even points and the polish find a maximum on a line
+    if dimension == 1:  # CMA-ES needs two; even points and the polish find a maximum on a line
         return 4.0 / record.used
     side_by_side = batch // LANES
     bounds = np.tile([-1.0, 1.0], (dimension, 1))
@@ -105,36 +112,40 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
         while len(running) < side_by_side:
             start = starts[begun % len(starts)]
             number = int(make_generator(seed, 0, begun).integers(2**32))
-            # What lies outside is drawn once more, then moved to the bound: many worst cases lie there.
+            # Points outside are redrawn once, then moved to the bound: many worst cases lie there.
             cma = CMA(start, _STEP, bounds, n_max_resampling=1, seed=number, population_size=LANES)
             running.append((cma, -np.inf, 0))
             begun += 1
-        asked = [np.array([cma.ask() for _ in range(LANES)]) for cma, _, _ in running]
-        values = record.call(np.concatenate(asked), "CMA-ES").reshape(side_by_side, LANES)
+        proposals = [np.array([cma.ask() for _ in range(LANES)]) for cma, _, _ in running]
+        values = record.call(np.concatenate(proposals), "CMA-ES").reshape(side_by_side, LANES)
         going = []
-        for (cma, before, age), points, found in zip(running, asked, values, strict=True):
-            # An infinite value would spoil the ranks' weights: it is the worst of the others.
-            finite = found[np.isfinite(found)]
-            losses = -np.where(np.isfinite(found), found, finite.min() if finite.size else 0.0)
+        for (cma, before, age), points, batch_values in zip(
+            running, proposals, values, strict=True
+        ):
+            # An infinite value would spoil the ranks' weights: it is set to the worst finite one.
+            finite = batch_values[np.isfinite(batch_values)]
+            losses = -np.where(
+                np.isfinite(batch_values), batch_values, finite.min() if finite.size else 0.0
+            )
             cma.tell(list(zip(points, losses.tolist(), strict=True)))
-            stale = 0 if found.max() > before else age + 1
-            if found.max() >= record.best:
+            stale = 0 if batch_values.max() > before else age + 1
+            if batch_values.max() >= record.best:
                 last = float(np.clip(points.std(axis=0).max(), 0.01, _STEP))
             if not cma.should_stop() and stale < _STALE:
-                going.append((cma, max(before, float(found.max())), stale))
+                going.append((cma, max(before, float(batch_values.max())), stale))
         running = going
     return last
 
 
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """How the value changes about the best place; the place may move where a probe is better."""
-    place, best = record.place, record.best
+    """Return the change of the value about the best point, which moves to a better probe."""
+    center, best = record.place, record.best
     probes = np.concatenate(
-        [place - _PROBE * np.eye(dimension), place + _PROBE * np.eye(dimension)]
+        [center - _PROBE * np.eye(dimension), center + _PROBE * np.eye(dimension)]
     )
     outside = np.abs(probes).max(axis=1) > 1.0 + 1e-12
     filled = np.concatenate(
-        [np.clip(probes, -1.0, 1.0), np.tile(place, (reserve - 2 * dimension, 1))]
+        [np.clip(probes, -1.0, 1.0), np.tile(center, (reserve - 2 * dimension, 1))]
     )
     values = record.call(filled, "sensitivity")[: 2 * dimension]
     change = np.where(outside, np.nan, values - best)

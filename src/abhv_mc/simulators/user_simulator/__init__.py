@@ -1,1 +1,1 @@
-"""A user's simulator: what flies it, watched flight by flight."""
+"""User simulators, run in processes that are watched flight by flight."""

@@ -1,4 +1,4 @@
-"""Answers of a user's simulator: checked against the campaign, their histories sampled at common times."""
+"""Answers of a user's simulator: validation and sampling of histories."""
 
 import json
 import math
@@ -10,12 +10,14 @@ import numpy as np
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
-_NEAR = 1e-6  # of the time between samples of a history: those that end so near to one have it
-_LARGEST = 1 << 1023  # whole number below which each has a floating-point one
+_NEAR = (
+    1e-6  # of the sampling interval: a history that ends within this tolerance of a sample has it
+)
+_LARGEST = 1 << 1023  # smallest integer without a floating-point value
 
 
 class Answer(NamedTuple):
-    """A flight that was computed."""
+    """Result of a simulated flight."""
 
     outcome: int
     end_time: float
@@ -25,34 +27,34 @@ class Answer(NamedTuple):
     )  # [column, sample]: its time, then the channels; None where none is declared
 
 
-def read_answer(found: dict[str, Any], plan: UserPlan) -> Answer:
-    """Raises ValueError where it is not what the campaign declares."""
-    if "error" in found:
-        raise ValueError(str(found["error"]))
-    code = found.get("outcome", "ok")
+def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
+    """Return the validated answer. Raise ValueError if it differs from the campaign."""
+    if "error" in reply:
+        raise ValueError(str(reply["error"]))
+    code = reply.get("outcome", "ok")
     if not isinstance(code, str) or code not in plan.outcomes:
         raise ValueError(f"it returned the outcome '{code}', which the campaign does not declare")
-    held = found.keys() - {"outcome", "end_time", "flight"}
-    if held != plan.expected:
-        for name in sorted(held - plan.expected):
+    keys = reply.keys() - {"outcome", "end_time", "flight"}
+    if keys != plan.expected:
+        for name in sorted(keys - plan.expected):
             raise ValueError(f"it returned '{name}', which the campaign does not declare")
-        raise ValueError(f"it did not return {', '.join(sorted(plan.expected - held))}")
-    values = [_read_number(found[metric.name], metric.name) for metric in plan.metrics]
-    end = _read_number(found.get("end_time"), "end_time")
+        raise ValueError(f"it did not return {', '.join(sorted(plan.expected - keys))}")
+    values = [_read_number(reply[metric.name], metric.name) for metric in plan.metrics]
+    end = _read_number(reply.get("end_time"), "end_time")
     ok = code == "ok"
     if ok and not all(map(math.isfinite, values)):
         name = next(
-            each.name
-            for each, value in zip(plan.metrics, values, strict=True)
+            record.name
+            for record, value in zip(plan.metrics, values, strict=True)
             if not math.isfinite(value)
         )
         raise ValueError(f"{name} is not a finite number, and the outcome is ok")
-    history = _read_history(found["history"], plan, ok) if plan.channels else None
+    history = _read_history(reply["history"], plan, ok) if plan.channels else None
     return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
 
 
 def _read_number(value: Any, name: str) -> float:
-    """Return a JSON number, NaN for null. Raises ValueError for anything else."""
+    """Return a JSON number, NaN for null. Raise ValueError for anything else."""
     if value is None:
         return math.nan
     if type(value) is float:
@@ -65,16 +67,16 @@ def _read_number(value: Any, name: str) -> float:
     raise ValueError(f"it returned {json.dumps(value):.40} for {name}, which is {hint}")
 
 
-def _read_history(given: Any, plan: UserPlan, ok: bool) -> Floats:
-    """Time and channels [column, sample] of a flight. Raises ValueError where they are none."""
+def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
+    """Return time and channels [column, sample] of a flight. Raise ValueError if invalid."""
     columns = ["time", *(channel.name for channel in plan.channels)]
-    if not isinstance(given, dict) or given.keys() != set(columns):
-        held = ", ".join(given) if isinstance(given, dict) else f"{given!r:.80}"
+    if not isinstance(reply, dict) or reply.keys() != set(columns):
+        contents = ", ".join(reply) if isinstance(reply, dict) else f"{reply!r:.80}"
         raise ValueError(
-            f"its history holds {held or 'nothing'}; declared are {', '.join(columns)}"
+            f"its history holds {contents or 'nothing'}; declared are {', '.join(columns)}"
         )
     try:
-        lists = [np.array(given[name]) for name in columns]
+        lists = [np.array(reply[name]) for name in columns]
         is_text = any(column.dtype.kind in "Ub" for column in lists)
         history = np.array([] if is_text else lists, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -92,8 +94,11 @@ def _read_history(given: Any, plan: UserPlan, ok: bool) -> Floats:
 def sample_histories(
     histories: Mapping[int, Floats], flights: int, channels: int, rate: float, beyond: int = 0
 ) -> tuple[Floats, Singles]:
-    """Times [time] s, ``rate`` of them a second, and the histories there [flight, time, channel]: linear between what
-    was returned, NaN before and after it. The times reach so many ``beyond`` the flights on either side."""
+    """Return times [time], s, and histories [flight, time, channel] at these times.
+
+    There are ``rate`` times per second, and they extend ``beyond`` samples on either side of the
+    flights. Histories are interpolated linearly, NaN before and after a flight.
+    """
     spans = {
         flight: (math.ceil(clock[0] * rate - _NEAR), math.floor(clock[-1] * rate + _NEAR) + 1)
         for flight, (clock, *_) in histories.items()
@@ -105,7 +110,7 @@ def sample_histories(
     )
     sampled = np.full((flights, times.size, channels), np.nan, np.float32)
     for flight, (clock, *columns) in histories.items():
-        own = slice(*(place - first for place in spans[flight]))
+        own = slice(*(index - first for index in spans[flight]))
         for i, column in enumerate(columns):
             sampled[flight, own, i] = np.interp(times[own], clock, column)
     return times, sampled
@@ -114,20 +119,26 @@ def sample_histories(
 def find_extremes(
     histories: Mapping[int, Floats], times: Floats, sampled: Singles
 ) -> tuple[Singles, Singles]:
-    """Least and greatest values [time, channel] of all flights from the time before to the time after: of what was
-    returned, and of the line between. ``times`` reach beyond all flights."""
+    """Return extremes [time, channel] of all flights between neighbouring times.
+
+    They cover returned samples and the lines between them. ``times`` extend beyond all flights.
+    """
     placed = [
-        (np.unique(np.searchsorted(times, each[0]), return_index=True), each[1:])
-        for each in histories.values()
+        (np.unique(np.searchsorted(times, history[0]), return_index=True), history[1:])
+        for history in histories.values()
     ]
     ends = []
     for extreme in (np.fmin, np.fmax):
-        at = np.full((times.size + 2, sampled.shape[2]), np.nan, np.float32)
-        at[1:-1] = extreme.reduce(sampled, axis=0)
+        at_times = np.full((times.size + 2, sampled.shape[2]), np.nan, np.float32)
+        at_times[1:-1] = extreme.reduce(sampled, axis=0)
         between = np.full(
             (times.size + 1, sampled.shape[2]), np.nan, np.float32
         )  # of samples up to each time
-        for (place, first), columns in placed:
-            between[place] = extreme(between[place], extreme.reduceat(columns, first, axis=1).T)
-        ends.append(extreme.reduce([at[:-2], at[1:-1], at[2:], between[:-1], between[1:]]))
+        for (interval, first), columns in placed:
+            between[interval] = extreme(
+                between[interval], extreme.reduceat(columns, first, axis=1).T
+            )
+        ends.append(
+            extreme.reduce([at_times[:-2], at_times[1:-1], at_times[2:], between[:-1], between[1:]])
+        )
     return ends[0], ends[1]

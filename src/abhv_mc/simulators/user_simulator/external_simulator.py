@@ -1,8 +1,9 @@
-"""Simulators of the user's own: a Python function or a program, and tables that one has written."""
+"""User simulators: Python functions, programs, and imported tables."""
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,9 @@ from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.input_files import read_input
 from abhv_mc.simulators.campaign_code import check_user_code
 from abhv_mc.simulators.feasibility import asked_in_vain
+from abhv_mc.simulators.user_simulator.native_reads import find_native_reads
 from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
-from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.simulators.user_simulator.process_pool import current_pool, end_processes
 from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator, seconds_of_a_flight
 from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 from abhv_mc.user_code.source import UserSource
@@ -33,7 +35,7 @@ _BY_ORDER = (
 
 
 class ExternalSimulator:
-    """A Python function, or a program that speaks JSON lines."""
+    """Python function, or program that exchanges JSON lines."""
 
     kind = "system"
     origin = method = ""
@@ -51,16 +53,18 @@ class ExternalSimulator:
         return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
 
     def check(self, feature: str) -> None:
-        found = f"a user's simulator, which has nothing for {feature}"
-        wish = "a campaign of our own: with vehicle, mission and controllers"
-        raise self.experiment.document.error((), found, wish)
+        problem = f"a user's simulator, which has nothing for {feature}"
+        expected = "a campaign of our own: with vehicle, mission and controllers"
+        raise self.experiment.document.error((), problem, expected)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """What computes flights, and the folder that it lies in. Raises InputError where nothing does."""
+        """Return the simulator's settings and folder. Raise InputError if there is none."""
         document = self.experiment.document
         if self.model.simulator is None:
-            wish = "'simulator' here; abhv-mc adopt TABLE takes flights that were flown"
-            raise document.error((), "a campaign without a simulator: nothing can fly", wish)
+            expected = (
+                "'simulator' here; abhv-mc import flights TABLE takes flights that were flown"
+            )
+            raise document.error((), "a campaign without a simulator: nothing can fly", expected)
         return self.model.simulator, document.path.parent / self.model.simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
@@ -74,12 +78,12 @@ class ExternalSimulator:
         entries: dict[str, Any] = {SYSTEMS: self.model.systems}
         if self.model.simulator is None:
             return entries
-        place, (simulator, base) = "inputs/simulator", self.find_simulator()
+        target, (simulator, base) = "inputs/simulator", self.find_simulator()
         for name, path in simulator.find_files(base).items():
-            copies[f"{place}/{name}"] = path
-        written: Any = self.experiment.document.data
-        data = {**written["simulator"], "folder": place}
-        if folders := simulator.find_folders(base):  # the results folder holds files alone
+            copies[f"{target}/{name}"] = path
+        written = self.experiment.document.entries
+        data = {**written["simulator"], "folder": target}
+        if folders := simulator.find_folders(base):  # results folders contain only files
             data["files"] = [
                 f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
             ]
@@ -96,11 +100,11 @@ class ExternalSimulator:
         check_trusted(source, trusted)
         if self.model.systems.keys() >= set(names):
             return self._make_plans(names, self.model)
-        # flown before, and not asked for now
+        # simulated before, and not requested now
         return self._make_plans(names, read_folder_campaign(CampaignFolder(root)).model)
 
     def _make_plans(self, names: Sequence[str], model: Any) -> dict[str, UserPlan]:
-        """Plans of systems with the settings of ``model``."""
+        """Return plans of systems with the settings of ``model``."""
         (simulator, base), experiment = self.find_simulator(), self.experiment
         ((_, source),) = self.find_code()
         records, keep = experiment.parameters.records, experiment.model.keep
@@ -110,7 +114,10 @@ class ExternalSimulator:
                 controller=name,
                 command=simulator.command or (),
                 folder=str(base.resolve()),
-                files=tuple((at, hashlib.sha256(data).hexdigest()) for at, data in source.files),
+                files=tuple(
+                    (name_in_folder, hashlib.sha256(data).hexdigest())
+                    for name_in_folder, data in source.files
+                ),
                 python=simulator.python or "",
                 settings=json.dumps(model.systems[name]),
                 inputs=tuple(record.name for record in records),
@@ -137,7 +144,7 @@ class ExternalSimulator:
     ) -> Mapping[str, UserPlan]:
         return plans
 
-    def find_stride(self, plan: UserPlan, kept: str) -> int:
+    def find_stride(self, plan: UserPlan, output: str) -> int:
         return 1
 
     def find_warnings(self, plans: Mapping[str, UserPlan]) -> list[str]:
@@ -148,6 +155,21 @@ class ExternalSimulator:
 
     def time_of_flight(self, plans: Sequence[UserPlan]) -> float | None:
         return seconds_of_a_flight(plans)
+
+    def prove(self, plan: UserPlan, check: int = 0) -> UserPlan:
+        return replace(plan, check=check, is_proven=True)
+
+    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
+        if not events.get("surplus"):
+            return []
+        return [
+            f"'{system}' wrote lines that answer no request. Flights whose answers could belong to"
+            " others were computed again one by one; a flight that answered twice failed to run"
+        ]
+
+    def find_undeclared_reads(self, plan: UserPlan, since: float) -> Iterable[str]:
+        numbers = [process.number for process in list(current_pool().all) if process.number]
+        return find_native_reads(numbers, plan, since)
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         ends = self.outcomes
@@ -161,15 +183,18 @@ class ExternalSimulator:
         try:
             Process(plan).end()
         except (LostFlightError, OSError) as error:
-            found, wish = f"{error}{plan.name_undeclared(str(error))}", "a simulator that starts"
-            place = self.experiment.document.key_error(("simulator",), found, wish)
-            raise InputErrors([place]) from None
+            problem, expected = (
+                f"{error}{plan.name_undeclared(str(error))}",
+                "a simulator that starts",
+            )
+            error_in_file = self.experiment.document.key_error(("simulator",), problem, expected)
+            raise InputErrors([error_in_file]) from None
         if self.model.simulator and self.model.simulator.command:
             yield _BY_ORDER
 
 
 class ImportedTable(ExternalSimulator):
-    """Flights that another simulator has computed."""
+    """Flights computed by another simulator."""
 
     origin = "a table"
     capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)
@@ -179,6 +204,6 @@ class ImportedTable(ExternalSimulator):
 
 
 def make_simulator(experiment: Experiment) -> ExternalSimulator:
-    """The simulator of one campaign."""
+    """Return the simulator of one campaign."""
     model: Any = experiment.model
     return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)

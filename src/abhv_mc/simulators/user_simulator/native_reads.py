@@ -1,4 +1,4 @@
-"""Files that a simulator's native code maps or keeps open, which no audit hook sees; on Linux."""
+"""Files mapped or opened by a simulator's native code, which audit hooks miss (Linux)."""
 
 import contextlib
 import os
@@ -12,14 +12,14 @@ _PACKAGES = {"site-packages", "dist-packages"}
 
 
 def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
-    """Return the regular files that ``processes`` and their children map or keep open, and may not read.
+    """Return unauthorized files that ``processes`` and their children map or keep open.
 
-    Files created after ``started`` (s since the epoch) are the processes' own.
-    Of programs that are no Python function only files in the simulator's and the campaign's folder are returned,
-    because nothing tells which others belong to them.
+    Files created after ``started`` (s since the epoch) belong to the processes. For programs other
+    than Python functions, only files in the folders of the simulator and the campaign are returned,
+    because the ownership of other files is unknown.
     """
-    found = set[str]()
-    for process in {each for first in processes for each in _family(first)}:
+    paths = set[str]()
+    for process in {member for first in processes for member in _family(first)}:
         folder = _link(f"/proc/{process}/cwd")
         names = (name for name, _ in plan.files)
         guard = simulator_guard(names, plan.folder, plan.campaign_folder, folder, started)
@@ -27,8 +27,8 @@ def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) 
             if not is_regular(path) or guard.allows(path) or _PACKAGES & set(Path(path).parts):
                 continue
             if plan.python or path.startswith(guard.studies):
-                found.add(path)
-    return sorted(found)
+                paths.add(path)
+    return sorted(paths)
 
 
 def _family(process: int) -> set[int]:

@@ -1,4 +1,4 @@
-"""One process of a user's simulator: it receives requests as lines of JSON and is watched flight by flight."""
+"""Process of a user's simulator: requests as JSON lines, answers with time limits."""
 
 import contextlib
 import fcntl
@@ -21,27 +21,27 @@ from abhv_mc.simulators.user_simulator.watcher import unwatch, watch
 from abhv_mc.simulators.user_simulator.working_folder import make_working_folder
 from abhv_mc.user_code.child import describe_exit
 
-_AHEAD = 64  # requests that are sent before the first of them is answered,
-_FITS = 1 << 15  # and bytes: less than an empty pipe takes at once
+_AHEAD = 64  # requests sent before the first one is answered,
+_FITS = 1 << 15  # and bytes: less than the capacity of an empty pipe
 _READ = 1 << 18
-_ENDING = 2.0  # s for a process to end that has closed its standard output
-_LOOK = 1.0  # s between looks at a process that computes
+_ENDING = 2.0  # s for a process to end after it closed standard output
+_LOOK = 1.0  # s between checks of a computing process
 _EXCERPT = 2000  # bytes kept of the beginning and of the end of its standard error
-_MOST_ERRORS = 1 << 20  # bytes of standard error on disk, give or take one look
+_MOST_ERRORS = 1 << 20  # bytes of standard error on disk, within one check interval
 # No process starts while another one's script is being written: Linux would not run the script.
 _starting = threading.Lock()
 
 
 class LostFlightError(Exception):
-    """The flight under way is lost, and the process with it."""
+    """The current flight and its process failed."""
 
 
 class OutOfStepError(Exception):
-    """The process wrote a line that answers no request: its answers may be of other flights."""
+    """A process wrote a line without a request; its answers may belong to other flights."""
 
 
 class Process:
-    """A running simulator with a working folder of its own."""
+    """Running simulator with its own working folder."""
 
     def __init__(self, plan: UserPlan) -> None:
         """Raise OSError if it does not start, LostFlightError if its Python file fails."""
@@ -77,10 +77,10 @@ class Process:
         self.has_timed_out = False
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
-        self.flights = 0  # that it was asked for and answered
-        self.unproven = 0  # of these, answered without their text since it was last seen silent
-        self.first_time = 0.0  # s to its first answer, with its start
-        self.longest = 0.0  # s to any later one
+        self.flights = 0  # requested and answered
+        self.unproven = 0  # flights answered without their text since the process was last silent
+        self.first_time = 0.0  # s to its first answer, including the start
+        self.longest = 0.0  # s to any later answer
         if plan.python:
             error = self._answer(plan.start_limit, "loaded").get("error")
             if error is not None:
@@ -93,7 +93,7 @@ class Process:
         """Yield the answer to each of ``requests``, within ``limit`` s of the one before.
 
         ``start``: further seconds for the first answer of the process; ``ahead``: send several
-        requests at a time. Raises LostFlightError and OutOfStepError.
+        requests at a time. Raise LostFlightError and OutOfStepError.
         """
         size = max(1, min(_AHEAD, _FITS // (16 + max(map(len, requests), default=1))))
         step = size if ahead else 1
@@ -119,7 +119,7 @@ class Process:
 
     @property
     def number(self) -> int:
-        """Number of the process; 0 once it has ended."""
+        """Process ID; 0 after its end."""
         return 0 if self._ended else self._process.pid
 
     def _time_answer(self, limit: float, start: float) -> dict[str, Any]:
@@ -133,14 +133,14 @@ class Process:
         return answer
 
     def _make_text(self) -> str:
-        """Return a text that is unique in this process and means nothing."""
+        """Return a meaningless text that is unique in this process."""
         self._next_flight += 1
         return f"{self._next_flight * 2654435761 & 0xFFFFFFFF:08x}"
 
     def is_silent(self, seconds: float, is_last: bool = False) -> bool:
-        """Return whether it writes nothing for so long, beyond the answers that were read.
+        """Return whether the process writes nothing for ``seconds``, beyond answers already read.
 
-        ``is_last``: no request follows; the end of its input then makes it end sooner.
+        ``is_last``: no request follows; closing its input makes the process end sooner.
         """
         if is_last:
             self._process.stdin.close()
@@ -151,7 +151,7 @@ class Process:
         return not os.read(self._process.stdout.fileno(), _READ)  # it ended
 
     def has_ended(self) -> bool:
-        """Return whether the process is gone."""
+        """Return whether the process has ended."""
         return self._ended or self._process.poll() is not None
 
     def _answer(self, limit: float, verb: str = "done", notice: float = math.inf) -> dict[str, Any]:
@@ -162,10 +162,10 @@ class Process:
         with contextlib.suppress(ValueError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
-        self.end()  # what it answers next might be of any flight
+        self.end()  # its next answers might be of any flight
         text = line[:80].decode(errors="replace")
-        found = f"it answered '{text}', which is no mapping in JSON"
-        raise LostFlightError(f"{found} (messages belong on standard error)")
+        problem = f"it answered '{text}', which is no mapping in JSON"
+        raise LostFlightError(f"{problem} (messages belong on standard error)")
 
     def _read_lines(self, limit: float, verb: str, notice: float) -> None:
         deadline, notice = time.monotonic() + limit, time.monotonic() + notice
@@ -180,9 +180,9 @@ class Process:
                 if notice < time.monotonic():
                     notice = math.inf
                     self._gather_errors()
-                    words = f"still waiting for its first answer, for {left:.0f} s more at most"
-                    words = ", ".join([f"{words} (start_limit)", *self._quote_last_error()])
-                    print(f"simulator: {words}", file=sys.stderr, flush=True)
+                    message = f"still waiting for its first answer, for {left:.0f} s more at most"
+                    message = ", ".join([f"{message} (start_limit)", *self._quote_last_error()])
+                    print(f"simulator: {message}", file=sys.stderr, flush=True)
                 if self._process.poll() is None or self._poll.poll(0):
                     continue  # else its children hold its standard output open
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
@@ -190,8 +190,8 @@ class Process:
             if not content:
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
             self._has_written = True
-            *whole, self._rest = (self._rest + content).split(b"\n")
-            self._read.extend(whole)
+            *lines, self._rest = (self._rest + content).split(b"\n")
+            self._read.extend(lines)
 
     def _describe_silence(self) -> str:
         """Describe what it wrote on standard error, or else what may keep its answer from coming."""
@@ -202,7 +202,7 @@ class Process:
         return "; it wrote nothing at all: does it flush its standard output after each answer?"
 
     def _quote_last_error(self) -> list[str]:
-        """Return the last line that it wrote on standard error, in quotation marks; empty without any."""
+        """Return its last line on standard error in quotation marks, if any."""
         last = self._excerpt.decode(errors="replace").strip().splitlines()[-1:]
         return [f"'{self._without_folder(text):.200}'" for text in last]
 
@@ -217,7 +217,7 @@ class Process:
         return ", ".join([describe_exit(code), *self._quote_last_error()])
 
     def _without_folder(self, text: str) -> str:
-        """Name its files as its user does."""
+        """Return a text with the process's file names relative to its folder."""
         return text.replace(f"{self.folder.path}{os.sep}", "")
 
     def take_errors(self) -> str:
@@ -245,7 +245,7 @@ class Process:
         self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End it and what it started, and delete its folder; once, as its number is then free."""
+        """End the process group and delete its folder; once, because the ID is free afterwards."""
         if self._ended:
             return
         self._ended = True

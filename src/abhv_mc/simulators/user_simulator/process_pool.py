@@ -1,4 +1,4 @@
-"""Idle and busy processes of user simulators; threads share them."""
+"""Pool of idle and busy simulator processes, shared by threads."""
 
 import atexit
 import os
@@ -9,11 +9,11 @@ from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 
 class StoppedError(Exception):
-    """The campaign was stopped while a flight was under way."""
+    """The campaign was stopped during a flight."""
 
 
 class ProcessPool:
-    """Processes of this one that run flights; threads share it."""
+    """Processes of this process that simulate flights; thread-safe."""
 
     def __init__(self) -> None:
         self.idle: dict[object, list[Process]] = {}
@@ -23,7 +23,7 @@ class ProcessPool:
         self.owner = os.getpid()
 
     def take(self, plan: UserPlan) -> Process:
-        """Return a process that waits for flights, or a new one."""
+        """Return an idle process, or a new one."""
         with self.lock:
             if idle := self.idle.get(plan.process):
                 return idle.pop()
@@ -40,13 +40,13 @@ class ProcessPool:
             self.idle.setdefault(plan.process, []).append(process)
 
     def end(self, process: Process) -> None:
-        """End a process for good."""
+        """End a process."""
         process.end()
         with self.lock:
             self.all.discard(process)
 
     def close(self) -> None:
-        """End all of them; flights under way are lost."""
+        """End all processes; current flights fail."""
         self.closed = True
         if self.owner == os.getpid():
             for process in list(self.all):
@@ -57,12 +57,12 @@ _pool = ProcessPool()
 
 
 def current_pool() -> ProcessPool:
-    """Return the pool that new flights use."""
+    """Return the pool for new flights."""
     return _pool
 
 
 def end_processes() -> None:
-    """End every process that waits or flies; flights that come later have new ones."""
+    """End all idle and busy processes; later flights start new ones."""
     global _pool
     ended, _pool = _pool, ProcessPool()
     ended.close()

@@ -1,4 +1,4 @@
-"""The program that a user's Python simulator runs in: a flight is a line of JSON in, and a line out.
+"""Host program of a user's Python simulator: a flight is a JSON line in and out.
 
 It imports nothing of this package but the guard of reads, by its path: a file that the campaign
 does not name is not read, because no hash would tell that it changed.
@@ -22,13 +22,13 @@ def main(python: str, source: str, campaign: str, *declared: str) -> None:
     ``campaign`` that of the campaign file.
     """
     started = time.time()
-    # What a flight starts inherits neither pipe: it would swallow requests and write answers.
+    # Child processes inherit neither pipe: they would read requests and write answers.
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.close(null)
-    os.dup2(2, 1)  # what it prints is no answer
+    os.dup2(2, 1)  # printed output is not an answer
     folder = Path.cwd()
     guard = _load("_abhv_mc_read_guard", _GUARD)
     guard.watch_reads(
@@ -55,7 +55,7 @@ def main(python: str, source: str, campaign: str, *declared: str) -> None:
         except Exception as error:
             answer = _line({"error": _words(error, python), "flight": request["flight"]})
         if os.getpid() != own:
-            os._exit(0)  # a child that the flight has forked answers nothing
+            os._exit(0)  # a forked child must not answer
         answers.write(answer)
 
 
@@ -64,20 +64,20 @@ def _line(answer: dict[str, Any]) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers and arrays of numpy as Python's."""
+    """Return numpy numbers and arrays as Python objects."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"a {type(value).__name__} among what fly returned")
 
 
 def _words(error: BaseException, python: str) -> str:
-    """What was raised, and the last line of the simulator that it came from."""
-    at, trace = "", error.__traceback__
+    """Return an exception's text and the last line of the simulator in its traceback."""
+    location, trace = "", error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(python).name:
-            at = f" ({Path(python).name}, line {trace.tb_lineno})"
+            location = f" ({Path(python).name}, line {trace.tb_lineno})"
         trace = trace.tb_next
-    return f"{type(error).__name__}: {error}{at}"
+    return f"{type(error).__name__}: {error}{location}"
 
 
 def _load(name: str, path: Path) -> Any:

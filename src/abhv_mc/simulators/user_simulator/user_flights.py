@@ -1,4 +1,4 @@
-"""Flights of a user's simulator: a crash or a hang costs the flight that was under way.
+"""Flights of a user's simulator; a crash or a hang fails only the current flight.
 
 An answer is accepted only if it belongs to its request.
 """
@@ -6,14 +6,13 @@ An answer is accepted only if it belongs to its request.
 import sys
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
@@ -31,14 +30,14 @@ _START_TIMES, _START_SLACK = 10.0, 10.0  # times the first answer before, and s,
 
 
 class _Record:
-    """Times and surplus output of one system's flights in this process so far."""
+    """Times and surplus output of one system's flights in this process."""
 
     def __init__(self) -> None:
         self.seconds = 0.0  # mean of a flight of the last block
-        # s of the longest answer before each of the last proofs, but of a process's first answer
+        # s of the longest answer before each recent proof, first answers excluded
         self.longest: deque[float] = deque(maxlen=_PROOF)
         self.start: float | None = None  # s, the longest first answer
-        self.is_stuck = False  # whether a process used up its start limit and none ever answered
+        self.is_stuck = False  # whether a process exceeded its start limit and none ever answered
         self.flights = self.surplus = 0
 
 
@@ -46,46 +45,20 @@ _records: dict[object, _Record] = defaultdict(_Record)
 _told: set[str] = set()  # reasons that were said already
 
 
-def process_ids() -> list[int]:
-    """Return the numbers of the processes that wait or simulate."""
-    return [process.number for process in list(current_pool().all) if process.number]
-
-
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
-    """Mean time of the flights flown last, of the slowest of some systems, s; 0 before any."""
+    """Return the mean time of recent flights of the slowest system, s; 0 before any."""
     return max(_records[plan.system].seconds for plan in plans)
 
 
 def note_surplus(plan: UserPlan, flights: int, surplus: int) -> None:
-    """Count flights of a system, and lines beyond their answers, that other machines saw."""
+    """Count a system's flights and surplus lines seen on other machines."""
     record = _records[plan.system]
     record.flights += flights
     record.surplus += surplus
 
 
-def prove_blocks(campaign: Experiment) -> Experiment:
-    """Return the campaign with a proof of silence after each block of a user's program."""
-    systems = {
-        name: system._replace(plan=replace(cast("Any", system.plan), is_proven=True))
-        if isinstance(system.plan, UserPlan)
-        else system
-        for name, system in campaign.systems.items()
-    }
-    return replace(campaign, systems=systems)
-
-
-def describe_events(system: str, events: Mapping[str, int]) -> list[str]:
-    """Return warnings about the events of a system's flights (:attr:`FlightBlock.events`)."""
-    if not events.get("surplus"):
-        return []
-    return [
-        f"'{system}' wrote lines that answer no request. Flights whose answers could belong to"
-        " others were computed again one by one; a flight that answered twice failed to run"
-    ]
-
-
 def with_surplus(plan: UserPlan) -> UserPlan:
-    """Return the plan with what this process knows of its surplus output, for another one."""
+    """Return the plan with this process's counts of surplus output, for another process."""
     record = _records[plan.system]
     return replace(plan, seen=(record.flights, record.surplus))
 
@@ -93,9 +66,10 @@ def with_surplus(plan: UserPlan) -> UserPlan:
 def fly_user_simulator(
     plan: UserPlan, parameters: Floats, recorded: Recording | int | None = None
 ) -> FlightBlock:
-    """Fly ``parameters`` [flight, input], in the inputs' own units; ``failed_to_run`` for what cannot be computed.
+    """Simulate ``parameters`` [flight, input] in the inputs' units.
 
-    ``recorded``: a Recording for bands over time, or so many times as far apart as histories are kept.
+    Flights that cannot be computed get ``failed_to_run``. ``recorded`` is a Recording for
+    envelopes, or the factor between the sampling intervals of kept histories.
     """
     for_bands = isinstance(recorded, Recording)
     rate = plan.band_rate if isinstance(recorded, Recording) else plan.rate / (recorded or 1)
@@ -142,11 +116,11 @@ class _Flights:
         flights, surplus = plan.seen
         self.record.flights = max(self.record.flights, flights)
         self.record.surplus = max(self.record.surplus, surplus)
-        self.waited = 0.0  # s for processes to start, and to be proven silent
+        self.waited = 0.0  # s of starting processes and proofs of silence
         self.is_ahead = 0.0 < self.record.seconds < _AHEAD
 
     def run(self) -> None:
-        """Compute all of them."""
+        """Simulate all flights."""
         number, begun = len(self.requests), time.monotonic()
         self._run_pieces(0, number)
         self.record.flights += number
@@ -154,7 +128,7 @@ class _Flights:
             self.record.seconds = max(0.0, time.monotonic() - begun - self.waited) / number
 
     def _run_pieces(self, first: int, stop: int, largest: int | None = None) -> None:
-        """Compute flights in pieces that are each proven, the smaller the more surplus was seen."""
+        """Simulate flights in proven pieces, smaller ones if surplus output was seen."""
         while first < stop:
             size = largest or stop - first
             if self.record.surplus:
@@ -167,7 +141,7 @@ class _Flights:
             first += size
 
     def _run_piece(self, first: int, stop: int) -> None:
-        """Compute flights that follow each other without a pause."""
+        """Simulate consecutive flights without a pause."""
         plan, done = self.plan, first
         while done < stop:
             begun, process = done, None
@@ -195,12 +169,12 @@ class _Flights:
                 done = stop_again
             except (LostFlightError, OSError) as lost:
                 if is_exhausted(lost):
-                    raise  # no flight's fault
+                    raise  # not caused by a flight
                 unproven = process.unproven if process else 0
                 self._end(process)
                 if not unproven:
                     self._lose(done, str(lost))
-                elif self._run_alone(done) and done > begun:  # it was not this flight's fault
+                elif self._run_alone(done) and done > begun:  # not caused by this flight
                     self.record.surplus += 1
                     self.events["repeated"] += done - begun
                     for flight in range(begun, done):
@@ -208,7 +182,7 @@ class _Flights:
                 done += 1
 
     def _run_alone(self, flight: int) -> bool:
-        """Compute a flight in a process that is silent before and after it; return whether it is."""
+        """Simulate a flight between two proofs of silence; return whether both succeed."""
         plan, process = self.plan, None
         try:
             process = self._take(is_proven=True)
@@ -234,13 +208,13 @@ class _Flights:
         return True
 
     def _take(self, is_proven: bool = False) -> Process:
-        """Return an idle process that has written nothing since its last answer, or a new one."""
+        """Return an idle process without output since its last answer, or a new one."""
         while True:
             begun = time.monotonic()
             process = self.pool.take(self.plan)
             self.waited += time.monotonic() - begun
             if self.pool.closed or (process.flights and process.has_ended()):
-                self._end(process)  # it ended while it was idle: no flight's fault
+                self._end(process)  # it ended while idle, not caused by a flight
             elif process.flights and not process.is_silent(0.0):
                 self._note_surplus()
                 self._end(process)
@@ -250,16 +224,16 @@ class _Flights:
                 return process
 
     def _start(self) -> float:
-        """Return the seconds that a program may take to start, beyond those of a flight."""
+        """Return the seconds for a program's start, beyond those of a flight."""
         if self.plan.python:
-            return 0.0  # it says itself when it is loaded
+            return 0.0  # it reports when it is loaded
         if self.record.is_stuck:
-            return 0.0  # the same limit again for each flight would take hours
+            return 0.0  # waiting for the limit in each flight would take hours
         before, limit = self.record.start, self.plan.start_limit
         return limit if before is None else min(limit, _START_TIMES * before + _START_SLACK)
 
     def _full_proof(self, process: Process) -> float:
-        """Return the seconds after which a surplus line would have come."""
+        """Return the seconds after which a surplus line would have arrived."""
         longest = max(process.longest, *self.record.longest, 0.0)
         return 2.0 * (longest or process.first_time) + _SLACK
 
@@ -292,7 +266,7 @@ class _Flights:
             raise OutOfStepError
 
     def _leave(self, process: Process) -> None:
-        """Give a process back, or end it if it has run as many flights as it may."""
+        """Return a process to the pool, or end it after its maximum number of flights."""
         if process.flights == self.plan.flights_per_process:
             self._end(process)
         else:
@@ -308,7 +282,7 @@ class _Flights:
             raise StoppedError("the campaign was stopped")
 
     def _read_out(self, process: Process) -> None:
-        """Take what a process says of itself: the time of its start, and its standard error."""
+        """Record a process's start time and standard error."""
         if process.flights:
             self.record.start = max(self.record.start or 0.0, process.first_time)
         self.record.is_stuck = self.record.start is None and process.has_timed_out
@@ -320,12 +294,12 @@ class _Flights:
         self.events["surplus"] += 1
 
     def _keep(self, flight: int, answer: dict[str, Any]) -> None:
-        """Store what a flight returned. Raise LostFlightError if a program's line is no answer."""
+        """Store a flight's answer. Raise LostFlightError if it is invalid."""
         try:
             outcome, end_time, metrics, history = read_answer(answer, self.plan)
         except ValueError as error:
             if self.plan.command and "error" not in answer:
-                raise LostFlightError(str(error)) from None  # what follows may be of any flight
+                raise LostFlightError(str(error)) from None  # later output may belong to any flight
             self._lose(flight, str(error))
             return
         self.outcome[flight], self.end_time[flight] = outcome, end_time
@@ -349,6 +323,6 @@ def _tell(plan: UserPlan, reason: str) -> None:
         if plan.check
         else "a flight"
     )
-    if (words := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
-        _told.add(words)
-        print(words, file=sys.stderr, flush=True)
+    if (message := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
+        _told.add(message)
+        print(message, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""What the flights of one system of a user's simulator need, and whether this user may run it."""
+"""Plans of user simulators."""
 
 import json
 import os
@@ -19,42 +19,42 @@ _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")
 
 @dataclass(frozen=True)
 class UserPlan:
-    """Everything that is needed to fly one system, apart from its flights' inputs; it travels to other machines."""
+    """Data for the flights of one system, except their inputs; sent to workers."""
 
     controller: str  # its name in the campaign
     command: tuple[str, ...]
-    folder: str  # that it lies in
-    files: tuple[tuple[str, str], ...]  # place in the folder and SHA-256 of what it consists of
+    folder: str  # of the simulator
+    files: tuple[tuple[str, str], ...]  # path in the folder and SHA-256 of each file
     python: str  # the file of a Python function, '' for a program
     settings: str  # JSON
     inputs: tuple[str, ...]
-    seeds: tuple[bool, ...]  # which of these are whole numbers
+    seeds: tuple[bool, ...]  # which inputs are integers
     metrics: tuple[Metric, ...]
-    outcomes: dict[str, int]  # codes that a flight may return, with their numbers
+    outcomes: dict[str, int]  # numbers of the outcome codes
     time_limit: float  # s of one flight, by the clock
-    channels: tuple[Signal, ...] = ()  # of the history that a flight returns
-    rate: float = 10.0  # Hz that it is recorded with, and for bands over time
+    channels: tuple[Signal, ...] = ()  # of the returned history
+    rate: float = 10.0  # Hz of recorded histories, and of envelopes
     band_rate: float = 5.0
 
-    timing: ClassVar = None  # each flight has times of its own
+    timing: ClassVar = None  # each flight has its own times
     sources: ClassVar[tuple[UserSource, ...]] = ()
-    folders: tuple[str, ...] = ()  # empty ones that it needs
+    folders: tuple[str, ...] = ()  # required empty folders
     start_limit: float = 600.0  # s to start
     flights_per_process: int | None = None
-    campaign_folder: str = ""  # that the campaign file lies in
-    check: int = 0  # number of the process that simulates it for a check; 0: for the campaign
+    campaign_folder: str = ""  # folder of the campaign file
+    check: int = 0  # number of the process that re-runs flights for a check; 0: for the campaign
     is_proven: bool = False  # whether each block of its flights ends with a proof of silence
-    seen: tuple[int, int] = (0, 0)  # flights and surplus lines that other processes know of
+    seen: tuple[int, int] = (0, 0)  # flights and surplus lines seen by other processes
 
     @property
     def process(self) -> tuple[object, ...]:
-        """Key of the processes that can run this plan: they may run other systems, too."""
+        """Key of the processes that can run this plan, and possibly other systems."""
         files = self.folder, self.files, self.folders
         return self.command, self.python, files, self.flights_per_process, self.check
 
     @property
     def system(self) -> tuple[object, ...]:
-        """Key of what is simulated, in whatever process."""
+        """Key of the simulated system, independent of its process."""
         return self.command, self.python, self.folder, self.files, self.controller
 
     def argv(self, working_folder: Path) -> list[str]:
@@ -70,12 +70,12 @@ class UserPlan:
         ]
 
     def _find_declared(self, word: str) -> str:
-        """Return the name of the declared file that a word of the command names, or ''."""
+        """Return the declared file named by a word of the command, or ''."""
         name = os.path.relpath(os.path.normpath(Path(self.folder, word)), self.folder)
         return name if any(name == declared for declared, _ in self.files) else ""
 
     def name_undeclared(self, message: str) -> str:
-        """Return what is wrong if an error message names a file that `files` lacks, or ''."""
+        """Return a hint if an error message names a file missing in `files`, or ''."""
         for word in re.findall(r"[\w.+/-]+", message):
             for path in (word.rstrip("."), f"{word.replace('.', '/')}.py"):
                 name = os.path.normpath(path)
@@ -86,7 +86,7 @@ class UserPlan:
 
     @cached_property
     def expected(self) -> set[str]:
-        """What a flight has to return."""
+        """Keys that a flight must return."""
         return {*(metric.name for metric in self.metrics), *(["history"] if self.channels else [])}
 
     @cached_property
@@ -99,5 +99,5 @@ class UserPlan:
         return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {settings}, "flight": '
 
     def requests(self, rows: Floats) -> list[bytes]:
-        """Return a line of JSON for each of ``rows`` [flight, input], up to the flight's text."""
+        """Return a JSON line for each of ``rows`` [flight, input], up to the flight's text."""
         return [(self._template % tuple(row)).encode() for row in rows.tolist()]

@@ -1,4 +1,4 @@
-"""A process that cleans up after this one is killed: it ends simulators and deletes their folders."""
+"""Watcher process that ends simulators and deletes their folders after a kill."""
 
 import contextlib
 import functools
@@ -29,12 +29,12 @@ _lock = threading.Lock()
 
 
 def watch(name: int | str) -> None:
-    """Have a process group ended, or a folder deleted, when this process dies."""
+    """Register a process group to end, or a folder to delete, if this process dies."""
     _tell(f"+{name}\n")
 
 
 def unwatch(name: int | str) -> None:
-    """Withdraw :func:`watch`: the process or folder is gone."""
+    """Undo :func:`watch` after the process or folder is gone."""
     _tell(f"-{name}\n")
 
 
@@ -45,7 +45,7 @@ def _tell(line: str) -> None:
 
 @functools.cache
 def _pipe(_: int) -> int:
-    """Start the watcher of this process and return the pipe to it."""
+    """Return the pipe to this process's watcher, which is started on first use."""
     theirs, ours = os.pipe()
     ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
     os.posix_spawn(

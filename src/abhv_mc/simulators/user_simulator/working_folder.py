@@ -1,4 +1,4 @@
-"""The working folder of a simulator's process: a temporary folder with copies of its declared files."""
+"""Temporary working folder of a simulator's process, with copies of its files."""
 
 import functools
 import hashlib
@@ -18,19 +18,19 @@ _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
 class WorkingFolder(NamedTuple):
-    """A process's own folder."""
+    """Folder of a process."""
 
     path: Path
-    linked: tuple[str, ...]  # declared files that are links to the user's, not copies
+    linked: tuple[str, ...]  # declared files that are linked instead of copied
 
     def delete(self) -> None:
-        """Delete it with all that the process has written there."""
+        """Delete the folder with all its content."""
         shutil.rmtree(self.path, ignore_errors=True)
         unwatch(str(self.path))
 
 
 def make_working_folder(plan: UserPlan) -> WorkingFolder:
-    """Copy the declared files of ``plan``, with their modes, into a new folder under ``TMPDIR``.
+    """Return a new folder under ``TMPDIR`` with the declared files of ``plan``.
 
     Large files and compiled programs are linked: a program's copy would not run on a file system
     mounted noexec. Scripts are copied: many change into the folder that holds them. Raises
@@ -66,7 +66,7 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
             is_program = bool(mode & stat.S_IXUSR) and file.read(4).startswith(_BINARY)
         is_linked = is_program or status.st_size > _LARGEST_COPY
         content = b"" if is_linked else source.read_bytes()
-        found = (
+        actual_digest = (
             _hash_file(source, status.st_ino, status.st_size, status.st_mtime_ns)
             if is_linked
             else hashlib.sha256(content).hexdigest()
@@ -74,15 +74,15 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
     except OSError as error:
         if is_exhausted(error):
             raise
-        found = ""
-    if found != digest:
+        actual_digest = ""
+    if actual_digest != digest:
         message = "other content than the campaign was begun with, or none"
         raise InputError(source, message, "the same file")
     if is_linked:
         target.symlink_to(source)
     else:
         target.write_bytes(content)
-        # A folder written by an older version holds programs without their executable bit.
+        # Folders written by older versions contain programs without their executable bit.
         is_started = plan.command and source == Path(os.path.normpath(plan.folder), plan.command[0])
         target.chmod(mode | stat.S_IXUSR if is_started else mode)
     return is_linked
@@ -90,7 +90,7 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def _hash_file(path: Path, *_signature: int) -> str:
-    """SHA-256 of a file; the signature changes when the file does."""
+    """Return SHA-256 of a file; the signature changes with the file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -58,13 +58,12 @@ def comparison_section(found: Comparison, names: Names) -> Section | None:
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
     lost = survival_sentences(found, names)
-    title = "Control usage, by how much"
+    title, picture = "Control usage, by how much", Picture("error_against_usage")
     items: tuple[Item, ...] = (
         *([Bullets(tuple(lost))] if lost else []),
         Text(_BETTER),
         Table("Who wins, by how much", heads, asked),
-        *([Fold(title, (Table(title, usage_heads, (usage,)),))] if usage else []),
-        Picture("error_against_usage"),
+        *([Fold(title, (Table(title, usage_heads, (usage,)), picture))] if usage else [picture]),
     )
     return Section(f"Which {names.campaign.kind}, and by how much", (*items, *pairs))
 

@@ -13,6 +13,7 @@ from abhv_mc.topics.comparison.model import Comparison, total_usage
 from abhv_mc.topics.figure_style import (
     INK,
     MARKERS,
+    PERCENT,
     controller_colors,
     distribution_steps,
     label_lowest,
@@ -84,7 +85,7 @@ def plot_error_against_usage(
 ) -> Figure:
     """Each flight as a point: how far it strayed against how much it moved its surfaces; medians marked large."""
     columns = min(_TRADES, len(trades))
-    figure, grid = new_panels(len(trades), columns, 2.0, between=(0.68, 0.3), top=0.12, sharex=True)
+    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.68, 0.3), top=0.14, sharex=True)
     for axes, trade in zip(grid.flat, trades, strict=False):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors
@@ -93,12 +94,19 @@ def plot_error_against_usage(
                 continue
             marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
-            small = {"markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0, "rasterized": True}
+            on_top = 1.0 - i / len(trade.errors)  # the first is the subject
+            small = {
+                "markersize": 1.6,
+                "alpha": 0.35,
+                "markeredgewidth": 0,
+                "rasterized": True,
+                "zorder": 2.0 + on_top,
+            }
             large = {
                 "markersize": 7,
                 "markeredgecolor": "white",
                 "label": labels[name],
-                "zorder": 5,
+                "zorder": 5.0 + on_top,
             }
             axes.plot(x[few], y[few], marker, color=colors[name], **small)
             axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
@@ -172,7 +180,7 @@ def plot_differences(
         axes.axvline(0.0, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label=zero)
         axes.set_xlabel(panel.label)
         axes.set_ylim(-0.02, 1.02)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("share of flights")
     legend_below(figure, *grid.flat)

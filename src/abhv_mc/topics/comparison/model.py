@@ -1,4 +1,4 @@
-"""One controller against another, flight by flight, on the same dispersions."""
+"""Paired comparison of two controllers on the same dispersed flights."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,22 +30,22 @@ from abhv_mc.statistics.winner import Decision, agree, decide
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 from abhv_mc.topics.plain import DRAWN, level_name
 
-_LOST_RISK = 0.05  # of saying that one controller loses more flights where both are as good
-_LISTED = 10  # flights where only one failed
+_LOST_RISK = 0.05  # of claiming that one controller loses more flights if both are equal
+_LISTED = 10  # flights that failed under one controller only
 
 
 @dataclass(frozen=True)
 class ComparedMetric:
-    """One metric of `a` against `b`; differences are `a - b`, in the metric's unit."""
+    """Comparison of `a` with `b` in one metric; differences are `a - b`, in its unit."""
 
     compared: bool  # whether a winner may be named
     a_better: int  # pairs
     b_better: int
     ties: int
     winner: str | None
-    closer: str | None  # who is on more flights, a winner or not
-    mixed: bool  # whether the closer one is no winner
-    worse_tails: tuple[float, ...]  # quantiles in which the closer one is shown to be worse
+    closer: str | None  # controller with the smaller value on more flights
+    mixed: bool  # whether that controller is no winner
+    worse_tails: tuple[float, ...]  # quantiles in which it is shown to be worse
     uncompared_tails: tuple[float, ...]
     loses_more: bool
     worst: tuple[float, float]
@@ -54,13 +54,13 @@ class ComparedMetric:
         float | None
     )  # how many times the flights an unpaired comparison of means would need
     quantile_differences: Mapping[str, Interval]  # by level
-    # At how many values of the unknowns `a` and `b` are winners, and how many values there are.
+    # Number of values of the unknowns at which `a` and `b` win, and number of values.
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
 @dataclass(frozen=True, kw_only=True)
 class ListedFailures(PairedFailures):
-    """Failures on the same flights, with the first flights where only one failed."""
+    """Paired failures, with the first flights that failed under one controller only."""
 
     flights_only_a: tuple[int, ...]
     flights_only_b: tuple[int, ...]
@@ -68,7 +68,7 @@ class ListedFailures(PairedFailures):
 
 @dataclass(frozen=True)
 class ControllerPair:
-    """Everything of `a` against `b`."""
+    """Comparison of `a` with `b` in metrics, failures and control effort."""
 
     a: str
     b: str
@@ -77,7 +77,7 @@ class ControllerPair:
     requirements: tuple[ListedFailures, ...]  # in the campaign's order
     ended_early: ListedFailures
     usage: Mapping[str, PairedUsage | None]  # by tracking error
-    surfaces: Mapping[str, Interval | None]  # median ratio a / b of each metric of usage
+    surfaces: Mapping[str, Interval | None]  # median ratio a / b of each control-effort metric
 
     @property
     def losing(self) -> str:
@@ -90,29 +90,31 @@ class ControllerPair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The first controller of a campaign against each other one."""
+    """Comparison of a campaign's first controller with each other one."""
 
     pairs: Mapping[str, ControllerPair]
-    # By metric in which a winner is named, and controller.
+    # By metric with a named winner, and controller.
     medians: Mapping[str, Mapping[str, Interval]] = field(
         default_factory=dict, metadata={DRAWN: True}
     )
 
 
 def compute_comparison(results: FlownCampaign) -> Comparison:
-    """Pairs of all controllers with the first."""
+    """Return the comparison of the first controller with each other one."""
     campaign, rivals = results.campaign, len(list(results.pairs))
     points = len(campaign.unknowns.points)
-    asked = (
-        results.metrics,
-        results.compared,
-        campaign.requirements,
-        rivals,
-        campaign.judged,
-        points,
-    )
     pairs = {
-        f"{a} - {b}": compare_pair(results.flights[a], results.flights[b], (a, b), *asked)
+        f"{a} - {b}": compare_pair(
+            results.flights[a],
+            results.flights[b],
+            (a, b),
+            results.metrics,
+            results.compared,
+            requirements=campaign.requirements,
+            rivals=rivals,
+            independent=campaign.judged,
+            points=points,
+        )
         for a, b in results.pairs
     }
     medians = {
@@ -133,16 +135,18 @@ def compare_pair(
     names: tuple[str, str],
     metrics: Iterable[str],
     compared: Sequence[str],
+    *,
     requirements: Sequence[Requirement],
     rivals: int = 1,
     independent: bool = True,
     points: int = 1,
 ) -> ControllerPair | None:
-    """Every metric, every requirement and the control usage of `a` against `b`; None without a common flight.
+    """Return the comparison of `a` with `b`, or None without a common flight.
 
-    Winners are named of the `compared` metrics, and allow for all of these and for all `rivals`; flights that are not
-    `independent` draws name none. With several ``points`` of unknowns a winner, and who loses more flights, is one at
-    each of them; counts and differences are of all flights.
+    Winners are named for the `compared` metrics, with an allowance for their number and for all
+    `rivals`; none are named if flights are not `independent` draws. With several ``points`` of
+    unknowns, a controller must win or lose more flights at each of them; counts and differences are
+    of all flights.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
@@ -150,7 +154,7 @@ def compare_pair(
     rows = rivals * max(1, len(compared))
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
-    at = (
+    point_masks = (
         [numbers % points == point for point in range(points)]
         if points > 1
         else [np.ones(len(numbers), bool)]
@@ -165,8 +169,8 @@ def compare_pair(
                 names,
                 lost,
                 rows if independent and metric in compared else 0,
-                at,
-                flights_a.records[metric],
+                point_masks=point_masks,
+                record=flights_a.records[metric],
             )
             for metric in metrics
         },
@@ -178,7 +182,7 @@ def compare_pair(
             )
             for item in requirements
         ),
-        ended_early=_lost_everywhere(*lost, numbers, at),
+        ended_early=_lost_everywhere(*lost, numbers, point_masks),
         usage=_usage(flights_a, flights_b, rows_a, rows_b, compared),
         surfaces={
             metric: median_ratio(
@@ -196,15 +200,25 @@ def _metric(
     names: tuple[str, str],
     lost: tuple[Mask, Mask],
     rows: int,
-    at: Sequence[Mask],
+    *,
+    point_masks: Sequence[Mask],
     record: Metric,
 ) -> ComparedMetric:
-    """One metric; a winner is named among so many ``rows`` that are compared, or not where they are 0; ``at``: the
-    pairs of each value of the unknowns."""
-    found = compare_metric(a, b)
-    each = [decide(a[k], b[k], lost[0][k], lost[1][k], rows) for k in at if k.any()] if rows else []
-    decision = agree(each) if each else Decision("")
-    a_at, b_at = (sum(one.winner == side for one in each) for side in ("a", "b"))
+    """Return the comparison in one metric.
+
+    A winner is named if ``rows``, the number of comparisons, is positive. ``point_masks`` select
+    the pairs [pair] at each value of the unknowns.
+    """
+    differences = compare_metric(a, b)
+    decisions = (
+        [decide(a[k], b[k], lost[0][k], lost[1][k], rows) for k in point_masks if k.any()]
+        if rows
+        else []
+    )
+    decision = agree(decisions) if decisions else Decision("")
+    a_at, b_at = (
+        sum(point_decision.winner == side for point_decision in decisions) for side in ("a", "b")
+    )
     sense = "high" if record.band else record.bad
     sides = {"a": names[0], "b": names[1], "": None}
     worst_a, worst_b = (
@@ -213,9 +227,9 @@ def _metric(
     )
     return ComparedMetric(
         compared=rows > 0,
-        a_better=found.a_better,
-        b_better=found.b_better,
-        ties=found.ties,
+        a_better=differences.a_better,
+        b_better=differences.b_better,
+        ties=differences.ties,
         winner=sides[decision.winner],
         closer=sides[decision.closer],
         mixed=not decision.winner and (bool(decision.closer) or a_at + b_at > 0),
@@ -223,27 +237,32 @@ def _metric(
         uncompared_tails=decision.uncompared,
         loses_more=decision.loses_more,
         worst=(worst_a, worst_b),
-        median_difference=found.median_difference.in_sense(sense),
-        pairing_gain=found.pairing_gain,
+        median_difference=differences.median_difference.in_sense(sense),
+        pairing_gain=differences.pairing_gain,
         quantile_differences={
             level_name(level): interval.in_sense(sense)
-            for level, interval in zip(LEVELS, found.quantile_differences, strict=True)
+            for level, interval in zip(LEVELS, differences.quantile_differences, strict=True)
         },
-        better_at=(a_at, b_at, max(1, len(each))),
+        better_at=(a_at, b_at, max(1, len(decisions))),
     )
 
 
 def _lost_everywhere(
-    a: Mask, b: Mask, flight: NDArray[np.int64], at: Sequence[Mask]
+    a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
 ) -> ListedFailures:
-    """Lost flights; the p-value is the largest of those at each value of the unknowns, on the side that loses more."""
-    found = _failures(a, b, flight)
-    each = [compare_failures(a[k], b[k]) for k in at]
-    more = [
-        one.p_value if (one.only_a > one.only_b) == (found.only_a > found.only_b) else 1.0
-        for one in each
+    """Return lost flights with the largest p-value over the values of the unknowns.
+
+    Only p-values on the side that loses more overall count.
+    """
+    failures = _failures(a, b, flight)
+    point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
+    p_values = [
+        counts.p_value
+        if (counts.only_a > counts.only_b) == (failures.only_a > failures.only_b)
+        else 1.0
+        for counts in point_failures
     ]
-    return replace(found, p_value=max(more))
+    return replace(failures, p_value=max(p_values))
 
 
 def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
@@ -256,22 +275,25 @@ def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
 def compare_any_failures(
     a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> ListedFailures:
-    """Flights that ended early or miss any requirement, under one alone and under both."""
+    """Return paired failures: early terminations and missed requirements."""
     rows_a, rows_b = common_rows(a, b)
     failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
     return _failures(*failed, a.flight[rows_a])
 
 
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
-    """`a` minus `b` in a metric [pair], in its unit; infinite where only one was lost, 0 where both were."""
-    found = pair_differences(
+    """Return `a` minus `b` in a metric [pair], in its unit.
+
+    Differences are infinite if one of the two was lost, 0 if both were.
+    """
+    differences = pair_differences(
         *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))
     )
-    return metric_sign(a.records[metric]) * found
+    return metric_sign(a.records[metric]) * differences
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
-    """Root of the sum of the squared rms deflections of the three surfaces, deg [flight]."""
+    """Return the root sum of squares of the three surfaces' rms deflections, deg [flight]."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 
@@ -281,9 +303,9 @@ def _usage(
     b: ControllerFlights,
     rows_a: NDArray[np.intp],
     rows_b: NDArray[np.intp],
-    of: Sequence[str],
+    metrics: Sequence[str],
 ) -> dict[str, PairedUsage | None]:
-    """Tracking errors among the metrics ``of``, each beside the usage."""
+    """Return each tracking error among ``metrics`` together with the control effort."""
     if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
         return {}
     flown = ~(a.failed[rows_a] | b.failed[rows_b])
@@ -292,6 +314,6 @@ def _usage(
         metric: compare_usage(
             a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b
         )
-        for metric in of
+        for metric in metrics
         if a.records[metric].group == "tracking"
     }

@@ -1,7 +1,9 @@
-"""How each number of a report settled as flights came in."""
+"""Convergence of each estimate with the number of flights."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from abhv_mc.folder.controller_flights import severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
@@ -16,15 +18,27 @@ from abhv_mc.statistics.estimates import (
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.plain import level_name
-from abhv_mc.topics.section import Fold, Picture, Section, Text
+from abhv_mc.topics.section import (
+    Cell,
+    Fold,
+    Item,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    grouped,
+    interval_cell,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 
-_FEWEST = 100  # flights of a figure: of fewer, the intervals are wider than what settles
+_FEWEST = 100  # minimum for a figure; with fewer the intervals are wider than the trend
+_PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}  # shares of the flights in the table
 
 
 @dataclass(frozen=True)
 class Settling:
-    """An estimate and its 95 % interval after so many flights, [look]; open ends are infinite."""
+    """Estimate and its 95 % interval after each number of flights [look]; infinite if open."""
 
     value: tuple[float, ...]
     low: tuple[float, ...]
@@ -33,7 +47,7 @@ class Settling:
 
 @dataclass(frozen=True)
 class ControllerSettling:
-    """All estimates of one controller."""
+    """Convergence of all estimates of one controller."""
 
     flights: tuple[int, ...]  # [look]
     metrics: Mapping[str, Mapping[str, Settling]]  # metric -> level
@@ -42,18 +56,23 @@ class ControllerSettling:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Quantiles of every metric and failures of every requirement against the number of flights, in flight order."""
+    """Quantiles of metrics and failures of requirements against the number of flights.
+
+    Flights count in their order.
+    """
 
     controllers: Mapping[str, ControllerSettling]
 
     @property
     def is_drawn(self) -> bool:
         """Return whether there are enough flights for a figure."""
-        return any(max(one.flights, default=0) >= _FEWEST for one in self.controllers.values())
+        return any(
+            max(estimates.flights, default=0) >= _FEWEST for estimates in self.controllers.values()
+        )
 
 
 def compute_convergence(results: FlownCampaign) -> Convergence:
-    """The traces of every controller."""
+    """Return the traces of every controller."""
     return Convergence({name: _of(results, name) for name in results.controllers})
 
 
@@ -73,19 +92,54 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
 
 
 def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
-    found = [one.in_sense(bad) for one in trace]
+    estimates = [interval.in_sense(bad) for interval in trace]
     return Settling(
-        *(tuple(getattr(one, part) for one in found) for part in ("value", "low", "high"))
+        *(
+            tuple(getattr(interval, bound) for interval in estimates)
+            for bound in ("value", "low", "high")
+        )
     )
 
 
-def _section(found: Convergence, _names: Names) -> Section:
-    words = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
-    if not found.is_drawn:
-        words = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
-    return Section(
-        "How sure", (Fold("How the numbers settled", (Text(words), Picture("convergence"))),)
+def _section(convergence: Convergence, names: Names) -> Section:
+    text = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
+    if not convergence.is_drawn:
+        text = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
+    table = Table(
+        "Estimates as flights came in",
+        ("Quantile", names.campaign.kind.capitalize(), *_PARTS.values()),
+        tuple(_groups(convergence, names)),
+        caption="Estimates as flights came in, with 95 % intervals",
     )
+    items: list[Item] = [Text(text), Picture("convergence")]
+    items += [table] if table.groups else []
+    return Section("How sure", (Fold("How the numbers settled", tuple(items)),))
+
+
+def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
+    """Return rows of each leading metric after a quarter, half and all of the flights."""
+    for metric in names.asked:
+        level, quantile_name = settled_level(convergence, metric)
+        rows = []
+        for name, estimates_of in convergence.controllers.items():
+            trace = estimates_of.metrics[metric][level]
+            counts = np.array(estimates_of.flights)
+            if not counts.size:
+                continue
+            looks = [int(np.abs(counts - share * counts[-1]).argmin()) for share in _PARTS]
+            estimates = (Interval(trace.value[k], trace.low[k], trace.high[k]) for k in looks)
+            rows.append((Cell(names.label(name)), *map(interval_cell, estimates)))
+        if rows:
+            yield grouped(
+                rows, Cell(f"{names.metrics[metric].label_with_unit}, {quantile_name}", head=True)
+            )
+
+
+def settled_level(convergence: Convergence, metric: str) -> tuple[str, str]:
+    """Return the quantile that every controller reached, as its name and in words."""
+    tables = (trace.metrics[metric] for trace in convergence.controllers.values())
+    is_reached = all(bool(np.isfinite(table["q95"].value[-1:]).all()) for table in tables)
+    return ("q95", "95 % quantile") if is_reached else ("q50", "median")
 
 
 CONVERGENCE = Topic(

@@ -1,4 +1,4 @@
-"""How the numbers settled as flights came in."""
+"""Figures of the convergence of estimates with the number of flights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.topics.convergence import Convergence
+from abhv_mc.topics.convergence import Convergence, settled_level
 from abhv_mc.topics.figure_style import (
     controller_colors,
     label_lowest,
@@ -20,28 +20,29 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 
-def draw(found: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """A panel a metric that stands first, of what every controller reached."""
-    if not found.is_drawn:
+def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+    """Yield a panel per leading metric, for the quantile available for all controllers."""
+    if not convergence.is_drawn:
         return
-    flights = {name: np.array(part.flights, float) for name, part in found.controllers.items()}
+    flights = {
+        name: np.array(trace.flights, float) for name, trace in convergence.controllers.items()
+    }
     panels: list[tuple[str, dict[str, Floats]]] = []
     for metric in names.asked:
-        tables = {name: part.metrics[metric] for name, part in found.controllers.items()}
-        reached = all(np.isfinite(table["q95"].value[-1]) for table in tables.values())
-        level, words = ("q95", "95 % quantile") if reached else ("q50", "median")
+        tables = {name: trace.metrics[metric] for name, trace in convergence.controllers.items()}
+        level, quantile_name = settled_level(convergence, metric)
         series = {
-            name: np.array([each[level].value, each[level].low, each[level].high])
-            for name, each in tables.items()
+            name: np.array([table[level].value, table[level].low, table[level].high])
+            for name, table in tables.items()
         }
-        if any(np.isfinite(each[0]).any() for each in series.values()):
-            label = f"{names.metrics[metric].label_with_unit}\n{words}"
+        if any(np.isfinite(table[0]).any() for table in series.values()):
+            label = f"{names.metrics[metric].label_with_unit}\n{quantile_name}"
             panels.append(
                 (
                     label,
                     {
-                        name: np.where(np.isfinite(each), each, np.nan)
-                        for name, each in series.items()
+                        name: np.where(np.isfinite(table), table, np.nan)
+                        for name, table in series.items()
                     },
                 )
             )
@@ -62,7 +63,7 @@ def plot_convergence(
     panels: Sequence[tuple[str, Mapping[str, Floats]]],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Each number [value, low, high; look] of each controller after so many flights [look]; NaN where unbounded."""
+    """Return traces [value, low, high; look] of each controller; NaN if unbounded."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
@@ -81,7 +82,7 @@ def plot_convergence(
 
 
 def _ticks(axes: Axes, flights: Floats) -> None:
-    """Round numbers of flights inside the range, not too many."""
+    """Set a few round numbers of flights inside the range as ticks."""
     candidates = [step * 10**power for power in range(7) for step in (1, 2, 5)]
     inside = [c for c in candidates if flights.min() <= c <= flights.max()]
     inside = [c for c in inside if str(c)[0] == "1"] if len(inside) > 6 else inside

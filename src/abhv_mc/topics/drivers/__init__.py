@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
@@ -31,6 +32,8 @@ from abhv_mc.topics.section import (
 from abhv_mc.topics.topic import Topic, figures_of
 from abhv_mc.topics.words import joined, parameter_doc, percent, spoken_name
 
+_TENTH = 0.1  # of the flights
+_FEWEST_OF_TENTH = 5  # flights
 _KEPT = 12  # parameters of a metric, largest first
 _MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
 _NAMED = 2  # drivers of an error in a sentence
@@ -64,12 +67,23 @@ class Share:
 
 
 @dataclass(frozen=True)
+class Swing:
+    """Medians of a metric over the tenths of the flights in which a parameter is lowest and highest."""
+
+    parameter: str
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True)
 class MetricDrivers:
     """What drives one metric."""
 
     explained: float  # share of the variation of ranks
     otherwise: tuple[Share, ...]  # not monotonic, largest first
     parameters: tuple[Driver, ...]  # largest first
+    median: float = nan  # over all flights
+    swings: tuple[Swing, ...] = ()  # of each parameter that chance does not explain
 
 
 @dataclass(frozen=True)
@@ -121,12 +135,53 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
             order = np.argsort(-np.abs(np.nan_to_num(drivers.srrc[:, column])), kind="stable")[
                 :_KEPT
             ]
+            parameters = tuple(_driver(drivers, names, row, column) for row in order.tolist())
+            shares = otherwise.get(metric, ())
+            moving = [each.parameter for each in parameters if each.driver]
+            moving += [each.parameter for each in shares]
+            values = flights.metrics[metric][first]
+            worst = -np.inf if flights.records[metric].bad == "low" else np.inf
+            values = np.where(flights.failed[first] | np.isnan(values), worst, values)
+            swings = (
+                find_swing(name, inputs[names.index(name)], values)
+                for name in dict.fromkeys(moving)
+            )
             table[metric] = MetricDrivers(
-                float(drivers.explained[column]),
-                otherwise.get(metric, ()),
-                tuple(_driver(drivers, names, row, column) for row in order.tolist()),
+                explained=float(drivers.explained[column]),
+                otherwise=shares,
+                parameters=parameters,
+                median=_middle(values),
+                swings=tuple(filter(None, swings)),
             )
     return table
+
+
+def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
+    """Return the medians of `values` [flight] at the lowest and highest tenth of `sampled`.
+
+    A parameter of few values, such as a failure that most flights have not, is divided at the tenth as far as its
+    values allow. None if a side has too few flights, or a median that is not finite.
+    """
+    low, high = np.quantile(sampled, [_TENTH, 1.0 - _TENTH], method="nearest")
+    if low == high:
+        below, above = sampled < low, sampled > high
+        below, above = (
+            below if below.sum() >= _FEWEST_OF_TENTH else sampled <= low,
+            above if above.sum() >= _FEWEST_OF_TENTH else sampled >= high,
+        )
+    else:
+        below, above = sampled <= low, sampled >= high
+    if min(below.sum(), above.sum()) < _FEWEST_OF_TENTH or np.any(below & above):
+        return None
+    lowest, highest = _middle(values[below]), _middle(values[above])
+    if not np.isfinite([lowest, highest]).all():
+        return None
+    return Swing(parameter, lowest, highest)
+
+
+def _middle(values: Floats) -> float:
+    """Return the median, one of the values: between a number and infinity there is none."""
+    return float(np.quantile(values, 0.5, method="nearest"))
 
 
 def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Driver:

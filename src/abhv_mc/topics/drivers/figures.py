@@ -1,27 +1,40 @@
-"""What moves each error, as a tornado chart a controller."""
+"""What moves each error, as a tornado chart of the metric itself."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from abhv_mc.topics.drivers import Drivers, Ends, MetricDrivers
-from abhv_mc.topics.figure_style import INK, WIDTH, controller_colors, new_figure, styled
+from abhv_mc.topics.drivers import Drivers, MetricDrivers, Swing
+from abhv_mc.topics.figure_style import (
+    INK,
+    controller_colors,
+    log_if_wide,
+    new_panels,
+    put_legend,
+    styled,
+)
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 from abhv_mc.topics.words import spoken_name
 
-_BARS = 3  # of an error: the largest of any controller
-_ROW = 0.155  # in, of a bar
+_BARS = 3  # parameters of a metric: the largest of any controller
+_ROW = 0.075  # in, of a bar
+_SHORT = 14  # characters of parameters' names that three panels side by side have room for
 
 
 @dataclass(frozen=True)
-class TornadoBar:
-    """One row: a parameter's effect under each controller; None if chance explains it."""
+class Tornado:
+    """One metric: medians at the ends of the parameters that move it most."""
 
     label: str
-    coefficients: Sequence[Ends | None]  # [controller]
-    shares: Sequence[tuple[float, float] | None]  # [controller] of the variance, alone and in all
+    parameters: Sequence[str]
+    swings: Sequence[Sequence[Swing | None]]  # [parameter][controller]; None: explained by chance
+    medians: Sequence[float]  # [controller], over all flights
+    limits: Sequence[float] = ()
 
 
 def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
@@ -29,85 +42,87 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     charts = []
     for metric in names.asked:
         entries = [part.metrics.get(metric) for part in drivers.controllers.values()]
-        if bars := _bars(entries):
-            charts.append((names.metrics[metric].label, bars))
+        limits = names.campaign.limits_of(metric)
+        chart = make_tornado(names.metrics[metric].label_with_unit, entries, limits)
+        charts += [chart] if chart.parameters else []
     if charts:
         text = FigureText(
             "drivers",
             "What moves the errors",
-            "Solid: standardized rank regression coefficients with 95 % intervals, to the right where the metric grows "
-            'with the parameter ("high or low": with its distance from the median). Open, if the effect is not '
-            "monotonic: the parameter's share of the variance of ranks, alone (solid part) and in all.",
+            "Median of each metric over the tenth of the flights in which a parameter is lowest (open mark) and over "
+            "the tenth in which it is highest (filled mark); the tick is the median over all flights. If both marks "
+            "are on one side of it, the metric changes in the same way to either side. Effects that chance explains "
+            "are left out; the grey line is the limit.",
         )
         yield text, plot_tornado(charts, {name: names.label(name) for name in drivers.controllers})
 
 
-def _bars(entries: Sequence[MetricDrivers | None]) -> list[TornadoBar]:
-    """The parameters that move an error most under any controller, largest first."""
-    coefficients: list[dict[str, Ends]] = []
-    shares: list[dict[str, tuple[float, float]]] = []
-    for entry in entries:
-        coefficients.append(
-            {
-                spoken_name(d.parameter) + (", high or low" if d.either_way else ""): d.srrc
-                for d in (entry.parameters if entry else ())
-                if d.driver
-            }
-        )
-        shares.append(
-            {
-                spoken_name(each.parameter): (each.first, each.total)
-                for each in (entry.otherwise if entry else ())
-            }
-        )
+def make_tornado(
+    label: str, entries: Sequence[MetricDrivers | None], limits: Sequence[float] = ()
+) -> Tornado:
+    """Return the chart of a metric: the parameters that move it most under any controller, largest first."""
+    swings = [
+        {each.parameter: each for each in (entry.swings if entry else ())} for entry in entries
+    ]
     largest: dict[str, float] = {}
-    sizes = [
-        (name, abs(value)) for effects in coefficients for name, (value, *_) in effects.items()
-    ]
-    sizes += [(name, total) for effects in shares for name, (_, total) in effects.items()]
-    for name, size in sizes:
-        largest[name] = max(largest.get(name, 0.0), size)
-    ranked = sorted(largest, key=lambda name: -largest[name])[:_BARS]
-    return [
-        TornadoBar(name, [c.get(name) for c in coefficients], [s.get(name) for s in shares])
-        for name in ranked
-    ]
+    for entry in filter(None, entries):
+        sizes = [(d.parameter, abs(d.srrc[0])) for d in entry.parameters if d.driver]
+        sizes += [(share.parameter, share.total) for share in entry.otherwise]
+        for name, size in sizes:
+            largest[name] = max(largest.get(name, 0.0), size)
+    ranked = sorted(
+        (name for name in largest if any(name in found for found in swings)),
+        key=lambda name: -largest[name],
+    )[:_BARS]
+    return Tornado(
+        label=label,
+        parameters=[spoken_name(name) for name in ranked],
+        swings=[[found.get(name) for found in swings] for name in ranked],
+        medians=[entry.median if entry else np.nan for entry in entries],
+        limits=limits,
+    )
 
 
 @styled
-def plot_tornado(
-    charts: Sequence[tuple[str, Sequence[TornadoBar]]], labels: Mapping[str, str]
-) -> Figure:
-    """A column a controller, a group of bars an error; one scale of -1 to 1 throughout."""
-    heads, places = [], []
-    y = 0.0
-    for label, bars in charts:
-        heads.append((y, label))
-        places += [(y + 1.0 + k, bar) for k, bar in enumerate(bars)]
-        y += len(bars) + 1.4
-    figure = new_figure(0.75 + _ROW * y, WIDTH)
-    grid = figure.subplots(1, len(labels), squeeze=False, sharex=True, sharey=True)[0]
-    colors = controller_colors(tuple(labels))
-    for c, (axes, (name, label)) in enumerate(zip(grid, labels.items(), strict=True)):
-        color = colors[name]
-        axes.set_title(label, color=color)
-        axes.grid(visible=False, axis="y")
-        axes.axvline(0.0, color=INK, linewidth=0.6)
-        for at, bar in places:
-            if (coefficient := bar.coefficients[c]) is not None:
-                value, low, high = coefficient
-                axes.barh(at, value, 0.7, color=color)
-                axes.plot([low, high], [at, at], color=INK, linewidth=0.9)
-            elif (share := bar.shares[c]) is not None:
-                axes.barh(at, share[1], 0.7, fill=False, edgecolor=color, linewidth=0.8)
-                axes.barh(at, max(share[0], 0.0), 0.7, color=color)
-        axes.set_xlim(-1.08, 1.08)
-        axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["−1", "", "0", "", "1"])
-        axes.spines["left"].set_visible(False)
-        axes.tick_params(axis="y", length=0)
-    grid[0].set_ylim(y - 0.9, -0.6)
-    named = [*heads, *((at, bar.label) for at, bar in places)]
-    grid[0].set_yticks([at for at, _ in named], [text for _, text in named])
-    for tick in grid[0].get_yticklabels()[: len(heads)]:
-        tick.set_fontweight("bold")
+def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure:
+    """A panel a metric, a group of bars a parameter, a bar a controller."""
+    most = max(len(chart.parameters) for chart in charts)
+    longest = max(len(name) for chart in charts for name in chart.parameters)
+    columns = min(len(charts), 3 if longest <= _SHORT else 2)
+    row = most * (len(labels) + 1.2) * _ROW
+    beside = 0.35 + 0.065 * min(longest, 26)
+    figure, grid = new_panels(len(charts), columns, row, between=(beside, 0.5), top=0.22)
+    colors = [controller_colors(tuple(labels))[name] for name in labels]
+    for axes, chart in zip(grid.flat, charts, strict=False):
+        _draw_panel(axes, chart, colors)
+    entries = [Line2D([], [], color=color, linewidth=3.0) for color in colors]
+    open_mark = {"color": INK, "marker": "o", "markersize": 4.0, "linestyle": "none"}
+    entries += [Line2D([], [], markerfacecolor="white", **open_mark), Line2D([], [], **open_mark)]
+    put_legend(figure, entries, [*labels.values(), "lowest tenth", "highest tenth"])
     return figure
+
+
+def _draw_panel(axes: Axes, chart: Tornado, colors: Sequence[str]) -> None:
+    ends = []
+    step = len(colors) + 1.2
+    for k, swings in enumerate(chart.swings):
+        for c, (swing, color) in enumerate(zip(swings, colors, strict=True)):
+            if swing is None:
+                continue
+            y = k * step + c
+            ends += [swing.lowest, swing.highest]
+            axes.plot([swing.lowest, swing.highest], [y, y], color=color, linewidth=2.6, alpha=0.6)
+            axes.plot([chart.medians[c]] * 2, [y - 0.5, y + 0.5], color=color, linewidth=1.0)
+            axes.plot(swing.lowest, y, "o", color=color, markerfacecolor="white", markersize=3.6)
+            axes.plot(swing.highest, y, "o", color=color, markersize=3.6)
+    low, high = axes.get_xlim()
+    log_if_wide(axes, "x", [np.array(ends)])
+    for limit in chart.limits:
+        if low <= limit <= high:
+            axes.axvline(limit, color=INK, linewidth=0.8)
+    axes.grid(visible=False, axis="y")
+    places = [k * step + (len(colors) - 1) / 2.0 for k in range(len(chart.parameters))]
+    axes.set_yticks(places, list(chart.parameters))
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylim(len(chart.parameters) * step - 1.0, -1.2)
+    axes.set_xlabel(chart.label)

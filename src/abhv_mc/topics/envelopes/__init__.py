@@ -1,4 +1,4 @@
-"""The channels over all flights: bands over time, and how far each channel goes."""
+"""Time-history envelopes over all flights, and the range of each channel."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ _SIGN = ", sign open"
 
 @dataclass(frozen=True)
 class Curve:
-    """A channel as a sheet shows it."""
+    """Display settings of a channel on a sheet."""
 
     channel: str
     label: str
     reference: str = ""
-    off_reference: bool = False  # what is left of it without the reference
+    off_reference: bool = False  # draw the difference from the reference
     needles: bool = (
         False  # whether it moves for a moment at each step of its command, which an inset shows
     )
-    paper: tuple[int, str] | None = None  # figure of the paper, and what it shows
+    paper: tuple[int, str] | None = None  # figure of the paper and its content
 
 
 CURVES = (
@@ -47,25 +47,28 @@ CURVES = (
 
 
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
-    """Those that a sheet of its flights may show: all channels of a user's simulator."""
+    """Return the curves on a sheet of a campaign's flights.
+
+    A user's simulator shows all its channels.
+    """
     return (
         CURVES
         if campaign.simulator.capabilities.has_mission
-        else tuple(Curve(each.name, each.axis) for each in campaign.channels)
+        else tuple(Curve(channel.name, channel.axis) for channel in campaign.channels)
     )
 
 
 @dataclass(frozen=True)
 class Envelopes:
-    """Smallest and largest value of each channel over the flights and times."""
+    """Smallest and largest value of each channel over flights and time."""
 
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]  # controller -> channel
     step_s: float | None  # between the samples of the bands
-    flights: int  # of each controller, the first ones
+    flights: int  # of each controller, from flight 0
 
 
 def compute_envelopes(results: FlownCampaign) -> Envelopes:
-    """The ranges of every channel of which a flight was computed."""
+    """Return the range of every computed channel."""
     ranges: dict[str, dict[str, tuple[float, float]]] = {}
     for (controller, channel), envelope in results.envelopes.items():
         low, high = envelope.bands["min"], envelope.bands["max"]
@@ -78,14 +81,18 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
         (envelope.time for envelope in results.envelopes.values() if envelope.time.size > 1), None
     )
     flown = max(
-        (int(each.flight.max(initial=-1)) + 1 for each in results.flights.values()), default=0
+        (
+            int(controller_flights.flight.max(initial=-1)) + 1
+            for controller_flights in results.flights.values()
+        ),
+        default=0,
     )
     flights = min(flown, envelope_states.ENVELOPE_FLIGHTS)
     return Envelopes(ranges, None if times is None else float(times[1] - times[0]), flights)
 
 
-def envelope_section(found: Envelopes, names: Names) -> Section | None:
-    """What bands are, the interactive ones, and the sheet of all channels; None where flights have no histories."""
+def envelope_section(model: Envelopes, names: Names) -> Section | None:
+    """Return the envelopes and the sheet of all channels; None without histories."""
     items: list[Item] = []
     campaign = names.campaign
     if not campaign.channels:
@@ -95,19 +102,19 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
             "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."
         )
         return Section("Bands over time", (Text(text),))
-    if found.step_s is not None:
+    if model.step_s is not None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
-        of = "" if found.flights >= flown else f" of flights 0 to {found.flights - 1}"
+        flight_range = "" if model.flights >= flown else f" of flights 0 to {model.flights - 1}"
         who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
-        apart = " s apart"
+        spacing = " s apart"
         if not campaign.simulator.capabilities.has_mission:
             who = "flights that have a history then"
             ends = "of all samples returned; the other bands are of values"
-            apart += ", linear between samples"
+            spacing += ", linear between samples"
         items.append(
             Text(
-                f"Bands are pointwise quantiles over the {who}{of}: no single flight need follow one. "
-                f'"All flights" is the smallest and largest value {ends} {found.step_s:.4g}{apart}.'
+                f"Bands are pointwise quantiles over the {who}{flight_range}: no single flight need follow one. "
+                f'"All flights" is the smallest and largest value {ends} {model.step_s:.4g}{spacing}.'
             )
         )
         points = len(campaign.unknowns.points)
@@ -115,12 +122,12 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
             items.append(
                 Text(
                     f"The unknowns have one value for the whole programme: each band goes from the least to the most "
-                    f"quantile over their {points} points, with {found.flights // points:,} flights at each, and the "
+                    f"quantile over their {points} points, with {model.flights // points:,} flights at each, and the "
                     "median has two lines. Between them one cannot say where it lies; commands are drawn midway."
                 )
             )
     of_paper = campaign.model.figures == "paper"
-    rows = tuple(_row(found, names, curve, of_paper) for curve in curves_of(campaign))
+    rows = tuple(_row(model, names, curve, of_paper) for curve in curves_of(campaign))
     heads = (
         "Channel",
         *names.controllers.values(),
@@ -133,22 +140,22 @@ def envelope_section(found: Envelopes, names: Names) -> Section | None:
     return Section("Bands over time", (*items, Widget("bands"), sheet))
 
 
-def _row(found: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
-    """A channel's range under each controller; nothing where no flight has it."""
-    ranges = [found.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
+def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
+    """Return a channel's range under each controller; empty if no flight has it."""
+    ranges = [envelopes.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
     if not any(ranges):
         return ()
-    shown = [_ends(*ends) if ends else "" for ends in ranges]
+    range_texts = [_ends(*ends) if ends else "" for ends in ranges]
     paper = [f"Fig. {curve.paper[0]}", curve.paper[1]] if of_paper and curve.paper else []
     label = curve.label.replace("altitude error", "altitude")
-    return (Cell(label, head=True), *map(Cell, (*shown, *paper)))
+    return (Cell(label, head=True), *map(Cell, (*range_texts, *paper)))
 
 
 def _ends(low: float, high: float) -> str:
-    """Both ends of a range, to a thousandth of the range but no finer than four digits of the larger."""
+    """Return both ends of a range, to a thousandth of it and at most four digits."""
     spread = high - low
-    places = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
-    return f"{fixed(low, places)} to {fixed(high, places)}"
+    decimals = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
+    return f"{fixed(low, decimals)} to {fixed(high, decimals)}"
 
 
 ENVELOPES = Topic(

@@ -1,7 +1,8 @@
-"""Which failures each controller survives: flights by what failed in them, with the time since the failure as an axis.
+"""Survival of flights by failure case, with the time since the failure.
 
-A flight's case is what was drawn to fail before the mission's end, so that every controller has the same flights in
-each. An unstart by the vehicle's own condition belongs to no case: it depends on the controller.
+A flight's case is the set of failures drawn before the mission's end, so that cases have the same
+flights for every controller. An unstart caused by the vehicle's own condition belongs to no case
+because it depends on the controller.
 """
 
 from collections import Counter
@@ -28,7 +29,7 @@ from abhv_mc.topics.words import count_of, percent
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """One requirement in the flights of a case."""
+    """Result of one requirement in the flights of a case."""
 
     missed: int
     status: str
@@ -36,7 +37,7 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseMargins:
-    """Least gain margins of a case's flights."""
+    """Smallest gain margins of a case's flights."""
 
     flights: int
     unstable: int
@@ -45,20 +46,20 @@ class CaseMargins:
 
 @dataclass(frozen=True)
 class CaseFlights:
-    """The flights of a case under one controller."""
+    """Flights of a case under one controller."""
 
     flights: int
     lost: int
-    lost_before: int  # before anything failed
+    lost_before: int  # before the first failure
     survived: Interval  # share, 95 %
     median_time_to_loss_s: float | None
-    requirements: Mapping[str, CaseVerdict]  # by their words, those that bind the controller
-    margins: CaseMargins | None  # where they were asked for
+    requirements: Mapping[str, CaseVerdict]  # by text; those that apply to the controller
+    margins: CaseMargins | None  # None unless requested
 
 
 @dataclass(frozen=True)
 class FailureCase:
-    """Flights in which the same failed."""
+    """Flights with the same failures."""
 
     case: str
     flights: int
@@ -67,14 +68,17 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class FailureCases:
-    """All cases, no failure first, then the most frequent; none where no failure is dispersed."""
+    """All cases: no failure first, then by frequency; empty if no failure is dispersed."""
 
     cases: tuple[FailureCase, ...] = ()
     end_s: float | None = None  # of the mission
 
 
 def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
-    """Case and time of the first failure (s, infinite without one) of every flight [flight] in the samples."""
+    """Return case and time of the first failure, s, of every sample [flight].
+
+    The time is infinite without a failure.
+    """
     names = [name for name in results.samples if name in FAILURE_TIMES]
     columns = [results.samples[name] for name in names]
     if not columns:
@@ -88,17 +92,17 @@ def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
 
 
 def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
-    """The names of the cases of all flights [flight], no failure first."""
+    """Return the names of cases [flight] by frequency, no failure first."""
     counts = Counter(cases.tolist())
     return sorted(counts, key=lambda name: (name != NO_FAILURE, -counts[name], name))
 
 
 def compute_failure_cases(results: FlownCampaign) -> FailureCases:
-    """Survivors and verdicts of each case and controller."""
+    """Return survival and verdicts of each case and controller."""
     cases, first = drawn_cases(results)
     if not cases.size:
         return FailureCases()
-    found = []
+    failure_cases = []
     for case in cases_by_frequency(cases):
         inside = {name: cases[results.flights[name].flight] == case for name in results.controllers}
         flown = {
@@ -106,8 +110,8 @@ def compute_failure_cases(results: FlownCampaign) -> FailureCases:
             for name, rows in inside.items()
             if rows.any()
         }
-        found.append(FailureCase(case, int(np.sum(cases == case)), flown))
-    return FailureCases(tuple(found), float(results.reference["time"][-1]))
+        failure_cases.append(FailureCase(case, int(np.sum(cases == case)), flown))
+    return FailureCases(tuple(failure_cases), float(results.reference["time"][-1]))
 
 
 def _flown(
@@ -140,29 +144,31 @@ def _flown(
 
 def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargins | None:
     values = flights.metrics.get(MARGIN_NAMES[0], np.empty(0))
-    known = inside & np.isfinite(values) if values.size else np.zeros(0, bool)
-    if not known.any():
+    has_margin = inside & np.isfinite(values) if values.size else np.zeros(0, bool)
+    if not has_margin.any():
         return None
-    unstable = flights.metrics[MARGIN_FAULTS[0].name][known] > 0
-    return CaseMargins(int(known.sum()), int(unstable.sum()), float(np.median(values[known])))
+    unstable = flights.metrics[MARGIN_FAULTS[0].name][has_margin] > 0
+    return CaseMargins(
+        int(has_margin.sum()), int(unstable.sum()), float(np.median(values[has_margin]))
+    )
 
 
-def failure_case_sentences(found: FailureCases, names: Names) -> Sequence[str]:
-    """How many flights of each controller survived each single failure; none where none came alone."""
-    words = []
-    for entry in found.cases:
+def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequence[str]:
+    """Return shares of flights that survived each single failure."""
+    clauses = []
+    for entry in failure_cases.cases:
         if entry.case != NO_FAILURE and " + " not in entry.case:
-            each = [
+            counts = [
                 f"{names.label(name)} {count_of(cell.flights - cell.lost, cell.flights)}"
                 for name, cell in entry.controllers.items()
             ]
-            words.append(f"{entry.case}: {', '.join(each)}")
-    return [f"Flights that survived one failure alone: {'; '.join(words)}."] if words else []
+            clauses.append(f"{entry.case}: {', '.join(counts)}")
+    return [f"Flights that survived one failure alone: {'; '.join(clauses)}."] if clauses else []
 
 
-def failure_case_section(found: FailureCases, names: Names) -> Section | None:
-    """A row for each case and controller; None where no failure is dispersed."""
-    if not found.cases:
+def failure_case_section(failure_cases: FailureCases, names: Names) -> Section | None:
+    """Return a row per case and controller; None if no failure is dispersed."""
+    if not failure_cases.cases:
         return None
     heads = ("What fails", "Flights", "Controller", "Survived (95 % interval)", "Lost",
              "Median time from the failure to the loss", "Requirements")  # fmt: skip
@@ -177,7 +183,7 @@ def failure_case_section(found: FailureCases, names: Names) -> Section | None:
             Table(
                 "Survival by failure case",
                 heads,
-                tuple(_group(entry, names) for entry in found.cases),
+                tuple(_group(entry, names) for entry in failure_cases.cases),
             ),
             Picture("failure_survival"),
             Picture("failure_bands"),
@@ -196,20 +202,20 @@ def _row(label: str, cell: CaseFlights) -> Row:
         f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""
     )  # nan: none
     time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
-    words = [
-        f"{words}: missed by {each.missed}, {each.status}"
-        for words, each in cell.requirements.items()
+    clauses = [
+        f"{clauses}: missed by {verdict.missed}, {verdict.status}"
+        for clauses, verdict in cell.requirements.items()
     ]
     if cell.margins is not None:
         unstable = count_of(cell.margins.unstable, cell.margins.flights)
-        words.append(
+        clauses.append(
             f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point {unstable}"
         )
     cells = (
         Cell(percent(share.value, 1), bounds),
         Cell(str(cell.lost)),
         Cell(time),
-        Cell("; ".join(words)),
+        Cell("; ".join(clauses)),
     )
     return (Cell(label, head=True), *cells)
 

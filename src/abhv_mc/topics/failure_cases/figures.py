@@ -73,7 +73,9 @@ def plot_case_bands(
 ) -> Figure:
     """Channels after a failure: a row a channel, a column a case."""
     colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
-    figure, grid = new_panels(count, len(cases), 1.2, between=(0.2, 0.2), sharex=True, sharey="row")
+    figure, grid = new_panels(
+        count, len(cases), 1.2, between=(0.2, 0.2), lettered=False, sharex=True, sharey="row"
+    )
     for (row, case, name), (least, median, most) in bands.items():
         axes = grid[row, cases.index(case)]
         axes.fill_between(times, least, most, color=colors[name], alpha=0.15, linewidth=0)

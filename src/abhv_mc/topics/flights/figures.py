@@ -1,4 +1,4 @@
-"""The worst flights in the channels in which they are worst."""
+"""Figures of the worst flights in the channels in which they are worst."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -19,21 +19,25 @@ from abhv_mc.topics.section import FigureText
 _MOST_CHANNELS = 4
 
 
-def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Draw the listed flights whose histories are kept."""
+def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+    """Yield the figure of the listed flights with kept histories."""
     results, controllers = names.results, tuple(names.controllers)
-    kept = {name: read_histories(results.folder, name) for name in controllers}
+    kept_histories = {name: read_histories(results.folder, name) for name in controllers}
     listed = {
-        name: [each.flight for each in found.worst[name] if each.flight in kept[name]]
+        name: [
+            history.flight
+            for history in flights.worst[name]
+            if history.flight in kept_histories[name]
+        ]
         for name in controllers
     }
-    histories = {name: [kept[name][k] for k in listed[name]] for name in controllers}
+    histories = {name: [kept_histories[name][k] for k in listed[name]] for name in controllers}
     if not any(histories.values()):
         return
-    held = set.intersection(*({*each} for own in histories.values() for each in own))
+    recorded = set.intersection(*({*history} for own in histories.values() for history in own))
     rows, reference = [], results.reference
-    for channel in worst_channels(found, names, held)[:_MOST_CHANNELS]:
-        curve, panels, levels = _curve(channel, names), [], _levels(channel, names, held)
+    for channel in worst_channels(flights, names, recorded)[:_MOST_CHANNELS]:
+        curve, panels, levels = _curve(channel, names), [], _levels(channel, names, recorded)
         for name in controllers:
             envelope = results.envelopes.get((name, channel))
             if envelope:
@@ -42,7 +46,7 @@ def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
                 panel = EnvelopePanel(histories[name][0]["time"], {})
             else:
                 break
-            flown = [flight_curve(each, curve, reference) for each in histories[name]]
+            flown = [flight_curve(history, curve, reference) for history in histories[name]]
             panels.append(replace(panel, reference=None, flights=flown, levels=levels))
         if len(panels) == len(controllers):
             rows.append(EnvelopeRow(curve.label, panels))
@@ -58,44 +62,44 @@ def draw(found: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
 
 
-def worst_channels(found: Flights, names: Names, held: set[str]) -> list[str]:
-    """Return the channels of the metrics in which the listed flights are worst, the most frequent first.
+def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> list[str]:
+    """Return the channels of the metrics in which flights are worst, by frequency.
 
-    A flight that ended early shows the channel whose limit ended it, if its outcome names one.
+    An early termination counts for the channel whose limit ended it, if its outcome names one.
     """
     count: Counter[str] = Counter()
-    for flight in (each for own in found.worst.values() for each in own):
+    for flight in (flight_record for own in flights_model.worst.values() for flight_record in own):
         if flight.by is not None:
-            channel = channel_of(names.metrics[flight.by], held)
+            channel = channel_of(names.metrics[flight.by], recorded)
         else:
             stem = flight.outcome.removesuffix("_limit")
-            channel = next((name for name in held if name.rpartition("_")[0] == stem), None)
+            channel = next((name for name in recorded if name.rpartition("_")[0] == stem), None)
         if channel is not None:
             count[channel] += 1
     return [channel for channel, _ in count.most_common()] or [
-        curve.channel for curve in curves_of(names.campaign) if curve.channel in held
+        curve.channel for curve in curves_of(names.campaign) if curve.channel in recorded
     ]
 
 
 def _curve(channel: str, names: Names) -> Curve:
-    """Return how a channel is drawn: as on the sheet of channels, else by its own name."""
+    """Return display settings of a channel: those of the sheet, else its own name."""
     curves = {curve.channel: curve for curve in curves_of(names.campaign)}
     signals = {signal.name: signal for signal in names.campaign.channels}
     return curves.get(channel) or Curve(channel, _axis(channel, signals[channel].unit))
 
 
 def _axis(channel: str, unit: str) -> str:
-    """Return the words beside an axis: 'speed error (m/s)'."""
-    words = channel.removesuffix(f"_{name_end(unit)}") if name_end(unit) else channel
-    return f"{words.replace('_', ' ')} ({unit})".replace("(-)", "(–)")
+    """Return an axis label: 'speed error (m/s)'."""
+    name = channel.removesuffix(f"_{name_end(unit)}") if name_end(unit) else channel
+    return f"{name.replace('_', ' ')} ({unit})".replace("(-)", "(–)")
 
 
-def _levels(channel: str, names: Names, held: set[str]) -> tuple[float, ...]:
-    """Return the limits of requirements in the units of a channel, if they are levels of it."""
+def _levels(channel: str, names: Names, recorded: set[str]) -> tuple[float, ...]:
+    """Return the limits of requirements in the units of a channel, if comparable."""
     return tuple(
         side * limit
         for metric in dict.fromkeys(item.metric for item in names.requirements)
-        if channel_of(names.metrics[metric], held) == channel
+        if channel_of(names.metrics[metric], recorded) == channel
         for limit in names.campaign.limits_of(metric)
-        for side in limit_sides(names.metrics[metric], held)
+        for side in limit_sides(names.metrics[metric], recorded)
     )

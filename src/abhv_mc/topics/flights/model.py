@@ -1,4 +1,4 @@
-"""What each flight did: how they ended, what a board has to know of them, and the worst of them with what they drew."""
+"""Outcomes of the flights, findings beyond the errors, and the worst flights."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
-_LISTED = 10  # at most, where no number of worst flights keeps its histories
-_LARGEST = 3  # dispersions of a flight that are told
+_LISTED = 10  # maximum unless the campaign sets a number of worst flights
+_LARGEST = 3  # dispersions listed per flight
 
 
 @dataclass(frozen=True)
 class LargeDispersion:
-    """One of the dispersions of a flight that are furthest from the campaign's mean."""
+    """Dispersed value far from the campaign's mean."""
 
     parameter: str
     value: float
@@ -36,11 +36,11 @@ class LargeDispersion:
 
 @dataclass(frozen=True)
 class WorstFlight:
-    """A flight, what it was worst in and its dispersions."""
+    """Flight with its worst metric and its dispersions."""
 
     flight: int
     outcome: str  # its code
-    by: str | None  # metric; None where it ended early
+    by: str | None  # metric; None for early terminations
     beyond: float  # distance beyond the limit, in units of it
     missed: int  # requirements
     metrics: Mapping[
@@ -58,7 +58,7 @@ def ended_words(outcome: str, missed: int, required: int) -> str:
 
 
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return the channel that shows a metric: the one it is counted of, or one whose name it begins with."""
+    """Return the channel of a metric: its source, or the one that starts its name."""
     stems = {
         name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
     }
@@ -79,19 +79,23 @@ _SIDES = {
 
 
 def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
-    """Return the factors that turn a metric's limit into levels of its channel; none if they differ in kind."""
+    """Return factors from a metric's limit to levels of its channel, if comparable."""
     return _SIDES.get(record.statistic, ()) if record.of in channels else ()
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """The rows [flight] that a report lists, the worst first: those whose histories are kept, where any are."""
+    """Return rows [flight] for a report, worst first; those with histories, if any."""
     rows = results.ranking.rows_of(name)
-    kept = np.isin(results.flights[name].flight[rows], list(kept_flights(results.folder, name)))
-    return (rows[kept] if kept.any() else rows)[: results.campaign.worst or _LISTED].tolist()
+    has_history = np.isin(
+        results.flights[name].flight[rows], list(kept_flights(results.folder, name))
+    )
+    return (rows[has_history] if has_history.any() else rows)[
+        : results.campaign.worst or _LISTED
+    ].tolist()
 
 
 def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
-    """Numbers of the flights that ended early or missed a requirement, the worst first."""
+    """Return numbers of flights that failed, worst first."""
     flights, rows = results.flights[controller], results.ranking.rows_of(controller)
     return flights.flight[
         rows[failed_anyhow(flights, results.campaign.requirements)[rows]]
@@ -99,13 +103,13 @@ def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
 
 
 def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
-    """The worst flights of each controller, those whose histories are kept, with what they were worst in."""
+    """Return the worst flights of each controller, those with histories if any."""
     moments = moments_of(results)
     return {name: tuple(_of(results, name, moments)) for name in results.controllers}
 
 
 def moments_of(results: FlownCampaign) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of each dispersion over the flights."""
+    """Return mean and standard deviation of each dispersion over the flights."""
     return {key: _moments(results.samples[key]) for key in results.dispersed}
 
 
@@ -121,10 +125,10 @@ def _of(
     missed = np.zeros(rows.size, dtype=np.intp)
     for item in results.campaign.requirements:
         missed += requirement_failures(flights, item)[rows]
-    found = []
+    listed = []
     for i, row in enumerate(rows.tolist()):
         drawn = {key: values[i] for key, values in samples.items()}
-        found.append(
+        listed.append(
             WorstFlight(
                 flight=int(numbers[i]),
                 outcome=flights.ends.codes[int(flights.outcome[row])],
@@ -136,11 +140,14 @@ def _of(
                 largest=_largest(drawn, moments),
             )
         )
-    return found
+    return listed
 
 
 def _moments(column: Floats) -> tuple[float, float]:
-    """Mean and standard deviation; both infinite where some flights have an infinite value: it never comes to them."""
+    """Return mean and standard deviation, both infinite if a value is.
+
+    An infinite value means that the event never occurs in a flight.
+    """
     return (
         (float(np.mean(column)), float(np.std(column)))
         if np.isfinite(column).all()
@@ -155,16 +162,20 @@ def _sigmas(value: float, mean: float, sigma: float) -> float | None:
 def _largest(
     samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]
 ) -> tuple[LargeDispersion, ...]:
-    """The dispersions furthest from the campaign's mean, furthest first; before them what only some flights have."""
+    """Return dispersions by distance from the mean, largest first.
+
+    Events that only some flights have, such as failures, come before all others.
+    """
     moved = [
         LargeDispersion(key, samples[key], _sigmas(samples[key], *spread[key]))
         for key in spread
         if np.isfinite(samples[key])
     ]
     return tuple(
-        sorted(moved, key=lambda each: -np.inf if each.sigma is None else -abs(each.sigma))[
-            :_LARGEST
-        ]
+        sorted(
+            moved,
+            key=lambda dispersion: -np.inf if dispersion.sigma is None else -abs(dispersion.sigma),
+        )[:_LARGEST]
     )
 
 
@@ -174,17 +185,17 @@ def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) ->
     return np.where(nothing, np.nan, values)
 
 
-_CYCLES = 5.0  # deg, from side to side: ripple from which a flight is said to cycle
+_CYCLES = 5.0  # deg, peak to peak: ripple that counts as cycling
 _LIMITS = {
     "saturates": 0.0,
     "leaves_tables": 0.0,
     "cycles": _CYCLES,
-}  # of a record's finding: what is more is said
+}  # thresholds of findings by record
 
 
 @dataclass(frozen=True)
 class FlightCounts:
-    """How the flights of a controller ended."""
+    """Outcomes of a controller's flights."""
 
     flown: int
     failed: int
@@ -195,10 +206,10 @@ class FlightCounts:
 
 @dataclass(frozen=True)
 class Findings:
-    """How many flights of a controller show what a board has to know beside their errors."""
+    """Numbers of flights with findings for the review board."""
 
     flown: int
-    saturated: int | None  # surfaces at a limit of deflection or rate; None where no flight says
+    saturated: int | None  # surfaces at a deflection or rate limit; None if unknown
     outside_tables: int | None
     cycling: Mapping[str, int]  # by channel
     disturbed: (
@@ -209,7 +220,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class InputMoments:
-    """Mean and standard deviation of a dispersed input, as the campaign states them and as a table has them."""
+    """Mean and standard deviation of an input, as stated and in the table."""
 
     stated_mean: float
     stated_sigma: float
@@ -219,22 +230,22 @@ class InputMoments:
 
 @dataclass(frozen=True)
 class Flights:
-    """The flights of each controller."""
+    """Flights of each controller."""
 
-    parameters: tuple[str, ...]  # that were dispersed
-    dispersions: Mapping[str, Mapping[str, object]]  # as the campaign writes them
-    derived: Mapping[str, str]  # parameters that follow from others: their expressions
+    parameters: tuple[str, ...]  # dispersed
+    dispersions: Mapping[str, Mapping[str, object]]  # as in the campaign file
+    derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
     left_out: Mapping[
         str, int
     ]  # controllers of which the machine computed none, with their flights
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
-    inputs: Mapping[str, InputMoments]  # of a table that was imported
+    inputs: Mapping[str, InputMoments]  # of an imported table
 
 
 def compute_flights(results: FlownCampaign) -> Flights:
-    """Everything of all controllers."""
+    """Return outcomes, findings and worst flights of all controllers."""
     names = results.controllers
     disturbed = not set(DISTURBANCES).isdisjoint(results.campaign.varied)
     campaign = results.campaign

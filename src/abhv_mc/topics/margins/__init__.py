@@ -1,4 +1,4 @@
-"""How far each controller is from instability, in steady flight and over the flights."""
+"""Stability margins of each controller in steady flight and over the flights."""
 
 from collections.abc import Iterator, Sequence
 
@@ -31,24 +31,24 @@ from abhv_mc.topics.words import count_of, fixed, percent
 
 
 def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
-    """One of each controller whose loops are known."""
-    found = {name: margin_words(margins, name) for name in names.controllers}
-    return [f"{names.label(name)}: {words}." for name, words in found.items() if words]
+    """Return a sentence on each controller with known loops."""
+    margin_texts = {name: margin_words(margins, name) for name in names.controllers}
+    return [f"{names.label(name)}: {text}." for name, text in margin_texts.items() if text]
 
 
 def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
-    """Of the flights whose margins could not be computed."""
-    said = []
+    """Return clauses on flights whose margins could not be computed."""
+    clauses = []
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
-        said.append(
+        clauses.append(
             f"margins of {names.label(name)} could not be computed in {len(flights)} flights ({listed})"
         )
-    return said
+    return clauses
 
 
 def margin_words(margins: Margins, controller: str) -> str:
-    """What is said first of a controller's loops in steady flight; '' where nothing is known."""
+    """Return a controller's smallest margins in steady flight; '' if unknown."""
     entry = margins.steady.controllers.get(controller)
     if entry is None:
         return ""
@@ -60,15 +60,15 @@ def margin_words(margins: Margins, controller: str) -> str:
         return f"unstable in steady, level flight (poles at {poles} per second)"
     least = least_margins(margins, controller) or LeastMargins(stable=True)
     gain, phase = least.words
-    words = " and ".join(filter(None, (gain or "no limit on the gain", phase)))
+    text = " and ".join(filter(None, (gain or "no limit on the gain", phase)))
     if least.little:
-        words = f"little margin in steady, level flight: {words}, where 6 dB and 30 to 45 deg are customary"
+        text = f"little margin in steady, level flight: {text}, where 6 dB and 30 to 45 deg are customary"
     else:
-        words = f"least margins in steady, level flight {words}"
+        text = f"least margins in steady, level flight {text}"
     if entry.corners_unstable:
         tried = "corners" if margins.steady.all_corners else "corners, drawn at random,"
-        words += f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the dispersions"
-    return words
+        text += f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the dispersions"
+    return text
 
 
 def _pole(real: float, imaginary: float) -> str:
@@ -81,7 +81,7 @@ _BOTH = "\N{PLUS-MINUS SIGN}"
 
 
 def margin_section(margins: Margins, names: Names) -> Section | None:
-    """Loops in steady flight, then the margins of flights; None where none were found."""
+    """Return loops in steady flight, then margins of flights; None without either."""
     steady = margins.steady
     if not steady.controllers:
         return None
@@ -132,13 +132,20 @@ def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) 
 def _loop_row(row: LoopMargins, corner: LoopMargins) -> Row:
     cells = [Cell(loop_name(row.loop), head=True)]
     if row.loop == "all":
-        cells += [Cell(_margin(each.disk_gain_db, 1, _BOTH)) for each in (row, corner)]
-        cells += [Cell(_margin(each.disk_phase_deg, 0, _BOTH)) for each in (row, corner)]
+        cells += [
+            Cell(_margin(loop_margins.disk_gain_db, 1, _BOTH)) for loop_margins in (row, corner)
+        ]
+        cells += [
+            Cell(_margin(loop_margins.disk_phase_deg, 0, _BOTH)) for loop_margins in (row, corner)
+        ]
     else:
-        pairs = [(each.gain_margin_low_db, each.gain_margin_high_db) for each in (row, corner)]
+        pairs = [
+            (loop_margins.gain_margin_low_db, loop_margins.gain_margin_high_db)
+            for loop_margins in (row, corner)
+        ]
         cells += [Cell(f"{_margin(low, 1)} / {_margin(high, 1)}") for low, high in pairs]
-        cells += [Cell(_margin(each.phase_margin_deg, 0)) for each in (row, corner)]
-    cells += [Cell(_margin(each.delay_margin_ms, 0)) for each in (row, corner)]
+        cells += [Cell(_margin(loop_margins.phase_margin_deg, 0)) for loop_margins in (row, corner)]
+    cells += [Cell(_margin(loop_margins.delay_margin_ms, 0)) for loop_margins in (row, corner)]
     return tuple(cells)
 
 
@@ -188,12 +195,15 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 
 
 def _failed_words(entry: FlightMargins) -> str:
-    """'3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from there on'; '' without requirements."""
-    words = []
+    """Return '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'.
+
+    Without requirements the text is empty.
+    """
+    clauses = []
     for counts, side in ((entry.failed_below, "below 6 dB"), (entry.failed_above, "from 6 dB on")):
         if counts and counts[1]:
-            words.append(f"{count_of(*counts)} ({percent(counts[0] / counts[1], 2)}) {side}")
-    return ", ".join(words)
+            clauses.append(f"{count_of(*counts)} ({percent(counts[0] / counts[1], 2)}) {side}")
+    return ", ".join(clauses)
 
 
 def _least_group(controller: str, entry: FlightMargins, names: Names) -> tuple[Row, ...]:

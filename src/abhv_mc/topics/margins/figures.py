@@ -1,4 +1,4 @@
-"""Margins of flights, and whether flights of small margin are those that fail."""
+"""Figure of flights' margins against their exceedance of limits."""
 
 from collections.abc import Iterator
 
@@ -23,15 +23,15 @@ _MOST_POINTS = 1000  # of a controller
 
 
 def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """How bad each flight is over its margins, where flights have them."""
+    """Yield each flight's exceedance over its margins, if flights have margins."""
     if not margins.flights:
         return
     required = bool(names.requirements)
-    words = "limit of any requirement" if required else "median of any metric asked for"
+    limit_name = "limit of any requirement" if required else "median of any metric asked for"
     text = FigureText(
         "margins",
         "Margins against failure",
-        f"Each mark is one flight: how far it is beyond the {words}, in units of its size, "
+        f"Each mark is one flight: its exceedance of the {limit_name}, in percent of it, "
         "over its least gain and phase margin. "
         + (
             "Filled marks failed; marks at the upper end ended early."
@@ -41,21 +41,21 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     )
     yield (
         text,
-        plot_margins(margins, names, f"beyond a {'limit' if required else 'median'} (units of it)"),
+        plot_margins(margins, names, f"exceedance (% of {'limit' if required else 'median'})"),
     )
 
 
 @styled
 def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
-    """How bad each flight is against its least gain and phase margin; filled marks are flights that failed."""
+    """Return exceedance against gain and phase margin; filled marks are failures."""
     figure, grid = new_panels(2, 2, 2.1, between=(0.3, 0.0), sharey=True)
-    colors, results, shown = controller_colors(tuple(names.controllers)), names.results, {}
+    colors, results, points = controller_colors(tuple(names.controllers)), names.results, {}
     for name in margins.flights:
         flights = results.flights[name]
         rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))[:_MOST_POINTS]
         failed = failed_anyhow(flights, names.requirements)[rows]
-        shown[name] = rows, failed, results.ranking.beyond[name][rows]
-    finite = np.concatenate([beyond[np.isfinite(beyond)] for *_, beyond in shown.values()])
+        points[name] = rows, failed, 100.0 * results.ranking.beyond[name][rows]
+    finite = np.concatenate([beyond[np.isfinite(beyond)] for *_, beyond in points.values()])
     low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
     ceiling = high + 0.15 * (high - low or 1.0)
     across = zip(
@@ -64,8 +64,8 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
         ("least gain margin (dB)", "least phase margin (deg)"),
         strict=False,
     )
-    for axes, margin, words in across:
-        for i, (name, (rows, failed, beyond)) in enumerate(shown.items()):
+    for axes, margin, axis_label in across:
+        for i, (name, (rows, failed, beyond)) in enumerate(points.items()):
             height, value = (
                 np.where(np.isfinite(beyond), beyond, ceiling),
                 results.flights[name].metrics[margin][rows],
@@ -81,7 +81,7 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
             )
             axes.scatter(value[failed], height[failed], facecolors=colors[name], **style)
         axes.axhline(0.0, color=INK, linewidth=0.7, linestyle="--")
-        axes.set_xlabel(words)
+        axes.set_xlabel(axis_label)
     grid.flat[0].set_ylabel(label)
     legend_below(figure, grid.flat[0])
     return figure

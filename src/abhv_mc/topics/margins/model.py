@@ -1,4 +1,4 @@
-"""Stability margins of a campaign: of the nominal vehicle and of corners in steady flight, and of its flights."""
+"""Stability margins: nominal vehicle and corners in steady flight, and flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.missed_requirements import failed_anyhow
 from abhv_mc.topics.words import fixed
 
-LISTED = 5  # flights of least margin
+LISTED = 5  # flights with the smallest margins
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A margin over the flights."""
+    """Median and minimum of a margin over the flights."""
 
     median: float
     least: float
@@ -26,27 +26,27 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeastFlight:
-    """A flight of small margins."""
+    """Flight with small margins."""
 
     flight: int
-    failed: bool  # whether it ended early or misses a requirement
+    failed: bool  # whether it terminated early or misses a requirement
     margins: Mapping[str, float]  # by the names of ``MARGIN_NAMES``
-    faults: Mapping[str, float]  # by those of ``MARGIN_FAULTS``
+    faults: Mapping[str, float]  # by the names of ``MARGIN_FAULTS``
 
 
 @dataclass(frozen=True)
 class FlightMargins:
-    """Margins of one controller's flights, as many as were asked for."""
+    """Margins of one controller's flights, as many as requested."""
 
     flights: int
-    unstable: int  # at a point at least
+    unstable: int  # at one or more points
     at_limit: int
     margins: Mapping[str, Spread]
-    least: tuple[LeastFlight, ...]  # the smallest gain margin first
+    least: tuple[LeastFlight, ...]  # smallest gain margin first
     failed_below: (
         tuple[int, int] | None
     )  # of the flights below the customary gain margin: failed, and all
-    failed_above: tuple[int, int] | None  # of the others; None without requirements
+    failed_above: tuple[int, int] | None  # flights above it; None without requirements
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Margins:
 
 @dataclass(frozen=True)
 class LeastMargins:
-    """The least of all loops in steady flight; infinite where nothing bounds it."""
+    """Smallest margins of all loops in steady flight; infinite if unbounded."""
 
     stable: bool
     gain: float = np.inf  # dB
@@ -73,7 +73,7 @@ class LeastMargins:
 
     @property
     def words(self) -> tuple[str, str]:
-        """'14.3 dB (rudder)' and '63 deg (elevator)'; '' where nothing bounds it."""
+        """'14.3 dB (rudder)' and '63 deg (elevator)'; '' if unbounded."""
         gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
         return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(
             self.phase
@@ -81,12 +81,12 @@ class LeastMargins:
 
     @property
     def little(self) -> bool:
-        """Whether a margin is less than is customary."""
+        """Return whether a margin is below its customary value."""
         return self.gain < GAIN_MARGIN.customary or self.phase < PHASE_MARGIN.customary
 
 
 def compute_margins(results: FlownCampaign) -> Margins:
-    """Margins in steady flight as the campaign found them, and of its flights."""
+    """Return the campaign's margins in steady flight and those of its flights."""
     campaign = results.campaign
     flights = {
         name: _of_flights(results, name)
@@ -105,8 +105,8 @@ def compute_margins(results: FlownCampaign) -> Margins:
     )
 
 
-def _missing(flights: ControllerFlights, asked: int) -> tuple[int, ...]:
-    lost = np.isin(flights.outcome, LAW_LOST) | (flights.flight >= asked)
+def _missing(flights: ControllerFlights, flight_count: int) -> tuple[int, ...]:
+    lost = np.isin(flights.outcome, LAW_LOST) | (flights.flight >= flight_count)
     return tuple(flights.flight[np.isnan(flights.metrics[MARGIN_NAMES[0]]) & ~lost].tolist())
 
 
@@ -118,23 +118,25 @@ def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
     lost = failed_anyhow(flights, results.campaign.requirements)[rows]
     gain = values[MARGIN_NAMES[0]]
     low = gain < GAIN_MARGIN.customary
-    unstable, at_limit = (int((each > 0).sum()) for each in faults.values())
+    unstable, at_limit = (
+        int((values_of_flights > 0).sum()) for values_of_flights in faults.values()
+    )
     required = bool(results.campaign.requirements and rows.size)
     return FlightMargins(
         flights=int(rows.size),
         unstable=unstable,
         at_limit=at_limit,
         margins={
-            name: Spread(float(np.median(each)), float(each.min()))
-            for name, each in values.items()
+            name: Spread(float(np.median(values_of_flights)), float(values_of_flights.min()))
+            for name, values_of_flights in values.items()
             if rows.size
         },
         least=tuple(
             LeastFlight(
                 int(flights.flight[rows[i]]),
                 bool(lost[i]),
-                {name: float(each[i]) for name, each in values.items()},
-                {name: float(each[i]) for name, each in faults.items()},
+                {name: float(values_of_flights[i]) for name, values_of_flights in values.items()},
+                {name: float(values_of_flights[i]) for name, values_of_flights in faults.items()},
             )
             for i in np.lexsort((flights.flight[rows], gain))[:LISTED]
         ),
@@ -144,7 +146,7 @@ def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
 
 
 def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
-    """The least margins of the nominal vehicle in steady flight; None where none were found."""
+    """Return the nominal vehicle's smallest margins in steady flight, or None."""
     entry = margins.steady.controllers.get(controller)
     if entry is None or entry.fault is not None:
         return None
@@ -159,11 +161,14 @@ def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
 
 
 def corners_unstable(margins: Margins, controller: str) -> tuple[int, int]:
-    """At how many corners of the dispersions a controller that is stable without them is not, and of how many."""
+    """Return number of unstable corners of the dispersions, and number of corners.
+
+    The controller is stable without dispersions.
+    """
     entry = margins.steady.controllers.get(controller)
     return entry.corners_unstable if entry else 0, margins.steady.corners
 
 
 def loop_name(loop: str) -> str:
-    """How a loop is called in print."""
+    """Return a loop's printed name."""
     return {"equivalence_ratio": "throttle", "all": "all at once"}.get(loop, loop)

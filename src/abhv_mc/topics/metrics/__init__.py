@@ -1,4 +1,4 @@
-"""How large the errors are: quantiles and the worst flight of every metric of every controller."""
+"""Metrics: quantiles and the worst flight of every metric and controller."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -30,8 +30,8 @@ from abhv_mc.topics.words import significant
 class ControllerMetric:
     """One metric of one controller."""
 
-    quantiles: Mapping[str, Interval]  # by level, 95 %; flights that ended early are the worst
-    worst: float | None  # of the flights that did not; None without one
+    quantiles: Mapping[str, Interval]  # by level, 95 %; early terminations rank as the worst
+    worst: float | None  # of completed flights; None without one
     worst_flight: int | None
 
 
@@ -39,7 +39,7 @@ class ControllerMetric:
 class MetricTable:
     """One metric of every controller."""
 
-    words: Mapping[str, str]  # what it is called
+    words: Mapping[str, str]  # names and units
     same_as: (
         str | None
     )  # the metric without the settled stretches' restriction that is the same in every flight
@@ -48,7 +48,7 @@ class MetricTable:
 
 @dataclass(frozen=True)
 class Metrics:
-    """Every metric; names of those that stand first, and of those in which controllers are compared."""
+    """All metrics, with the names of the leading and of the compared ones."""
 
     asked: tuple[str, ...]
     compared: tuple[str, ...]
@@ -56,7 +56,7 @@ class Metrics:
 
 
 def compute_metrics(results: FlownCampaign) -> Metrics:
-    """Every metric that the flights hold."""
+    """Return every metric of the flights."""
     records = results.campaign.metrics
     table = {
         metric: MetricTable(
@@ -114,8 +114,8 @@ GROUPS = {
 _HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
 
 
-def metric_section(found: Metrics, names: Names) -> Section:
-    """What is asked, then by group; settled metrics where they say something else."""
+def metric_section(metrics: Metrics, names: Names) -> Section:
+    """Return required metrics, then groups; metrics outside transients if they differ."""
     text = (
         "Quantiles over the flights with their exact 95 % intervals (order statistics), to the digits that the number "
         "of flights allows, and the worst flight. Where small values are the bad ones the quantiles are taken from "
@@ -126,14 +126,14 @@ def metric_section(found: Metrics, names: Names) -> Section:
         text += " These intervals would be exact for independent flights, which these are not."
     return Section(
         "How large the errors are",
-        (Text(text), Picture("distribution_asked"), *_folds(found, names)),
+        (Text(text), Picture("distribution_asked"), *_folds(metrics, names)),
     )
 
 
-def _folds(found: Metrics, names: Names) -> Iterator[Fold]:
+def _folds(metrics: Metrics, names: Names) -> Iterator[Fold]:
     for group, title in GROUPS.items():
         listed = []
-        for metric, table in found.table.items():
+        for metric, table in metrics.table.items():
             own = "asked" if metric in names.asked else table.words["group"]
             if own == group and (group == "asked" or not table.same_as):
                 listed.append(_rows(table, names))
@@ -149,17 +149,17 @@ def _folds(found: Metrics, names: Names) -> Iterator[Fold]:
 
 
 def _rows(table: MetricTable, names: Names) -> tuple[Row, ...]:
-    words = table.words
-    note = "small is bad" if words["bad"] == "low" else ""
+    texts = table.words
+    note = "small is bad" if texts["bad"] == "low" else ""
     rows = [_row(names.label(name), cell) for name, cell in table.controllers.items()]
-    return grouped(rows, Cell(words["label_with_unit"], note, head=True, hint=words["doc"]))
+    return grouped(rows, Cell(texts["label_with_unit"], note, head=True, hint=texts["doc"]))
 
 
-def _row(label: str, found: ControllerMetric) -> Row:
-    flight = found.worst_flight
+def _row(label: str, controller_metric: ControllerMetric) -> Row:
+    flight = controller_metric.worst_flight
     worst = Cell("\N{EM DASH}" if flight is None else str(flight))
-    levels = map(interval_cell, found.quantiles.values())
-    return (Cell(label, head=True), *levels, Cell(significant(found.worst, 4)), worst)
+    levels = map(interval_cell, controller_metric.quantiles.values())
+    return (Cell(label, head=True), *levels, Cell(significant(controller_metric.worst, 4)), worst)
 
 
 METRICS = Topic("metrics", Metrics, compute_metrics, metric_section, figures=figures_of(__name__))

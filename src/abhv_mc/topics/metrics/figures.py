@@ -12,6 +12,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.figure_style import (
     DASHES,
     INK,
+    PERCENT,
     controller_colors,
     distribution_steps,
     legend_below,
@@ -40,7 +41,7 @@ def plot_distributions(
     """Share of flights at or below each value, one panel a metric, one line a controller."""
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(
-        len(spreads), columns, 1.2, between=(0.25, 0.55), top=0.12, sharey=True
+        len(spreads), columns, 1.05, between=(0.25, 0.68), top=0.16, sharey=True
     )
     for axes, spread in zip(grid.flat, spreads, strict=False):
         for i, (name, values) in enumerate(spread.values.items()):
@@ -48,6 +49,7 @@ def plot_distributions(
                 "color": colors[name],
                 "linestyle": DASHES[i % len(DASHES)],
                 "label": labels[name],
+                "zorder": 3.0 - i / len(labels),  # the first, the subject, on top
             }
             axes.step(*distribution_steps(values), where="post", **look)
         if log_if_wide(axes, "x", list(spread.values.values())):
@@ -64,7 +66,7 @@ def plot_distributions(
                 far.append(f"limit {limit:g} {'right' if limit > high else 'left'} of here")
         axes.set_xlabel("\n".join([spread.label, *far]))
         axes.set_ylim(-0.02, 1.02)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("share of flights")
     legend_below(figure, *grid.flat)

@@ -83,7 +83,7 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
         is_random = campaign.has_noise or not campaign.can_rerun
         text = f"{why} {_ESTIMATES}{'' if is_random else _RANDOM}."
     fold = (_other_intervals(verdicts, names),) if verdicts.held_together is not None else ()
-    return Section(title, (Text(text), table, *fold))
+    return Section(title, (Text(text), Fold(table.title, (table,)), *fold))
 
 
 def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:

@@ -1,4 +1,4 @@
-"""Each requirement on each controller: counts and verdict, what stands jointly, and the flights beside its limit."""
+"""Verdict of each requirement and controller, joint verdicts, and distances to limits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,33 +17,33 @@ from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, 
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.words import significant
 
-FAMILY_RISK = 0.10  # at which the report asks which PASSes would stand together
+FAMILY_RISK = 0.10  # of any false PASS, for the PASS verdicts that hold jointly
 _SHARES = (5.0, 50.0, 95.0)  # percent of the flights
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerVerdict(Verdict):
-    """A verdict with what its flights stay within; the bounds are None for flights that are no independent draws."""
+    """Verdict with tolerance limits; bounds are None if flights are not independent."""
 
     words: str
-    ended_early: int  # of the failures
-    advice: str  # how many flights would show it, where it is not shown
+    ended_early: int  # among the failures
+    advice: str  # number of flights needed, if not shown
     tolerance_limit: (
         float | None
     )  # what the required share of flights stays within; None where no number does
     room: (
         float | None
     )  # from there to the limit, a share of the limit; of two limits, of half their distance
-    beyond_lost: bool  # whether that is so because too many flights were lost
+    beyond_lost: bool  # whether too many lost flights are the reason
     one_look_bound: (
         float | None
     )  # lower bound on the success probability, for one look at a number fixed before
-    failure_rate: tuple[float, float] | None  # 95 % interval (Jeffreys), for one look, too
+    failure_rate: tuple[float, float] | None  # 95 % interval (Jeffreys), also for one look
 
 
 @dataclass(frozen=True)
 class JudgedRequirement:
-    """A requirement and its verdict on every controller."""
+    """Requirement and its verdict on every controller."""
 
     asked: Requirement
     words: str
@@ -51,13 +51,13 @@ class JudgedRequirement:
 
     @property
     def name(self) -> str:
-        """Its id, or its metric."""
+        """ID of the requirement, or its metric."""
         return self.asked.traced.get("id", self.asked.metric)
 
 
 @dataclass(frozen=True)
 class Together:
-    """All verdicts as one family: how many PASS would stand at one risk for all."""
+    """Joint verdicts at one risk for all."""
 
     risk: float
     verdicts: int
@@ -67,7 +67,7 @@ class Together:
 
 @dataclass(frozen=True)
 class GlanceCell:
-    """Quantiles of a controller's flights, infinite among lost ones, which are worst; and its verdict."""
+    """Quantiles and verdict of a controller; early terminations rank as infinite."""
 
     low: float
     median: float
@@ -78,51 +78,51 @@ class GlanceCell:
 
 @dataclass(frozen=True)
 class GlanceRow:
-    """The flights beside a limit: of a requirement, or of a metric that stands first beside its median."""
+    """Flights relative to a limit, or to the median of a metric without one."""
 
     metric: str
     label: str
     unit: str
     text: str  # the limit
     limit: float
-    below: bool  # whether values are good below it
-    size: float  # unit of the distance from it: its own size, or the first controller's 5 to 95 % where it is 0
+    below: bool  # whether good values are below it
+    size: float  # unit of the distance: the limit's size, or the first controller's 5 to 95 % range if it is 0
     cells: Mapping[str, GlanceCell]
 
 
 @dataclass(frozen=True)
 class Verdicts:
-    """Every requirement, judged."""
+    """All requirements, judged."""
 
     requirements: tuple[JudgedRequirement, ...]
-    held_together: Together | None  # None where no verdict is given
-    family_risk: float | None  # of any false PASS among all verdicts, where the campaign holds it
+    held_together: Together | None  # None without verdicts
+    family_risk: float | None  # of any false PASS among all verdicts, if the campaign sets it
     glance: tuple[GlanceRow, ...]
 
     def statuses(self, controller: str) -> list[str]:
-        """The verdicts of a controller."""
+        """Return the verdicts of a controller."""
         return [entry.controllers[controller].status for entry in self.requirements]
 
     def kept(self, controller: str) -> int:
-        """How many requirements a controller met in every flight."""
+        """Return the number of requirements that a controller met in every flight."""
         return sum(entry.controllers[controller].failures == 0 for entry in self.requirements)
 
 
 def compute_verdicts(results: FlownCampaign) -> Verdicts:
-    """Judge all requirements as the manifest has them: all pairs are one family."""
+    """Return the verdicts on all requirements of the manifest, as one family."""
     names, items, campaign = results.controllers, results.campaign.requirements, results.campaign
     points = len(campaign.unknowns.points)
     counted = [_at_points(results.flights[name], item, points) for item in items for name in names]
     # In the manifest's order: by controller, then requirement.
     order = [k * len(names) + n for n in range(len(names)) for k in range(len(items))]
     judged = campaign.judge(names, [counted[k] for k in order])
-    found = dict(zip(order, judged, strict=True))
+    judgements = dict(zip(order, judged, strict=True))
     requirements = tuple(
         JudgedRequirement(
             item,
             requirement_words(item, campaign.metrics),
             {
-                name: _verdict(results, k, name, *found[k * len(names) + n])
+                name: _verdict(results, k, name, *judgements[k * len(names) + n])
                 for n, name in enumerate(names)
             },
         )
@@ -136,7 +136,7 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
 
 
 def _at_points(flights: ControllerFlights, requirement: Requirement, points: int) -> list[Verdict]:
-    """The verdicts of one requirement on one controller at each point of the unknowns."""
+    """Return the verdicts of a requirement and controller at each point of the unknowns."""
     failed = requirement_failures(flights, requirement)
     numbers = [flights.flight[failed], flights.flight, flights.absent]
     counts = [np.bincount(number % points, minlength=points).tolist() for number in numbers]
@@ -151,10 +151,10 @@ def _verdict(
 ) -> ControllerVerdict:
     flights, unknowns = results.flights[name], results.campaign.unknowns
     item, points = results.campaign.requirements[number], len(unknowns.points)
-    given, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
+    is_judged, early = results.campaign.judged, requirement_failures(flights, item) & flights.failed
     tolerance, room, beyond = (
         find_tolerance(flights, item, points, unknowns.judged(number))
-        if given
+        if is_judged
         else (None, None, False)
     )
     flies = results.campaign.can_rerun
@@ -167,9 +167,9 @@ def _verdict(
         room=room,
         beyond_lost=beyond,
         one_look_bound=success_lower_bound(verdict.failures, verdict.flights, item.consumer_risk)
-        if given
+        if is_judged
         else None,
-        failure_rate=jeffreys(verdict.failures, verdict.flights) if given else None,
+        failure_rate=jeffreys(verdict.failures, verdict.flights) if is_judged else None,
     )
 
 
@@ -179,22 +179,31 @@ def find_tolerance(
     points: int = 1,
     judged: Sequence[int] = (0,),
 ) -> tuple[float | None, float | None, bool]:
-    """What the required share of flights stays within, by the rule of the verdict, and the room to the limit: the worst
-    over the points of the unknowns at which the requirement is ``judged``.
+    """Return tolerance limit, margin to the limit and whether too many were lost.
 
-    Both are None where the flights are too few, or too many were lost (the third); the room is a share of the limit.
-    Of two limits the first is the distance outside them, negative inside, and the room a share of half their distance.
+    Limit and margin are the worst over the points of the unknowns at which the requirement is
+    ``judged``. Both are None if flights are too few or too many were lost. The margin is a share of
+    the limit. With two limits the first value is the distance outside them, negative inside, and
+    the margin a share of half their distance.
     """
     limits = requirement.limits
     worse = limits.worse(flights.metrics[requirement.metric])
     worse[np.isnan(worse) | (flights.failed & requirement.early_is_failure)] = np.inf
-    at, absent = flights.flight % points, flights.absent % points
-    asked = requirement.probability, requirement.consumer_risk
-    each = [tolerance_limit(worse[at == k], int(np.sum(absent == k)), *asked) for k in judged]
-    found = None if None in each else max(limit for limit in each if limit is not None)
-    if found is None or not np.isfinite(found):
-        return None, None, found is not None
-    return limits.sign * found, (limits.limit - found) / limits.size if limits.size else None, False
+    point_index, absent = flights.flight % points, flights.absent % points
+    risks = requirement.probability, requirement.consumer_risk
+    point_limits = [
+        tolerance_limit(worse[point_index == k], int(np.sum(absent == k)), *risks) for k in judged
+    ]
+    worst_limit = (
+        None if None in point_limits else max(limit for limit in point_limits if limit is not None)
+    )
+    if worst_limit is None or not np.isfinite(worst_limit):
+        return None, None, worst_limit is not None
+    return (
+        limits.sign * worst_limit,
+        (limits.limit - worst_limit) / limits.size if limits.size else None,
+        False,
+    )
 
 
 def _together(
@@ -204,15 +213,18 @@ def _together(
     if not verdicts:
         return None
     risk = family_risk or FAMILY_RISK
-    held = hold_family(verdicts, risk)
+    jointly_held = hold_family(verdicts, risk)
     names = [(i, name) for i, entry in enumerate(requirements) for name in entry.controllers]
     dropped = [
-        place
-        for place, alone, verdict in zip(names, verdicts, held, strict=True)
+        requirement_pair
+        for requirement_pair, alone, verdict in zip(names, verdicts, jointly_held, strict=True)
         if alone.status == "PASS" and verdict.status != "PASS"
     ]
     return Together(
-        risk, len(verdicts), sum(verdict.status == "PASS" for verdict in held), tuple(dropped)
+        risk,
+        len(verdicts),
+        sum(verdict.status == "PASS" for verdict in jointly_held),
+        tuple(dropped),
     )
 
 
@@ -237,7 +249,7 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """A metric without a requirement: the first controller's median stands where a limit would."""
+    """Return a metric without a requirement, with the first controller's median as limit."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
@@ -257,15 +269,25 @@ def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:
 def _quantiles(
     results: FlownCampaign, name: str, metric: str, limits: Bounds
 ) -> tuple[float, float, float]:
-    """Of the metric; of two limits, of the distance outside them, negative inside. Of several points of unknowns the
-    least and the most: a probability box."""
+    """Return quantiles of a metric, or of the distance outside two limits.
+
+    The distance is negative inside. With several points of unknowns the result is a probability
+    box, its lowest and highest quantiles.
+    """
     flights = results.flights[name]
     worse = limits.worse(flights.metrics[metric])
     values: Floats = limits.sign * np.where(flights.failed | np.isnan(worse), np.inf, worse)
-    at = flights.flight % len(results.campaign.unknowns.points)
+    point_index = flights.flight % len(results.campaign.unknowns.points)
     with np.errstate(invalid="ignore"):
-        each = np.array(
-            [np.percentile(values[at == k], _SHARES, method="nearest") for k in np.unique(at)]
+        point_quantiles = np.array(
+            [
+                np.percentile(values[point_index == k], _SHARES, method="nearest")
+                for k in np.unique(point_index)
+            ]
         )
-    low, median, high = each[:, 0].min(), np.median(each[:, 1]), each[:, 2].max()
+    low, median, high = (
+        point_quantiles[:, 0].min(),
+        np.median(point_quantiles[:, 1]),
+        point_quantiles[:, 2].max(),
+    )
     return float(low), float(median), float(high)

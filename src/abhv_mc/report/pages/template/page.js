@@ -121,7 +121,7 @@
       legend: { orientation: "h", y: -0.16 },
       font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 13, color: ink }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       hoverlabel: { bgcolor: style.getPropertyValue("--paper").trim(), font: { color: ink } },
-      height: narrow ? 400 : 480, modebar: { bgcolor: "rgba(0,0,0,0)", color: ink, activecolor: style.getPropertyValue("--link").trim() },
+      height: narrow ? 400 : 440, modebar: { bgcolor: "rgba(0,0,0,0)", color: ink, activecolor: style.getPropertyValue("--link").trim() },
       uirevision: channel.name,
     }, { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [tools] });
     describe(channel, controllers);

@@ -1,0 +1,60 @@
+"""Entry points of installed packages in the groups ``abhv_mc.*``.
+
+========================== ====================================================== =================================
+group                      object                                                 name
+========================== ====================================================== =================================
+``abhv_mc.commands``       a function for typer, or a ``typer.Typer``             of the command, ``verify.nesc``
+``abhv_mc.functions``      a function of ``import abhv_mc``                       of the function
+``abhv_mc.campaign_blocks`` check of a block: ``(Experiment) -> None``            of the block
+``abhv_mc.executors``      an :data:`abhv_mc.interfaces.Connect`                  scheme of ``--scheduler``
+``abhv_mc.law_backends``   a ``user_code.native_loop.LawBackend``                 ``law`` of the controller file
+``abhv_mc.stores``         a class, of an address: an ``interfaces.Store``        scheme of the address
+``abhv_mc.topics``         an :class:`abhv_mc.topics.Topic`                       any
+========================== ====================================================== =================================
+"""
+
+import functools
+from importlib.metadata import EntryPoint, distributions
+from typing import Any
+
+COMMANDS, FUNCTIONS, TOPICS = "abhv_mc.commands", "abhv_mc.functions", "abhv_mc.topics"
+BLOCKS, LAW_BACKENDS = "abhv_mc.campaign_blocks", "abhv_mc.law_backends"
+EXECUTORS, STORES = "abhv_mc.executors", "abhv_mc.stores"
+_SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
+
+
+@functools.cache
+def _read() -> dict[str, dict[str, EntryPoint]]:
+    """Return entry points by group and name.
+
+    ``importlib.metadata.entry_points`` parses those of all distributions and takes four times as long.
+    """
+    groups: dict[str, dict[str, EntryPoint]] = {}
+    for distribution in distributions():
+        if "[abhv_mc." in (distribution.read_text("entry_points.txt") or ""):
+            for entry in distribution.entry_points:
+                if entry.group.startswith("abhv_mc."):
+                    groups.setdefault(entry.group, {}).setdefault(entry.name, entry)
+    return groups
+
+
+def find_entry_points(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name; nothing is imported."""
+    return _read().get(group, {})
+
+
+def load_entry_point(group: str, name: str) -> Any:
+    """Return the object of an entry point, or None if no installed package registers it."""
+    entry = find_entry_points(group).get(name)
+    return None if entry is None else entry.load()
+
+
+def find_packages() -> list[str]:
+    """Return the packages that register more than commands, functions and topics: they may shape rows."""
+    entries = (
+        entry
+        for group, names in _read().items()
+        if group not in _SHOW_ONLY
+        for entry in names.values()
+    )
+    return sorted({entry.module.partition(".")[0] for entry in entries})

@@ -1,0 +1,55 @@
+"""Products of a campaign's folder: files that follow from its inputs and its flights.
+
+Flights are evidence: a run adds to them and replaces none. A product is current if it is complete and has its key,
+which names everything that it depends on and that may change in a folder. Inputs, settings and code are the same for
+all of a folder and stand in no key; nor do workers, blocks and shards, on which nothing depends.
+"""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+
+from abhv_mc.folder import envelope_states
+from abhv_mc.folder.hashes import FileHashes
+from abhv_mc.folder.layout import CampaignFolder
+
+KEY = "key"  # entry of a JSON file; of a Parquet file in its metadata
+
+
+class Product(NamedTuple):
+    """A file and its key."""
+
+    path: Path
+    key: str
+
+    def is_current(self, files: FileHashes) -> bool:
+        """Return whether the file is complete and of this key, or of an older version, which wrote no keys."""
+        return files.knows(self.path) and _read_key(self.path) in (None, self.key)
+
+
+def _read_key(path: Path) -> str | None:
+    if path.suffix == ".json":
+        key: str | None = json.loads(path.read_bytes()).get(KEY)
+        return key
+    stored = (pq.read_schema(path).metadata or {}).get(f"abhv_mc.{KEY}".encode())
+    return None if stored is None else stored.decode()
+
+
+class Products:
+    """Products of a campaign of ``runs`` flights with each of its controllers; histories have keys of their own."""
+
+    def __init__(self, folder: CampaignFolder, controllers: Iterable[str], runs: int) -> None:
+        names = " ".join(sorted(controllers))
+        self.samples = Product(folder.samples, str(runs))
+        self.nominal = Product(folder.nominal, names)
+        self.reference = Product(folder.reference, "mission")
+        first = min(runs, envelope_states.ENVELOPE_FLIGHTS)
+        self.envelopes = Product(folder.envelopes, f"{names} {first}")
+        self.margins = Product(folder.margins, names)
+
+    def forget_stale(self, files: FileHashes) -> None:
+        """Strike those that are not current off the list of files: a run that goes on after a kill makes them anew."""
+        files.forget(*(each.path for each in vars(self).values() if not each.is_current(files)))

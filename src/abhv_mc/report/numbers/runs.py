@@ -1,0 +1,122 @@
+"""Campaigns below a folder, from their manifests and `report.json` alone, and the pages that compare two of them."""
+
+import json
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.status import read_status
+from abhv_mc.interfaces import Store
+from abhv_mc.io.input_error import InputError
+from abhv_mc.report.numbers.judged import read_judgement
+
+COMPARISON_FILE = "comparison.json"  # beside the page of two compared campaigns
+_MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignRun:
+    """One campaign's folder; ``problem`` says why nothing else is known."""
+
+    folder: str  # relative to the folder that was searched
+    name: str = ""
+    state: str = ""
+    started: str = ""
+    question: str = ""
+    answer: str = ""
+    verdicts: Mapping[str, int] = field(default_factory=dict)  # binding requirements by verdict
+    flights: int = 0  # of each controller
+    flights_planned: int = 0
+    version: str = ""
+    commit: str = ""
+    digest: str = ""
+    has_page: bool = False
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class CampaignRuns:
+    """All campaigns below a folder, the latest first, and the pages that compare two, by their digests."""
+
+    runs: tuple[CampaignRun, ...]
+    comparisons: Mapping[str, str]  # 'digest digest' -> page, relative
+
+
+def find_runs(root: Path, store: Store) -> CampaignRuns:
+    """Return every campaign below ``root``, where the files of a store are."""
+    runs, comparisons = [], {}
+    for folder, files in _walk(root):
+        name = folder.relative_to(root).as_posix()
+        if _MANIFEST in files:
+            run = _read_run(folder, name, store)
+            runs += [run] if run else []
+        elif COMPARISON_FILE in files and "report.html" in files:
+            digests = _digests(folder / COMPARISON_FILE)
+            if digests is not None:
+                comparisons[digests] = f"{name}/report.html"
+    runs.sort(key=lambda run: (run.started, run.folder), reverse=True)
+    return CampaignRuns(tuple(runs), comparisons)
+
+
+def _walk(root: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Yield folders with their files; nothing below a campaign, nothing hidden, no links."""
+    for place, folders, files in os.walk(root):
+        yield Path(place), files
+        is_campaign = _MANIFEST in files and Path(place) != root
+        folders[:] = [] if is_campaign else sorted(f for f in folders if not f.startswith("."))
+
+
+def _digests(file: Path) -> str | None:
+    try:
+        one, other = json.loads(file.read_text("utf-8"))["digests"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return f"{one} {other}"
+
+
+def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
+    """Read a campaign's folder; None for a search and for another program's manifest."""
+    paths = CampaignFolder(folder)
+    try:
+        if read_manifest(paths.manifest).search:
+            return None
+        manifest = read_status(folder, store, name).manifest
+    except (InputError, OSError, RecursionError) as error:
+        if not _is_ours(paths.manifest):
+            return None
+        problem = error.found if isinstance(error, InputError) else str(error)
+        return CampaignRun(folder=name, problem=problem)
+    judgement = read_judgement(folder, manifest)
+    return CampaignRun(
+        folder=name,
+        name=manifest.name,
+        state=manifest.state,
+        started=manifest.started or "",
+        question=_question(folder) if judgement else "",
+        answer=judgement.answer if judgement else "",
+        verdicts=dict(Counter(entry.verdict for entry in manifest.requirements)),
+        flights=manifest.runs_done,
+        flights_planned=manifest.runs_planned,
+        version=manifest.versions.get("abhv_mc", ""),
+        commit=manifest.commit or "",
+        digest=manifest.digest or "",
+        has_page=(folder / "report.html").is_file(),
+    )
+
+
+def _is_ours(manifest: Path) -> bool:
+    """Return whether a manifest that cannot be read may be this program's: damaged, or with a format number."""
+    try:
+        content = json.loads(manifest.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return True
+    return isinstance(content, dict) and "format" in content
+
+
+def _question(folder: Path) -> str:
+    content = json.loads((folder / "report.json").read_text("utf-8"))  # read_judgement has read it
+    return str((content.get("provenance") or {}).get("question") or "")

@@ -1,0 +1,58 @@
+"""The page of all campaigns below a folder: sorted, filtered, and two of them compared by one command."""
+
+import os
+import shlex
+from pathlib import Path
+
+from markupsafe import Markup
+
+from abhv_mc.folder.layout import write_text
+from abhv_mc.report.numbers.runs import CampaignRun, CampaignRuns
+from abhv_mc.report.pages.flights_view import template_text
+from abhv_mc.report.pages.page import make_environment, script_hashes, script_json
+from abhv_mc.topics.words import fixed
+
+
+def verdict_counts(run: CampaignRun) -> str:
+    """Return '3 PASS, 2 FAIL'."""
+    return ", ".join(f"{count} {verdict}" for verdict, count in run.verdicts.items())
+
+
+def write_runs_page(found: CampaignRuns, root: Path, file: Path) -> Path:
+    """Write the page into ``file``; its links and commands are relative to the folder of it."""
+    base = Path(os.path.relpath(root.absolute(), file.absolute().parent))
+    rows = []
+    for run in found.runs:
+        folder = (base / run.folder).as_posix()
+        rows.append(
+            {
+                "run": run,
+                "folder": folder,
+                "typed": shlex.quote(folder),
+                "page": f"{folder}/report.html" if run.has_page else "",
+                "verdicts": verdict_counts(run),
+                "flights": _flights(run),
+            }
+        )
+    pages = {key: (base / page).as_posix() for key, page in found.comparisons.items()}
+    script = template_text("runs.js")
+    page = (
+        make_environment()
+        .get_template("runs.html.j2")
+        .render(
+            rows=rows,
+            title=f"Campaigns in {root.absolute().name}",
+            style=Markup(template_text("style.css")),  # noqa: S704  our own files
+            script=Markup(script),  # noqa: S704
+            script_hashes=script_hashes(script),
+            data=script_json(pages),
+        )
+    )
+    write_text(file, page)
+    return file
+
+
+def _flights(run: CampaignRun) -> str:
+    if run.flights == run.flights_planned:
+        return fixed(run.flights, 0)
+    return f"{fixed(run.flights, 0)} of {fixed(run.flights_planned, 0)}, {run.state}"

@@ -1,0 +1,53 @@
+"use strict";
+// Sorts and filters the campaigns, and names the command that compares two ticked ones.
+(() => {
+  const body = document.querySelector("#runs tbody");
+  const rows = [...body.rows];
+  const heads = [...document.querySelectorAll("#runs thead th")];
+  const boxes = rows.flatMap((row) => [...row.querySelectorAll("input")]);
+  const pages = JSON.parse(document.getElementById("comparisons").textContent);
+  const count = document.getElementById("count");
+  const words = document.getElementById("compare");
+  const key = (row, k) => row.cells[k]?.dataset.sort ?? row.cells[k]?.textContent.trim() ?? "";
+
+  function sort(k) {
+    const falls = heads[k].getAttribute("aria-sort") === "ascending";
+    heads.forEach((head) => head.removeAttribute("aria-sort"));
+    heads[k].setAttribute("aria-sort", falls ? "descending" : "ascending");
+    rows.sort((a, b) => (falls ? -1 : 1) * key(a, k).localeCompare(key(b, k), "en", { numeric: true }));
+    body.append(...rows);
+  }
+
+  function filter(text) {
+    const parts = text.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const row of rows) {
+      const held = row.textContent.toLowerCase();
+      row.hidden = !parts.every((part) => held.includes(part));
+    }
+    count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} campaigns`;
+  }
+
+  function compare() {
+    const [a, b, ...more] = boxes.filter((box) => box.checked).map((box) => box.dataset)
+      .sort((one, other) => one.started.localeCompare(other.started));  // the earlier one first
+    words.textContent = more.length ? "Tick two campaigns only." : words.dataset.hint;
+    if (!b || more.length) return;
+    const out = `${a.name} against ${b.name}`.replace(/[^\w.-]+/g, "_");
+    const command = document.createElement("code");
+    command.textContent = `abhv-mc compare ${a.folder} ${b.folder} -o ${out}`;
+    words.replaceChildren("Compare them: ", command);
+    const page = pages[`${a.digest} ${b.digest}`] ?? pages[`${b.digest} ${a.digest}`];
+    if (page) {
+      const link = document.createElement("a");
+      link.href = encodeURI(page);
+      link.textContent = "the page of their comparison";
+      words.append(" or open ", link, ".");
+    }
+  }
+
+  heads.forEach((head, k) => head.querySelector("button")?.addEventListener("click", () => sort(k)));
+  document.getElementById("filter").addEventListener("input", (event) => filter(event.target.value));
+  boxes.forEach((box) => box.addEventListener("change", compare));
+  filter("");
+  compare();
+})();

@@ -1,0 +1,158 @@
+"""Writing of Python modules by importers: names, numbers, statements, layout, files.
+
+A statement consists of the importer's own text, identifiers and numbers. Texts of the imported file
+are comments and docstrings, which :func:`abhv_mc.io.xml_reader.fold` has made safe.
+"""
+
+import ast
+import builtins
+import hashlib
+import keyword
+import re
+import textwrap
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.io.atomic_write import atomic_write
+
+WIDTH = 116
+INDENT = "    "
+_LONGEST = 60  # maximum length of a name
+_BUILTINS = frozenset(dir(builtins))
+_UNEDITED = "# A second import replaces this file unless it is edited. SHA-256 of the text above: "
+
+
+class Line(NamedTuple):
+    """Statement or head with its comment: one line, printable."""
+
+    text: str
+    words: str = ""
+    indent: str = ""
+
+
+def call(function: str, arguments: Iterable[str]) -> str:
+    """Return a call."""
+    return f"{function}({', '.join(arguments)})"
+
+
+def define(head: str, docstring: str, body: Iterable[Line]) -> list[Line]:
+    """Return a function or class of the module."""
+    inner = [Line(f'"""{docstring}"""'), *body]
+    return [Line(head), *(line._replace(indent=INDENT) for line in inner)]
+
+
+def declare(field: str, comment: str, value: float | None = None) -> Line:
+    """Return a field of a class of floats."""
+    return Line(f"{field}: float" + ("" if value is None else f" = {number(value)}"), comment)
+
+
+def names_in(lines: Iterable[Line]) -> set[str]:
+    """Return every name in the statements."""
+    tree = ast.parse("\n".join(line.indent + line.text for line in lines))
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def free_name(text: str, taken: Collection[str] = ()) -> str:
+    """Return a free Python name for a text, unchanged if possible."""
+    name = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
+    name = name if name[:1].isalpha() else f"x{name}"
+    while (
+        name in _BUILTINS or keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in taken
+    ):
+        name += "_"
+    return name
+
+
+def number(value: float) -> str:
+    """Return a number as Python source."""
+    return repr(float(value)).replace("inf", "1e309")
+
+
+def sequence(values: Any) -> str:
+    """Return nested numbers as Python tuples."""
+    return str(tuple(map(sequence, values))).replace("'", "") if np.ndim(values) else number(values)
+
+
+def import_names(
+    used: Collection[str], modules: Iterable[tuple[str, Iterable[str]]]
+) -> Iterator[Line]:
+    """Yield the lines that import what is used of modules, each given with its names."""
+    for module, exported in modules:
+        if imported := sorted(set(used) & set(exported)):
+            yield Line(f"from {module} import {', '.join(imported)}")
+
+
+def lay_out(docstring: str, statements: Iterable[Line]) -> str:
+    """Return the text of a module, in lines of at most ``WIDTH`` if possible."""
+    lines, before = [f'"""{docstring}\n"""'], ""
+    for text, comment, indent in statements:
+        kind = next(
+            (kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name"
+        )
+        broken = [indent + text] if text.startswith('"""') else _break(text, indent)
+        beside = f"{broken[0]}  # {comment}" if comment else broken[0]
+        above = textwrap.wrap(
+            comment, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
+        )
+        if len(broken) == 1 and len(beside) <= WIDTH:
+            broken, above = [beside], []
+        if not indent and kind in ("@", "class", "def"):
+            lines += ["", ""] if before != "@" else []
+        elif not indent and (above or kind != before):
+            lines.append("")
+        lines += above + broken
+        before = indent + kind
+    return "\n".join(lines) + "\n"
+
+
+def _break(text: str, indent: str) -> list[str]:
+    """Return the lines of a statement; a long one is broken within its brackets."""
+    if len(indent + text) <= WIDTH:
+        return [indent + text]
+    first, last, inner = text.index("(") + 1, text.rindex(")"), indent + INDENT
+    parts = text[first:last].replace(", (", ",\n(").split("\n")
+    wrapper = textwrap.TextWrapper(
+        WIDTH,
+        initial_indent=inner,
+        subsequent_indent=inner,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [
+        indent + text[:first],
+        *(line for argument in parts for line in wrapper.wrap(argument)),
+        indent + text[last:],
+    ]
+
+
+def write_unless_edited(
+    folder: Path, texts: Mapping[str, str]
+) -> tuple[list[Path], tuple[Path, ...]]:
+    """Write files that end with a hash of their text, except edited ones.
+
+    The new version of an edited file is written next to it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths, edited = [], []
+    for name, text in texts.items():
+        path = folder / name
+        if path.exists() and _is_edited(path):
+            edited.append(path)
+            path = path.with_suffix(f".new{path.suffix}")
+        write_text(path, text + _UNEDITED + hashlib.sha256(text.encode()).hexdigest() + "\n")
+        paths.append(path)
+    return paths, tuple(edited)
+
+
+def _is_edited(path: Path) -> bool:
+    text, mark, digest = path.read_text(encoding="utf-8").rpartition(_UNEDITED)
+    return not mark or hashlib.sha256(text.encode()).hexdigest() != digest.strip()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file atomically."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

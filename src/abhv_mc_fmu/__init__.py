@@ -1,0 +1,1 @@
+"""Control laws as FMUs for co-simulation (FMI 2.0 and 3.0)."""

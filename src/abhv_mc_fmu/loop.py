@@ -1,0 +1,223 @@
+"""What the kernel calls for an FMU: the text of a loop over the lanes for a wiring, compiled."""
+
+import functools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.user import MEMORY
+from abhv_mc.kernel.numerics.float_bits import bits_float, float_bits
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_of
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
+from abhv_mc.user_code.native_loop import build_native
+
+FLAGS = 8  # numbers' room for what a step of FMI 3.0 says
+
+
+FLOAT = "Float64"
+_INTEGERS = {f"{sign}Int{bits}": (not sign, bits) for sign in ("", "U") for bits in (8, 16, 32, 64)}
+NAMES = {  # in the texts of these
+    "floor": math.floor,
+    "int64": np.int64,
+    "int32": np.int32,
+    "float32": np.float32,
+    "float64": np.float64,
+}
+
+
+class Wire(NamedTuple):
+    """A variable of the FMU and the quantity that it is wired to: SI is ``offset + factor * value``."""
+
+    name: str  # measured.altitude, gains.k, time, or a field of Command
+    reference: int
+    factor: float
+    offset: float
+    kind: str = FLOAT  # of FMI 3.0; Boolean1 and Boolean4 by their bytes
+
+
+def _ends(kind: str) -> tuple[float, float]:
+    """The least and the greatest integer of a kind that is passed in a signed integer of 64 bits."""
+    signed, bits = _INTEGERS[kind]
+    if bits == 64:
+        return (-(2.0**63) if signed else 0.0), 2.0**63 - 1024.0
+    return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0) if signed else (0.0, 2.0**bits - 1.0)
+
+
+def pack(kind: str, value: float) -> int:
+    """The integer whose low bytes hold a value of a kind; 0 for 64-bit floats."""
+    if kind == FLOAT:
+        return 0
+    if kind.startswith("Boolean"):
+        return int(value != 0.0)
+    if kind == "Float32":
+        return int(np.float32(value).view(np.uint32))
+    low, high = _ends(kind)
+    return math.floor(min(max(value, low), high) + 0.5)
+
+
+def encode(kind: str, value: str) -> str:
+    """The text of what :func:`pack` computes."""
+    if kind.startswith("Boolean"):
+        return f"(1 if {value} != 0.0 else 0)"
+    if kind == "Float32":
+        return f"(int64(float32({value}).view(int32)) & 0xFFFFFFFF)"
+    low, high = _ends(kind)
+    return f"int64(floor(min(max({value}, {low!r}), {high!r}) + 0.5))"
+
+
+def decode(kind: str, bits: str) -> str:
+    """The text of the float that the low bytes of an integer are in a kind."""
+    if kind.startswith("Boolean"):
+        return f"(1.0 if ({bits} & {2 ** (8 * int(kind[7:])) - 1}) != 0 else 0.0)"
+    if kind == "Float32":
+        return f"float64(int32(({bits} << 32) >> 32).view(float32))"
+    signed, width = _INTEGERS[kind]
+    if width == 64:
+        return f"float64({bits})"
+    if signed:
+        return f"float64(({bits} << {64 - width}) >> {64 - width})"
+    return f"float64({bits} & {2**width - 1})"
+
+
+@functools.cache
+def compile_fmu_adapter(
+    version: int,
+    inputs: tuple[Wire, ...],
+    outputs: tuple[Wire, ...],
+    params: tuple[Wire, ...],
+    gains: tuple[str, ...],
+    *,
+    width: int,
+    remade: int | None,
+    effectors: tuple[tuple[str, int], ...] = (),
+) -> Any:
+    """The compiled loop for a wiring; ``remade``: states that are in the lanes' rows and set anew at each tick.
+
+    Variables of 64-bit floats are set and read in one call; each of another kind has eight bytes and a call.
+
+    ``effectors``: name and row of those that it commands.
+    """
+    written = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)) | {
+        f"effectors.{name}": row for name, row in effectors
+    }
+
+    at = functools.partial(lane_of, width)
+
+    def source(name: str) -> str:
+        group, _, field = name.partition(".")
+        if group == "measured":
+            return at(s.MEASURED + Measured._fields.index(field))
+        if group == "reference":
+            return f"row[r + {REFERENCE.index(field)}]"
+        if group == "onboard":
+            return at(ONBOARD_ROWS[onboard_fields().index(field)])
+        return "time" if group == "time" else f"column[k + {gains.index(field)}]"
+
+    def to_fmu(wire: Wire) -> str:
+        plain = source(wire.name)
+        return (
+            plain
+            if (wire.factor, wire.offset) == (1.0, 0.0)
+            else f"({plain} - {wire.offset!r}) / {wire.factor!r}"
+        )
+
+    def from_fmu(field: str) -> str:
+        for i, wire in enumerate(outputs):
+            if wire.name == field:
+                plain = (wire.factor, wire.offset) == (1.0, 0.0)
+                return f"out[{i}]" if plain else f"{wire.offset!r} + {wire.factor!r} * out[{i}]"
+        return "inf"
+
+    typed = [wire for wire in (*params, *inputs, *outputs) if wire.kind != FLOAT]
+    n_params, n_inputs, n_floats = (
+        sum(wire.kind == FLOAT for wire in group) for group in (params, inputs, outputs)
+    )
+    n_outputs = len(outputs)
+    at_outputs = 8 * (n_params + n_inputs)
+    at_flags = at_outputs + 8 * n_outputs
+    at_states = at_flags + 8 * FLAGS
+    at_typed = at_states + 8 * (remade or 0)
+
+    def call(function: str, group: str, numbers: int, byte: int) -> str:
+        again = f", {numbers}" if version == 3 else ""
+        return f"call_c({function}, (instance, {group}, {numbers}, place + {byte}{again}))"
+
+    def call_typed(wire: Wire) -> str:
+        k, again = typed.index(wire), ", 1" if version == 3 else ""
+        given = f"(instance, typed_references + {4 * k}, 1, place + {at_typed + 8 * k}{again})"
+        return f"failed = max(failed, call_c(context[{15 + k}], {given}))"
+
+    typed_in = [wire for wire in inputs if wire.kind != FLOAT]
+    typed_out = [wire for wire in outputs if wire.kind != FLOAT]
+    set_typed = [call_typed(wire) for wire in typed_in]
+    fill = [f"value[{i}] = {to_fmu(wire)}" for i, wire in enumerate(inputs[:n_inputs])]
+    for wire in typed_in:
+        fill += [
+            f"number_in = {to_fmu(wire)}",
+            "total += number_in",
+            f"slots[{typed.index(wire)}] = bits_float({encode(wire.kind, 'number_in')})",
+        ]
+    read = [call_typed(wire) for wire in typed_out]
+    for i, wire in enumerate(typed_out, n_floats):
+        bits = f"float_bits(slots[{typed.index(wire)}])"
+        read.append(f"out[{i}] = {decode(wire.kind, bits)}")
+    rows = [at(MEMORY + i) for i in range(remade or 0)]
+    timing = "(instance, no, 0.0, time, no, 0.0)"
+    put_inputs = call("put", "inputs", n_inputs, 8 * n_params)
+    begin = [f"failed = max(failed, call_c(setup, {timing}))"] if version == 2 else []
+    if n_params:
+        begin.append(f"failed = max(failed, {call('put', 'params', n_params, 0)})")
+    begin += [call_typed(wire) for wire in params if wire.kind != FLOAT]
+    if rows:
+        begin += ["if tick > 0:", *(f"    kept[{i}] = {row}" for i, row in enumerate(rows))]
+        begin.append(f"    failed = max(failed, {call('put', 'states', len(rows), at_states)})")
+    begin.append(
+        f"failed = max(failed, call_c(enter, {timing if version == 3 else '(instance,)'}))"
+    )
+    begin += [
+        f"failed = max(failed, {put_inputs})",
+        *set_typed,
+        "failed = max(failed, call_c(leave, (instance,)))",
+    ]
+    keep = [f"    {row} = kept[{i}]" for i, row in enumerate(rows)]
+    keep = (
+        ["if failed <= 1:", f"    failed = {call('get', 'states', len(rows), at_states)}", *keep]
+        if rows
+        else []
+    )
+    told = ", flags, flags + 8, flags + 16, flags + 24" if version == 3 else ""
+    before = f"""\
+reset, setup, enter, leave = context[0], context[1], context[2], context[3]
+put, step, get = context[4], context[5], context[6]
+params, inputs, outputs, states = context[7], context[8], context[9], context[10]
+place, instances = context[11], context[12]
+value, out, flags = floats_at(place + {8 * n_params}), floats_at(place + {at_outputs}), place + {at_flags}
+numbers, kept = floats_at(instances), floats_at(place + {at_states})
+slots, typed_references = floats_at(place + {at_typed}), context[{15 + len(typed)}]
+time, r, k = tick * dt, tick * {len(REFERENCE)}, tick * {len(gains)}"""
+    each = f"""\
+instance = float_bits(numbers[number])
+{indent(0, fill)}
+for i in range({n_inputs}):
+    total += value[i]
+if {"tick == 0" if remade is None else "True"}:
+    failed = call_c(reset, (instance,))
+{indent(4, begin)}
+if failed <= 1:
+    failed = {put_inputs}
+{indent(4, set_typed)}
+if failed <= 1 and total - total == 0.0:
+    failed = call_c(step, (instance, time, dt, yes{told}))
+if failed <= 1:
+    failed = {call("get", "outputs", n_floats, at_outputs)}
+{indent(4, read)}
+{indent(0, keep)}"""
+    names: dict[str, Any] = {"float_bits": float_bits, "yes": np.int32(1), "no": np.int32(0)}
+    if typed:
+        names |= {**NAMES, "bits_float": bits_float}
+    texts = {row: from_fmu(field) for field, row in written.items()}
+    place = (14, "context[13]") if remade is None else None
+    return build_native(width, before, each, "failed > 1", n_outputs, texts, place, names)

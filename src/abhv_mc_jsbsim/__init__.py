@@ -1,0 +1,1 @@
+"""JSBSim models read: aerodynamics as Python functions, metrics and mass as a vehicle file."""

@@ -1,0 +1,260 @@
+"""The aerodynamics of a JSBSim model as one Python function from the program's quantities to coefficients.
+
+A force is ``qbar S`` times its coefficient and a moment that times a length. Most functions of a model are products
+with these factors, which are left out; a function that is built otherwise is divided by them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from abhv_mc.io.input_error import one_of
+from abhv_mc.io.xml_reader import Node
+from abhv_mc.user_code.module_text import INDENT, WIDTH, Line, free_name, number
+from abhv_mc_jsbsim.expressions import Expressions, factors_of, operand_of, property_of
+from abhv_mc_jsbsim.properties import (
+    AREA,
+    CHORD,
+    DYNAMIC_PRESSURE,
+    GROUND,
+    LIFT_SQUARED,
+    NORMS,
+    PRESSURE_AREA,
+    PROPERTIES,
+    REDUCED,
+    SPAN,
+    UNKNOWN_RATES,
+)
+
+# Forces by the names of axes: the frame, and each axis' coefficient with its sign.
+_FRAMES = {
+    ("LIFT", "DRAG"): ("wind", {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CC")}),
+    ("AXIAL", "NORMAL"): ("body", {"AXIAL": ("-", "CX"), "NORMAL": ("-", "CZ"), "SIDE": ("", "CY")}),
+    ("X", "Y", "Z"): ("body", {"X": ("", "CX"), "Y": ("", "CY"), "Z": ("", "CZ")}),
+}  # fmt: skip
+_STABILITY = {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CY")}
+_MOMENTS = {"ROLL": ("Cl", SPAN), "PITCH": ("Cm", CHORD), "YAW": ("Cn", SPAN)}
+_NAMES = (
+    "NamedTuple",
+    "Settings",
+    "Coefficients",
+    "coefficients",
+    "air",
+    "controls",
+    "rates",
+    "settings",
+    "cl_squared",
+)
+_LEFT_OUT = {
+    "alphalimits": "limits of the angle of attack",
+    "hysteresis_limits": "hysteresis of the stall",
+    "aero_ref_pt_shift_x": "the reference point's shift",
+}
+
+
+@dataclass
+class Setting:
+    """A number that no quantity of the program gives, and the functions that use it."""
+
+    key: str
+    value: float
+    used_by: list[str] = field(default_factory=list)
+
+
+class Aerodynamics:
+    """The functions of a model, read in the order in which they need each other."""
+
+    def __init__(
+        self,
+        node: Node,
+        known: dict[str, float],
+        values: dict[str, float],
+        full: dict[str, float],
+        taken: Iterable[str],
+    ) -> None:
+        """Metrics (``known``), the file's own properties (``values``) and ``full`` deflections in rad, by property."""
+        self.settings: dict[str, Setting] = {}  # by property
+        self.notes: list[str] = []
+        self.body: list[Line] = []
+        self._taken = {*taken, *_NAMES}
+        self._expressions = Expressions(self._resolve, self._taken)
+        self._known, self._values, self._full = known, values, full
+        self._functions: dict[str, tuple[Node, str | None]] = {}  # by property: function, axis
+        self._done: dict[str, str] = {}  # text of a value, by property
+        self._pending: list[str] = []
+        self._terms: dict[str, list[str]] = {}  # names of an axis' coefficients
+        axes = {}
+        for child in node.children:
+            if child.name in _LEFT_OUT:
+                self.notes.append(_LEFT_OUT[child.name])
+            elif child.name == "function":
+                self._add(child, None)
+            elif child.name == "axis":
+                axes[child.attributes.get("name", "")] = child
+        self.frame, self._coefficients = self._choose_frame(node, axes)
+        for name, axis in axes.items():
+            self._terms[name] = []
+            for function in axis.all("function"):
+                self._add(function, name)
+        for name in self._functions:
+            self._read(name)
+        self.notes = list(dict.fromkeys(self.notes))
+        self.body += [Line(f"return Coefficients({', '.join(self._sums(axes))})")]
+
+    @property
+    def tables(self) -> list[Line]:
+        """The statements of the tables."""
+        return self._expressions.tables
+
+    def _choose_frame(
+        self, node: Node, axes: dict[str, Node]
+    ) -> tuple[str, dict[str, tuple[str, str]]]:
+        forces = [name for name in axes if name not in _MOMENTS]
+        found = next(
+            (made for names, made in _FRAMES.items() if any(name in forces for name in names)), None
+        )
+        if found is None:
+            raise node.refuse(
+                f"the axes {', '.join(axes) or 'none'}",
+                "LIFT, DRAG and SIDE, or those of another frame",
+            )
+        frame, names = found
+        for name, axis in axes.items():
+            if name not in names and name not in _MOMENTS:
+                raise axis.refuse(
+                    f"the axis '{name}' beside {', '.join(forces)}",
+                    one_of((*names, *_MOMENTS), name),
+                )
+            given = axis.attributes.get("frame", "")
+            natural = {"BODY"} if name in _MOMENTS or frame == "body" else {"WIND", "STABILITY"}
+            if given and given not in natural:
+                raise axis.refuse(
+                    f"the axis '{name}' in the frame '{given}'", one_of(natural, given)
+                )
+            if axis.attributes.get("unit", "LBS") not in ("LBS", "LBSFT", "LBS*FT", "FT*LBS"):
+                raise axis.refuse(f"the unit '{axis.attributes['unit']}'", "LBS")
+            if given == "STABILITY":
+                frame, names = "stability", _STABILITY
+        return frame, names
+
+    def _add(self, function: Node, axis: str | None) -> None:
+        name = function.attributes.get("name", "").replace(" ", "-")
+        if not name or name in self._functions:
+            name += f"-{function.line}"
+        self._functions[name] = (function, axis)
+
+    def _read(self, name: str) -> str:
+        """Write a function behind those that it needs; return the text of its value."""
+        if name in self._done:
+            return self._done[name]
+        function, axis = self._functions[name]
+        if name in self._pending:
+            raise function.refuse(f"'{name}', which needs itself", "functions without a circle")
+        self._pending.append(name)
+        key = free_name(name.rpartition("/")[2], self._taken)
+        self._taken.add(key)
+        operand, made = operand_of(function), key
+        if axis is None:
+            text = self._expressions.read(operand, key)
+        else:
+            text = self._coefficient(operand, key, axis)
+            self._terms[axis].append(key)
+            scale = f"air.dynamic_pressure / PSF * {number(self._known[AREA])}"
+            length = f" * {number(self._known[_MOMENTS[axis][1]])}" if axis in _MOMENTS else ""
+            made = f"({key} * {scale}{length})"
+        words = function.words("description").replace("_", " ")
+        too_long = len(f"{INDENT}{key} = {text}") > WIDTH
+        self.body.append(Line(f"{key} = {f'({text})' if too_long else text}", words or name))
+        self._pending.pop()
+        self._done[name] = made
+        return made
+
+    def _coefficient(self, operand: Node, key: str, axis: str) -> str:
+        """A function of an axis without dynamic pressure, area and length."""
+        factors = factors_of(operand)
+        names = [
+            property_of(factor)[1] if factor.name in ("property", "p") else "" for factor in factors
+        ]
+        length = _MOMENTS[axis][1] if axis in _MOMENTS else None
+        if (rate := next((name for name in UNKNOWN_RATES if name in names), None)) is not None:
+            constants = [each for each in factors if each.name in ("value", "v")]
+            if all(each.number(each.text) for each in constants):
+                self.notes.append(f"{rate} of {self._pending[-1]}, which is 0 here")
+            return "0.0"
+        if PRESSURE_AREA not in names and not {DYNAMIC_PRESSURE, AREA} <= set(names):
+            scale = number(self._known[AREA] * (self._known[length] if length else 1.0))
+            text = self._expressions.value(operand, key)
+            return self._expressions.tidy(
+                operand, f"{text} / (larger(air.dynamic_pressure, 1e-9) / PSF * {scale})"
+            )
+        left = list(range(len(factors)))
+        signs = ""
+
+        def take(name: str) -> bool:
+            nonlocal signs
+            k = next((k for k in left if names[k] == name), None)
+            if k is not None:
+                left.remove(k)
+                signs += property_of(factors[k])[0]
+            return k is not None
+
+        if not take(PRESSURE_AREA):
+            take(DYNAMIC_PRESSURE)
+            take(AREA)
+        over = "" if length is None or take(length) else f" / {number(self._known[length])}"
+        parts = []
+        for pair, text in REDUCED:
+            if all(any(names[k] == name for k in left) for name in pair):
+                for name in pair:
+                    take(name)
+                parts.append(text)
+        parts += [self._expressions.value(factors[k], key) for k in left]
+        product = " * ".join(parts) or "1.0"
+        return self._expressions.tidy(operand, f"{'-' if len(signs) % 2 else ''}{product}{over}")
+
+    def _resolve(self, name: str, node: Node) -> str:
+        """The text of a property. Raises InputError."""
+        if name in self._functions:
+            return self._read(name)
+        if name in self._known:
+            return f"({number(self._known[name])})"
+        if name == PRESSURE_AREA:
+            return f"(air.dynamic_pressure / PSF * {number(self._known[AREA])})"
+        if name == LIFT_SQUARED:
+            return self._lift_squared(node)
+        if name in UNKNOWN_RATES:
+            self.notes.append(f"{name}, which is 0 here")
+            return "0.0"
+        if name in GROUND:
+            self.notes.append("ground effect of anything but the sea at altitude 0")
+        if name in PROPERTIES:
+            return PROPERTIES[name]
+        if name in NORMS:
+            angle, text = NORMS[name]
+            return f"({text} / {number(self._full.get(angle, self._full['']))})"
+        key = free_name(name.replace("-", "_").rpartition("/")[2], self._taken)
+        if name not in self.settings:
+            self._taken.add(key)
+            self.settings[name] = Setting(key, self._values.get(name, 0.0))
+        setting = self.settings[name]
+        if self._pending and self._pending[-1] not in setting.used_by:
+            setting.used_by.append(self._pending[-1])
+        return f"settings.{setting.key}"
+
+    def _lift_squared(self, node: Node) -> str:
+        if self.frame == "body":
+            raise node.refuse("the square of the lift coefficient of a model without it", "LIFT")
+        if LIFT_SQUARED not in self._done:
+            lift = [name for name, (_, axis) in self._functions.items() if axis == "LIFT"]
+            for name in lift:
+                self._read(name)
+            total = " + ".join(self._terms.get("LIFT", ())) or "0.0"
+            self.body.append(Line(f"cl_squared = ({total}) ** 2", "of the whole lift"))
+            self._done[LIFT_SQUARED] = "cl_squared"
+        return self._done[LIFT_SQUARED]
+
+    def _sums(self, axes: dict[str, Node]) -> Iterable[str]:
+        for name in axes:
+            sign, coefficient = self._coefficients.get(name) or ("", _MOMENTS[name][0])
+            if terms := self._terms[name]:
+                total = " + ".join(terms)
+                yield f"{coefficient}={f'-({total})' if sign else total}"

@@ -1,0 +1,281 @@
+"""``abhv-mc import jsbsim``: from a JSBSim model to a folder with a Python module and a vehicle file."""
+
+import hashlib
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from abhv_mc import extend
+from abhv_mc.array_types import Floats
+from abhv_mc.io.xml_reader import Node, fold, read_xml
+from abhv_mc.user_code.module import run_module
+from abhv_mc.user_code.module_text import (
+    WIDTH,
+    Line,
+    declare,
+    define,
+    free_name,
+    import_names,
+    lay_out,
+    names_in,
+    number,
+    write_unless_edited,
+)
+from abhv_mc.user_code.source import UserSource
+from abhv_mc_jsbsim.aerodynamics import Aerodynamics
+from abhv_mc_jsbsim.expressions import FROM_MATH
+from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_body
+from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG, SPAN, SQUARE_FOOT
+
+_MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
+_LIMIT = 30.0  # deg, of deflections: what a model's flight control allows is not read
+_ANGLES = (-20.0, 45.0)  # deg, of attack, where the lift rises as far
+_LOW_SPEED = {
+    "altitude": 0.0,
+    "mach": 0.3,
+    "density": 1.225,
+    "pressure": 101325.0,
+    "sound_speed": 340.0,
+    "dynamic_pressure": 6373.0,
+    "airspeed": 102.0,
+    "sideslip": 0.0,
+}
+_SURFACES = ("aileron", "rudder", "elevator")
+_PARTS = {  # of a model, that are not read
+    "ground_reactions": ("contact", "landing gear and contacts"),
+    "external_reactions": ("force", "external forces"),
+    "buoyant_forces": ("gas_cell", "buoyant forces"),
+    "flight_control": ("channel", "flight control"),
+    "autopilot": ("channel", "autopilot"),
+    "system": ("channel", "system"),
+}
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import wrote and what it left out."""
+
+    paths: tuple[Path, ...]
+    left_out: tuple[str, ...]
+    settings: tuple[str, ...]  # properties that stand in the vehicle file as numbers
+    kept: tuple[Path, ...]  # files that were edited, whose new text is written beside them
+
+
+def import_jsbsim(path: Path, folder: Path) -> Imported:
+    """Write a model into a folder. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
+    root, content = read_xml(path, "a JSBSim model")
+    if root.name != "fdm_config":
+        raise root.refuse(f"the element '{root.name}'", "a JSBSim model: 'fdm_config'")
+    metrics, node = _part(root, "metrics"), _part(root, "aerodynamics")
+    mass = read_mass(_part(root, "mass_balance"), root.first("propulsion"))
+    center = to_body(mass.center - reference_point(metrics))
+    known = _read_metrics(metrics)
+    known |= {"inertia/weight-lbs": mass.mass / POUND, "inertia/mass-slugs": mass.mass / SLUG}
+    values = {
+        child.text: child.number(child.attributes["value"])
+        for parent in (root, node)
+        for child in parent.all("property")
+        if "value" in child.attributes
+    }
+    taken = (*extend.__all__, *FROM_MATH, *CONSTANTS, "SPAN", "CHORD")
+    aerodynamics = Aerodynamics(node, known, values, _full_deflections(root), taken)
+    origin = (
+        f"Imported from {fold(path.name)} (JSBSim), SHA-256 {hashlib.sha256(content).hexdigest()}."
+    )
+    module = _write_module(aerodynamics, origin, known)
+    idle = [
+        f"the {name}: no function uses it" for name in _SURFACES if f"controls.{name}" not in module
+    ]
+    left_out = (*_left_out(root, mass, center), *aerodynamics.notes, *idle)
+    angles = _rising_lift(module, aerodynamics)
+    texts = {
+        _MODULE: module,
+        _VEHICLE: _write_vehicle(
+            path, aerodynamics, mass, center, known, angles=angles, left_out=left_out
+        ),
+    }
+    paths, kept = write_unless_edited(folder, texts)
+    return Imported(tuple(paths), left_out, tuple(aerodynamics.settings), kept)
+
+
+def _part(root: Node, name: str) -> Node:
+    """A part of the model, which may stand in a file of its own. Raises InputError."""
+    found = root.first(name)
+    if found is not None and (file := found.attributes.get("file")):
+        path = root.path.parent / (file if file.endswith(".xml") else f"{file}.xml")
+        found = read_xml(path, f"the {name} of a JSBSim model")[0]
+    if found is None or not found.children:
+        raise (found or root).refuse(f"no {name}", "one")
+    return found
+
+
+def _read_metrics(metrics: Node) -> dict[str, float]:
+    """The metrics by the names of their properties, in JSBSim's units. Raises InputError."""
+    found = {}
+    for name, kind, unit, key in (
+        ("wingarea", "area", SQUARE_FOOT, AREA),
+        ("wingspan", "length", FOOT, SPAN),
+        ("chord", "length", FOOT, CHORD),
+        ("htailarea", "area", SQUARE_FOOT, "metrics/Sh-sqft"),
+        ("htailarm", "length", FOOT, "metrics/lh-ft"),
+        ("vtailarea", "area", SQUARE_FOOT, "metrics/Sv-sqft"),
+        ("vtailarm", "length", FOOT, "metrics/lv-ft"),
+    ):
+        node = metrics.first(name)
+        found[key] = quantity(node, kind, {"area": "FT2", "length": "FT"}[kind]) / unit
+        if key in (AREA, SPAN, CHORD) and not found[key] > 0.0:
+            raise (node or metrics).refuse(f"the {name} {found[key]:g}", "one above 0")
+    return found
+
+
+def _full_deflections(root: Node) -> dict[str, float]:
+    """Full deflections in rad by the property that a component of the flight control puts out."""
+    found = {"": math.radians(_LIMIT)}
+    pending = list(root.all("flight_control"))
+    while pending:
+        node = pending.pop()
+        pending += node.children
+        limits, output = node.first("range"), node.words("output")
+        if limits is not None and output.endswith("-rad"):
+            ends = [abs(limits.number(limits.words(end) or "0")) for end in ("min", "max")]
+            found[output] = max(ends) or found[""]
+    return found
+
+
+def _engine(node: Node) -> str:
+    thruster = node.first("thruster")
+    driven = f" with {thruster.attributes.get('file', '')}" if thruster else ""
+    return f"engine {node.attributes.get('file', '')}{driven}"
+
+
+def _left_out(root: Node, mass: Mass, center: Floats) -> list[str]:
+    """What a model has beyond what a vehicle file holds."""
+    found = []
+    for name, (child, words) in _PARTS.items():
+        for part in root.all(name):
+            title = part.attributes.get("name") or part.attributes.get("file") or ""
+            names = [fold(each.attributes.get("name", child)) for each in part.all(child)]
+            about = ", ".join(filter(None, (fold(title), *names)))
+            if part.children or part.attributes:
+                found.append(f"{words}: {about}" if about else words)
+    propulsion = root.first("propulsion")
+    engines = Counter(map(_engine, propulsion.all("engine") if propulsion else ()))
+    found += [f"{count} x {engine}" for engine, count in engines.items()]
+    if abs(center[1]) > 1e-6:
+        found.append(f"centre of gravity {center[1]:.4g} m to the right of the plane of symmetry")
+    for axis, (i, k) in {"xy": (0, 1), "yz": (1, 2)}.items():
+        if abs(mass.inertia[i, k]) > 1e-9 * np.trace(mass.inertia):
+            found.append(
+                f"element {i + 1}{k + 1} of the inertia matrix ({axis}), {mass.inertia[i, k]:.4g} kg m2"
+            )
+    return found
+
+
+def _write_module(aerodynamics: Aerodynamics, origin: str, known: dict[str, float]) -> str:
+    settings = [
+        declare(setting.key, f"{fold(name)}, of {fold(', '.join(setting.used_by))}")
+        for name, setting in aerodynamics.settings.items()
+    ]
+    head = "def coefficients(air, controls, rates, settings):"
+    about = f"Coefficients in {aerodynamics.frame} axes, moments about the model's reference point."
+    lines = [
+        *(
+            define("class Settings(NamedTuple):", "What the vehicle file gives.", settings)
+            if settings
+            else ()
+        ),
+        *aerodynamics.tables,
+        *define(head, about, aerodynamics.body),
+    ]
+    used = names_in(lines)
+    modules = (("math", FROM_MATH), ("typing", ("NamedTuple",)), ("abhv_mc.extend", extend.__all__))
+    lengths = {"SPAN": (known[SPAN] * FOOT, "m"), "CHORD": (known[CHORD] * FOOT, "m")}
+    constants = [
+        Line(f"{name} = {number(value)}", unit)
+        for name, (value, unit) in (CONSTANTS | lengths).items()
+        if name in used
+    ]
+    return lay_out(textwrap.fill(origin, WIDTH), [*import_names(used, modules), *constants, *lines])
+
+
+def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]:
+    """Angles of attack in deg, around 0, between which the lift rises: what trims is there."""
+    function = run_module(UserSource(module, _MODULE)).names["coefficients"]
+    settings = SimpleNamespace(**{each.key: each.value for each in aerodynamics.settings.values()})
+    controls, rates = (
+        SimpleNamespace(**dict.fromkeys(names, 0.0))
+        for names in (_SURFACES, ("roll_rate", "pitch_rate", "yaw_rate"))
+    )
+    lift = []
+    angles = np.arange(_ANGLES[0], _ANGLES[1] + 0.25, 0.5)
+    for angle in np.radians(angles):
+        air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
+        try:
+            made = function(air, controls, rates, settings)
+        except (ArithmeticError, ValueError):  # such as a division by the angle, at 0
+            return _ANGLES
+        lift.append(made.CL + made.CX * np.sin(angle) - made.CZ * np.cos(angle))
+    middle = int(np.argmin(np.abs(angles)))
+    falls = np.flatnonzero(np.diff(lift) <= 0.0)
+    first = max(falls[falls < middle], default=-1) + 1
+    last = min(falls[falls >= middle], default=len(angles) - 1)
+    return (float(angles[first]), float(angles[last])) if first < last else _ANGLES
+
+
+def _write_vehicle(
+    path: Path,
+    aerodynamics: Aerodynamics,
+    mass: Mass,
+    center: Floats,
+    known: dict[str, float],
+    *,
+    angles: tuple[float, float],
+    left_out: Sequence[str],
+) -> str:
+    inertia = mass.inertia
+    settings = [
+        f"    {setting.key}: {setting.value!r} # {fold(name)}"
+        for name, setting in aerodynamics.settings.items()
+    ]
+    lines = [
+        f"# Imported from {fold(path.name)} (JSBSim). Left out of the model:",
+        *(f"# - {fold(each)}" for each in left_out),
+        f"name: {free_name(path.stem.lower())}",
+        "",
+        "reference:",
+        f"  area: {known[AREA] * SQUARE_FOOT!r} m2",
+        f"  span: {known[SPAN] * FOOT!r} m",
+        f"  chord: {known[CHORD] * FOOT!r} m",
+        "",
+        f"mass: # the empty vehicle{''.join(f', {fold(each)}' for each in mass.added)}",
+        f"  start: {float(mass.mass)!r} kg",
+        "  points:",
+        f"    - mass: {float(mass.mass)!r} kg",
+        *(
+            f"      inertia_{axis * 2}: {float(inertia[k, k])!r} kg m2"
+            for k, axis in enumerate("xyz")
+        ),
+        f"      inertia_matrix_element_13: {float(inertia[0, 2])!r} kg m2",
+        f"      center_of_gravity_x: {float(center[0])!r} m",
+        f"      center_of_gravity_z: {float(center[2])!r} m",
+        "",
+        "surfaces: # the model's flight control is left out",
+        "  ideal: true",
+        f"  limit: {_LIMIT:g} deg",
+        "",
+        "aerodynamics:",
+        f"  python: {_MODULE}",
+        f"  frame: {aerodynamics.frame}",
+        *(["  settings: # no quantity of the program gives these", *settings] if settings else ()),
+        "",
+        "limits: # a flight ends outside; angles from the least to the most lift at low speed",
+        f"  angle_of_attack: [{angles[0]:g} deg, {angles[1]:g} deg]",
+        "  sideslip: 30 deg",
+    ]
+    return "\n".join(lines) + "\n"

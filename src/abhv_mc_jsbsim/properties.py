@@ -1,0 +1,84 @@
+"""JSBSim's properties in the words of a vehicle's function: SI and radians on its side, JSBSim's units on theirs."""
+
+FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 0.45359237, 14.593902937206364  # m, m, kg, kg
+SQUARE_FOOT = FOOT**2
+CONSTANTS = {  # of a written module, where they are used
+    "DEGREE": (3.141592653589793 / 180.0, "rad"),
+    "FOOT": (FOOT, "m"),
+    "PSF": (47.88025898033584, "Pa"),
+    "SLUG_FT3": (SLUG / FOOT**3, "kg/m3"),
+}
+DYNAMIC_PRESSURE, AREA, SPAN, CHORD = (
+    "aero/qbar-psf",
+    "metrics/Sw-sqft",
+    "metrics/bw-ft",
+    "metrics/cbarw-ft",
+)
+PRESSURE_AREA = "aero/qbar-area"  # their product
+LIFT_SQUARED = "aero/cl-squared"
+UNKNOWN_RATES = ("aero/alphadot-rad_sec", "aero/betadot-rad_sec")  # no function is given these
+GROUND = ("aero/h_b-mac-ft", "aero/h_b-cg-ft")
+
+_SPAN_TIME = "(0.5 * SPAN / larger(air.airspeed, 1e-3))"
+_CHORD_TIME = "(0.5 * CHORD / larger(air.airspeed, 1e-3))"
+_ROLL = "(rates.roll_rate * 2.0 * air.airspeed / SPAN)"
+_PITCH = "(rates.pitch_rate * 2.0 * air.airspeed / CHORD)"
+_YAW = "(rates.yaw_rate * 2.0 * air.airspeed / SPAN)"
+_AHEAD = "(air.airspeed * cos(air.angle_of_attack) * cos(air.sideslip) / FOOT)"
+_DOWN = "(air.airspeed * sin(air.angle_of_attack) * cos(air.sideslip) / FOOT)"
+_RIGHT = "(air.airspeed * sin(air.sideslip) / FOOT)"
+
+
+def _angle(stem: str, text: str) -> dict[str, str]:
+    head, _, name = stem.rpartition("/")
+    return {
+        f"{stem}-rad": text,
+        f"{stem}-deg": f"({text} / DEGREE)",
+        f"{head}/mag-{name}-rad": f"abs({text})",
+        f"{head}/mag-{name}-deg": f"(abs({text}) / DEGREE)",
+    }
+
+
+PROPERTIES = {
+    **_angle("aero/alpha", "air.angle_of_attack"),
+    **_angle("aero/beta", "air.sideslip"),
+    DYNAMIC_PRESSURE: "(air.dynamic_pressure / PSF)",
+    "aero/bi2vel": _SPAN_TIME,
+    "aero/ci2vel": _CHORD_TIME,
+    **dict.fromkeys(GROUND, "(air.altitude / SPAN)"),
+    "velocities/mach": "air.mach",
+    **dict.fromkeys(("velocities/vt-fps", "velocities/vtrue-fps"), "(air.airspeed / FOOT)"),
+    "velocities/vtrue-kts": "(air.airspeed * 3600.0 / 1852.0)",
+    **{
+        f"velocities/{letter}{which}": text
+        for which in ("-rad_sec", "-aero-rad_sec")
+        for letter, text in (("p", _ROLL), ("q", _PITCH), ("r", _YAW))
+    },
+    **{
+        f"velocities/{letter}{which}": text
+        for which in ("-fps", "-aero-fps")
+        for letter, text in (("u", _AHEAD), ("v", _RIGHT), ("w", _DOWN))
+    },
+    **dict.fromkeys(("position/h-sl-ft", "position/h-agl-ft"), "(air.altitude / FOOT)"),
+    "position/h-sl-meters": "air.altitude",
+    "atmosphere/rho-slugs_ft3": "(air.density / SLUG_FT3)",
+    "atmosphere/P-psf": "(air.pressure / PSF)",
+    "atmosphere/a-fps": "(air.sound_speed / FOOT)",
+    **_angle("fcs/left-aileron-pos", "controls.aileron"),
+    **_angle("fcs/aileron-pos", "controls.aileron"),
+    **_angle("fcs/right-aileron-pos", "(-controls.aileron)"),
+    **_angle("fcs/elevator-pos", "controls.elevator"),
+    **_angle("fcs/rudder-pos", "controls.rudder"),
+}  # fmt: skip
+NORMS = {  # shares of a full deflection
+    "fcs/left-aileron-pos-norm": ("fcs/left-aileron-pos-rad", "controls.aileron"),
+    "fcs/aileron-pos-norm": ("fcs/aileron-pos-rad", "controls.aileron"),
+    "fcs/right-aileron-pos-norm": ("fcs/right-aileron-pos-rad", "(-controls.aileron)"),
+    "fcs/elevator-pos-norm": ("fcs/elevator-pos-rad", "controls.elevator"),
+    "fcs/rudder-pos-norm": ("fcs/rudder-pos-rad", "controls.rudder"),
+}
+REDUCED = (  # pairs of factors that are one reduced rate
+    *((("aero/bi2vel", f"velocities/p{end}"), "rates.roll_rate") for end in ("-aero-rad_sec", "-rad_sec")),
+    *((("aero/ci2vel", f"velocities/q{end}"), "rates.pitch_rate") for end in ("-aero-rad_sec", "-rad_sec")),
+    *((("aero/bi2vel", f"velocities/r{end}"), "rates.yaw_rate") for end in ("-aero-rad_sec", "-rad_sec")),
+)  # fmt: skip

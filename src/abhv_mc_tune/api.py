@@ -1,0 +1,37 @@
+"""The function ``abhv_mc.tune``."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from abhv_mc.report.pages.page import write_answer
+from abhv_mc.requests import takes
+from abhv_mc_tune.page import make_tune_answer
+from abhv_mc_tune.request import TuneRequest
+from abhv_mc_tune.tuning import TuneFound, tune_controller
+
+
+@takes(TuneRequest)
+def tune(request: TuneRequest) -> TuneFound:
+    """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
+
+    The controller file is written where the result is ``.shown`` to be better within all limits.
+
+    Returns
+    -------
+    TuneFound
+        ``.as_json()`` is what ``--json`` holds.
+
+    Raises
+    ------
+    InputError
+        For what is wrong with a file or an argument.
+    """
+    out = Path(request.output)
+
+    def finish(found: TuneFound) -> None:
+        if request.tell is not None:
+            request.tell(found)
+        figures = out.with_suffix(".tuning") / "figures"
+        write_answer(make_tune_answer(found), out.with_suffix(".html"), figures)
+
+    return tune_controller(replace(request, tell=finish))

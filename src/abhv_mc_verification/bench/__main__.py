@@ -1,0 +1,68 @@
+"""Benchmark of this machine: python -m abhv_mc_verification.bench [--json FILE]."""
+
+import os
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from abhv_mc.cli.options import Json
+from abhv_mc.cli.printing import announce_compiling, answer, say
+
+
+def bench(
+    json: Json = None,
+    repetitions: Annotated[
+        int, typer.Option(min=1, help="Of each measurement; medians are shown.")
+    ] = 9,
+) -> None:
+    """Measure flights per second and core, start-up times and memory.
+
+    The default campaign is used; it takes a minute or two.
+    """
+    from abhv_mc_verification.bench.speed import measure_speed, measure_start, read_operations
+
+    announce_compiling()
+    say("flying", file=sys.stderr, flush=True)
+    figures = measure_speed(repetitions)
+    say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
+    figures |= measure_start(min(repetitions, 5))
+    operations = read_operations()
+    answer(figures, json, lambda: _print_figures(figures, operations))
+
+
+def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, float]]) -> None:
+    machine = figures["machine"]
+    peak = figures["peak_gflops_per_core"]
+    say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
+    say(
+        f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers"
+    )
+    say(
+        f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz"
+    )
+    for name, speed in figures["controllers"].items():
+        counts = ", ".join(
+            f"{n / 1e6:.2f} M {kind.replace('_', ' ')}" for kind, n in operations[name].items()
+        )
+        rate, floor = speed["flights_per_second_per_core"], speed["flops_per_flight"] / 1e6
+        say(f"\n{name}")
+        say(f"  {rate:.0f} flights per second and core, {speed['ms_per_flight']:.2f} ms each")
+        say(
+            f"  {speed['one_at_a_time_ms']:.2f} ms one at a time: batched {speed['batched_over_one']:.2f} times as fast"
+        )
+        say(
+            f"  {speed['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}"
+        )
+    say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
+    say(
+        f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache"
+    )
+    say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
+    say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")
+
+
+if __name__ == "__main__":
+    # As in the command line, before numpy is loaded.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    typer.run(bench)

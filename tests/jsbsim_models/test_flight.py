@@ -1,0 +1,75 @@
+"""Half a minute of flight beside JSBSim, which is flown at two time steps to find where they lead."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsbsim_models.peer import FOOT, deflect, load, model
+
+from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.kernel.numerics.quaternion import from_euler
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_jsbsim.import_vehicle import import_jsbsim
+from abhv_mc_verification.fly_recording import make_replay_plan, replay
+from abhv_mc_verification.nesc_cases import ELLIPSOID
+
+DURATION, RADIUS = 30.0, 6.378e6
+AILERON, RUDDER = math.radians(0.5), math.radians(-0.5)
+
+
+def place(peer: Any) -> np.ndarray:
+    """Altitude, north and east, m."""
+    latitude = peer["position/lat-geod-rad"]
+    east = peer["position/long-gc-rad"] * RADIUS * math.cos(latitude)
+    return np.array([peer["position/geod-alt-ft"] * FOOT, latitude * RADIUS, east])
+
+
+def fly_peer(name: str, start: tuple[float, float], elevator: float, step: float) -> Any:
+    """The state at the start and the place at the end."""
+    peer = load(name)
+    peer.set_dt(step)
+    peer["ic/h-sl-ft"], peer["ic/vt-fps"] = start
+    for known, angle in (("alpha", 3.0), ("beta", 1.0), ("phi", 10.0), ("psi-true", 40.0)):
+        peer[f"ic/{known}-deg"] = angle
+    peer["ic/lat-geod-deg"], peer["ic/long-gc-deg"] = 30.0, 10.0
+    deflect(peer, AILERON, RUDDER, elevator)
+    peer.run_ic()
+    x = np.zeros(s.N_STATES)
+    x[s.ALTITUDE] = peer["position/geod-alt-ft"] * FOOT
+    x[s.LONGITUDE], x[s.LATITUDE] = peer["position/long-gc-rad"], peer["position/lat-geod-rad"]
+    x[s.Q0 : s.Q3 + 1] = from_euler(*(peer[f"attitude/{a}-rad"] for a in ("psi", "theta", "phi")))
+    x[s.U : s.W + 1] = [peer[f"velocities/{axis}-fps"] * FOOT for axis in "uvw"]
+    x[s.ROLL_RATE : s.YAW_RATE + 1] = [peer[f"velocities/{axis}i-rad_sec"] for axis in "pqr"]
+    for _ in range(round(DURATION / step)):
+        peer.run()
+    return x, place(peer)
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "elevator"),
+    [
+        ("X15", (6e4, 2500.0), -4.0),
+        ("Shuttle", (6e4, 2500.0), 0.0),
+        ("x24b", (5e4, 1500.0), -2.0),
+    ],
+)
+def test_a_flight_stays_beside_jsbsim(
+    name: str, start: tuple[float, float], elevator: float, tmp_path: Path
+) -> None:
+    import_jsbsim(model(name), tmp_path)
+    vehicle = load_vehicle(tmp_path / "vehicle.yaml")
+    angle = math.radians(elevator)
+    x, coarse = fly_peer(name, start, angle, 1e-3)
+    _, fine = fly_peer(name, start, angle, 5e-4)
+    theirs = 2.0 * fine - coarse  # its error is of the first order in the step
+    x[s.MASS] = vehicle.constants.mass_start
+    ticks = round(DURATION / 0.01)
+    controls = np.tile([AILERON, RUDDER, angle, 0.0], (ticks + 1, 1))
+    last = replay(make_replay_plan(vehicle, ELLIPSOID, x, controls, Timing(0.01, 1, ticks)))[-1]
+    east = last[s.LONGITUDE] * RADIUS * math.cos(last[s.LATITUDE])
+    ours = np.array([last[s.ALTITUDE], last[s.LATITUDE] * RADIUS, east])
+    print(name, ours - theirs, fine - coarse)
+    assert np.linalg.norm(ours - theirs) < 0.1

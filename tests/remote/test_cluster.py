@@ -1,0 +1,312 @@
+"""A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fake_flight import DENSITY, ENGINE, fly, fly_slowly, make_plan, run, write_campaign
+from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
+from search.known_flights import LINE, METRIC, TUNED, write_line, write_tuned
+
+from abhv_mc.campaign.file.config import Execution
+from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.retry import UnusableError
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.jit import kernel
+from abhv_mc.requests import RareRequest, Request, WorstRequest
+from abhv_mc.search.rare import find_rare
+from abhv_mc.search.worst import find_worst
+from abhv_mc.shipped import shipped_campaigns
+from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc_remote.cluster import connect_cluster
+from abhv_mc_tune.tuning import tune_controller
+
+pytest.importorskip("distributed")
+
+
+def fly_hanging(plan, parameters, every=None):
+    density = parameters[:, DENSITY]
+    if ((density > 1.0) & (density < 1.01)).any():
+        time.sleep(3600.0)
+    return fly(plan, parameters, every)
+
+
+def fly_when_let(plan, parameters, every=None):
+    while Path(os.environ["HELD"]).exists():
+        time.sleep(0.02)
+    return fly(plan, parameters, every)
+
+
+def fly_compiled(plan, parameters, every=None):
+    kernel(_double)(1.0)
+    return fly(plan, parameters, every)
+
+
+def _double(value):
+    return value + value
+
+
+class Dask:
+    """A cluster on this machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file, self.processes = folder / "scheduler.json", []
+        # One worker that dies is enough to fly a block in parts: the tests need not wait for four.
+        self.held = folder / "held"
+        failures = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        self._environment = os.environ | failures | {"HELD": str(self.held)}
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        # There before its content is: a test that asks at once for the address found an empty file now and then.
+        while not (self._file.exists() and self._file.read_text().endswith("}")):
+            time.sleep(0.05)
+
+    def start(self, *words):
+        command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(self._file)]
+        quiet = {
+            "stdout": subprocess.DEVNULL,
+            "stderr": subprocess.DEVNULL,
+            "start_new_session": True,
+        }
+        self.processes.append(subprocess.Popen(command, env=self._environment, **quiet))
+        return self.processes[-1]
+
+    def start_worker(self):
+        return self.start("worker", "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard")
+
+    @property
+    def address(self):
+        return json.loads(self._file.read_text())["address"]
+
+    def kill(self, process):
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+    def close(self):
+        for process in self.processes:
+            if process.poll() is None:
+                self.kill(process)
+
+
+@pytest.fixture
+def dask(tmp_path):
+    cluster = Dask(tmp_path)
+    yield cluster
+    cluster.close()
+
+
+def wait_for_flights(out, number):
+    while sum(1 for _ in (out / "flights").glob("*.parquet")) < number:
+        time.sleep(0.02)
+
+
+REAL = shipped_campaigns() / "s_manoeuvre.yaml"
+RUNS = 192
+
+
+@pytest.fixture(scope="module")
+def local_folder(tmp_path_factory):
+    """Compiled flights by two workers of this machine."""
+    request = Request(
+        REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2
+    )
+    return run_campaign(request, make_engine()).folder
+
+
+@pytest.fixture(scope="module")
+def two_workers(tmp_path_factory):
+    cluster = Dask(tmp_path_factory.mktemp("dask"))
+    cluster.start_worker()
+    cluster.start_worker()
+    yield cluster
+    cluster.close()
+
+
+def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_workers, tmp_path):
+    """Digest, envelopes and histories of compiled flights."""
+    asked = Request(
+        REAL, tmp_path / "dask", RUNS, controllers=("tlc",), scheduler=two_workers.address
+    )
+    folders = [run_campaign(asked, make_engine()).folder]
+    folders.append(
+        run_campaign(
+            replace(asked, output=tmp_path / "one", scheduler=None, workers=1), make_engine()
+        ).folder
+    )
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for i, part in enumerate(parts, 1):
+        run_campaign(replace(asked, output=part, scheduler=None, shard=(i, 2)), make_engine())
+    folders.append(merge_campaign(parts, tmp_path / "merged").folder)
+    digests = {
+        json.loads((folder / "manifest.json").read_text())["digest"]
+        for folder in (local_folder, *folders)
+    }
+    assert len(digests) == 1
+    for name in ("envelopes.parquet", "histories/tlc-000000.parquet"):
+        whole = pq.read_table(
+            local_folder / name
+        ).to_pandas()  # whose equals takes not-a-number as equal to itself
+        assert len(whole) and all(
+            pq.read_table(folder / name).to_pandas().equals(whole) for folder in folders
+        ), name
+
+
+def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
+    """Dask gave up the plan for ever, and every later flight of it was recorded as one that cannot be computed."""
+    dask.held.touch()
+    worker, rows = dask.start_worker(), np.repeat(nominal_parameters(), 8, axis=0)
+    flown = {}
+    engine = replace(ENGINE, fly=fly_when_let)
+    with (
+        connect_cluster(dask.address) as opened,
+        contextlib.closing(opened(engine, 60.0)) as cluster,
+        open_executor(engine, Execution(), None, lambda *_: cluster) as runner,
+    ):
+
+        def start(name):
+            work = threading.Thread(
+                target=lambda: flown.update({name: runner.fly(make_plan(name), rows)})
+            )
+            work.start()
+            return work
+
+        busy = start("one")  # takes the only thread
+        while not any(cluster._client.processing().values()):
+            time.sleep(0.02)
+        waiting = start("two")  # its plan is the worker's, too, which has not begun with it
+        while sum(len(tasks) for tasks in cluster._client.processing().values()) < 2:
+            time.sleep(0.02)
+        dask.kill(worker)
+        dask.held.unlink()
+        dask.start_worker()
+        busy.join()
+        waiting.join()
+    expected = fly(make_plan("two"), rows)
+    for block in flown.values():
+        assert np.array_equal(block.outcome, expected.outcome) and np.array_equal(
+            block.metrics, expected.metrics
+        )
+
+
+def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(
+    dask, tmp_path
+):
+    dask.start_worker()
+    campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
+
+    def kill_it():
+        wait_for_flights(out, 5)
+        for process in dask.processes:
+            dask.kill(process)
+
+    killer = threading.Thread(target=kill_it, daemon=True)
+    killer.start()
+    with pytest.raises(BaseException) as ended:  # noqa: PT011  # of many kinds
+        run(campaign, out, replace(ENGINE, fly=fly_slowly), scheduler=dask.address)
+    killer.join()
+    assert (
+        isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
+    )
+    kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
+    assert (
+        5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
+    )
+    whole = run(campaign, tmp_path / "whole").manifest
+    assert run(campaign, out).manifest.digest == whole.digest
+
+
+def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
+    dask.start_worker()
+    execution = "{batch: 16, flight_time_limit: 0.5 s}"
+    campaign = write_campaign(
+        tmp_path / "f", execution=execution, runs="16", controllers="{one: one.yaml}"
+    )
+    request = Request(campaign, tmp_path / "out", workers=1, scheduler=dask.address)
+    manifest = run_campaign(request, replace(ENGINE, fly=fly_hanging)).manifest
+    density = pq.read_table(tmp_path / "out/samples.parquet")["atmosphere.density"].to_numpy()
+    assert manifest.controllers["one"].failed_to_run == tuple(
+        np.flatnonzero((density > 1.0) & (density < 1.01))
+    )
+    assert (manifest.runs_done, manifest.runs_failed) == (15, 1)
+
+
+def test_the_command_says_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    dask = Dask(tmp_path)
+    try:
+        dask.start_worker()
+        with connect_cluster(dask.address) as opened:
+            cluster = opened(replace(ENGINE, fly=fly_compiled), None)
+            cluster.fly(make_plan("one"), nominal_parameters())
+            worker = next(iter(cluster._client.nthreads()))
+            deadline = time.monotonic() + 30.0
+            while worker not in (said := capfd.readouterr().err) and time.monotonic() < deadline:
+                time.sleep(0.05)
+        assert said.count(f"worker {worker} compiles") == 1
+    finally:
+        dask.close()
+
+
+def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
+    dask.start_worker()
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
+    with pytest.raises(UnusableError, match="another version of the program"):
+        run_campaign(request, replace(ENGINE, checked=True))
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "carrier-pigeon://here:1"])
+def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
+    monkeypatch.setattr("abhv_mc_remote.cluster._CONNECT", 0.5)
+    request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
+    with pytest.raises(InputError, match="no scheduler"):
+        run_campaign(request, ENGINE)
+    assert not (tmp_path / "out").exists()
+
+
+def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
+    line, address = write_line(tmp_path / "files"), two_workers.address
+    for find, request, options in (
+        (find_rare, RareRequest, {"flights": 2000, "target_cov": 0.5}),
+        (find_worst, WorstRequest, {"flights": 200}),
+    ):
+        here, there = (
+            find(
+                request(line, tmp_path / f"{find.__name__}{i}", METRIC, scheduler=where, **options),
+                LINE,
+            ).numbers()
+            for i, where in enumerate((None, address))
+        )
+        assert here == there
+    request = write_tuned(tmp_path)
+    here = tune_controller(request, TUNED).as_json()
+    elsewhere = replace(request, output=tmp_path / "there.yaml", scheduler=address)
+    assert tune_controller(elsewhere, TUNED).as_json() == here
+
+
+def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    keep = {"histories": {"flights": "every 50"}}
+    changes = {"runs": 300, "execution": {"batch": 40}, "histories": DIVE_CHANNELS, "keep": keep}
+    path = dive_campaign(tmp_path / "own", DIVE_HISTORY, **changes)
+    local = run_campaign(Request(path, tmp_path / "local", workers=2)).manifest
+    far = run_campaign(Request(path, tmp_path / "far", scheduler=two_workers.address)).manifest
+    assert far.complete and far.digest == local.digest
+    for name in ("v1", "v2"):
+        kept, theirs = (
+            pq.read_table(next((tmp_path / at / "histories").glob(f"{name}-*.parquet")))
+            for at in ("local", "far")
+        )
+        assert len(kept) and kept.equals(theirs)

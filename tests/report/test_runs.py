@@ -1,0 +1,86 @@
+"""Campaigns below a folder: found from manifests alone, listed, and compared on their page."""
+
+import json
+import shlex
+
+import pytest
+from report.synthetic import write_campaign
+from typer.testing import CliRunner
+
+from abhv_mc.cli.app import app
+from abhv_mc.folder.stores import LocalStore
+from abhv_mc.report.numbers.runs import find_runs
+from abhv_mc.report.pages.build import build_report
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory):
+    """Three campaigns, one of them deeper; a damaged folder, another program's manifest, and one comparison."""
+    root = tmp_path_factory.mktemp("runs") / "reports"
+    first = write_campaign(root / "first", runs=12)
+    other = write_campaign(root / "deeper/other's one", runs=40, seed=7)
+    write_campaign(root / "third", runs=12)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("abhv_mc.topics.registry.make_figures", lambda models: {})
+        build_report(first)
+    for name, text in (("damaged", '{"format": 1,'), ("strange", '{"manifest_version": 3}')):
+        (root / name).mkdir()
+        (root / name / "manifest.json").write_text(text, encoding="utf-8")
+    assert run("compare", first, other, "-o", root / "compared").exit_code == 0
+    return root
+
+
+def test_every_campaign_is_found_and_a_damaged_one_says_why(reports):
+    found = find_runs(reports, LocalStore(reports))
+    by_folder = {each.folder: each for each in found.runs}
+    assert set(by_folder) == {"first", "deeper/other's one", "third", "damaged"}
+    assert "damaged manifest" in by_folder["damaged"].problem
+    first = by_folder["first"]
+    report = json.loads((reports / "first/report.json").read_text("utf-8"))
+    assert first.answer == report["judgement"]["answer"]
+    assert first.question == report["provenance"]["question"]
+    assert (first.flights, first.digest) == (12, report["digest"])
+    assert sum(first.verdicts.values()) == sum(
+        "tlc" in entry["controllers"] for entry in report["verdicts"]["requirements"]
+    )
+    assert by_folder["third"].answer == ""  # it has no report
+    other = by_folder["deeper/other's one"]
+    pair = f"{first.digest} {other.digest}"
+    assert found.comparisons == {pair: "compared/report.html"}
+
+
+def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):
+    monkeypatch.setenv("COLUMNS", "80")
+    said = run("runs", reports, "-o", tmp_path / "x.html").stdout
+    assert max(map(len, said.splitlines()[:-1])) <= 80 and "Not read" in said
+    listed = json.loads(run("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
+    assert len(listed) == 4
+
+
+@pytest.mark.thorough
+def test_the_page_sorts_filters_and_names_the_comparison(reports, page):
+    assert run("runs", reports).exit_code == 0
+    page.call("Page.navigate", url=(reports / "index.html").as_uri())
+    page.wait_for("document.getElementById('count')?.textContent.startsWith('4 of 4')")
+    names = "[...document.querySelectorAll('#runs tbody tr:not([hidden]) th')].map((e) => e.textContent)"
+    page.ask("document.querySelectorAll('#runs thead button')[0].click()")
+    assert page.ask(names) == sorted(page.ask(names))
+    page.ask(
+        "{ const f = document.getElementById('filter'); f.value = 'damaged'; "
+        "f.dispatchEvent(new Event('input')); }"
+    )
+    assert page.ask(names) == ["damaged"]
+    for name in ("first", "deeper/other's one"):
+        page.ask(f'document.querySelector(`input[data-name="{name}"]`).click()')
+    words = shlex.split(page.ask("document.querySelector('#compare code').textContent"))
+    assert words[:2] == ["abhv-mc", "compare"]
+    assert {*words[2:4]} == {"first", "deeper/other's one"}
+    assert page.ask("document.querySelector('#compare a').getAttribute('href')") == (
+        "compared/report.html"
+    )
+    page.ask("document.querySelector('input[data-name=\"third\"]').click()")
+    assert page.ask("document.querySelector('#compare code')") is None
