@@ -72,6 +72,7 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
         "user_sources": NO_SOURCES,
         "lean": False,
         "around": "",
+        "law_parameters": np.empty(0, dtype=np.str_),
         "vehicle_code": None,
         **{"source_hash": "", "channels_hash": "", "source": None, "channels_source": None},
     }

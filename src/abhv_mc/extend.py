@@ -69,16 +69,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def controller(
-    function: F | None = None, *, units: dict[str, str] | None = None, compiled: bool = True
+    function: F | None = None,
+    *,
+    units: dict[str, str] | None = None,
+    compiled: bool = True,
+    dispersable: tuple[str, ...] = (),
 ) -> Any:
     """Mark the one function of a file that is its control law.
 
     ``units`` of the settings that have one: YAML must give them with it. ``compiled=False`` calls the law in plain
-    Python, a thousand times slower: for prototypes, with any library.
+    Python, a thousand times slower: for prototypes, with any library. ``dispersable`` names settings that a campaign
+    may disperse as ``law.NAME``.
     """
 
     def mark(law: F) -> F:
-        setattr(law, CONTROLLER, ControllerMark(dict(units or {}), compiled))
+        setattr(law, CONTROLLER, ControllerMark(dict(units or {}), compiled, tuple(dispersable)))
         return law
 
     return mark if function is None else mark(function)

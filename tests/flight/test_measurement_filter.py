@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from short_flights import cut
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.input_error import InputError
 from abhv_mc.one_flight.fly_once import fly as fly_table
 from abhv_mc.one_flight.given import make_flight_plan
+from abhv_mc.shipped import find_input
+from abhv_mc.simulators.make_plans import make_plans
 
 FILTER = """
 from typing import NamedTuple
@@ -28,7 +32,6 @@ def write_filter(folder, value, around="tlc"):
     (folder / "filter.yaml").write_text(
         f"law: python\nfile: filter.py\naround: {around}.yaml\n", encoding="utf-8"
     )
-    from abhv_mc.shipped import find_input
 
     text = find_input(around, "control").read_text(encoding="utf-8")
     (folder / f"{around}.yaml").write_text(text, encoding="utf-8")
@@ -72,3 +75,50 @@ def test_a_setting_is_a_parameter_of_one_flight():
     assert not np.array_equal(nominal["state.mode_1"], moved["state.mode_1"])
     with pytest.raises(InputError, match=r"dynamics\.frequency_1"):
         fly_table("flexible", "flexible", "tlc", {"dynamics.frequenc_1": 17.0})
+
+
+LAW = """
+from typing import NamedTuple
+from abhv_mc.extend import Command, controller
+
+class Settings(NamedTuple):
+    gain: float = 1.0
+    lag: float = 0.0
+
+@controller(dispersable=("gain",))
+def law(measured, reference, settings):
+    return Command(0.0, 0.0, settings.gain * 0.01 + settings.lag, reference.equivalence_ratio)
+"""
+
+
+def test_a_setting_of_a_law_is_a_parameter_of_its_flights(tmp_path):
+    (tmp_path / "own.py").write_text(LAW, encoding="utf-8")
+    (tmp_path / "own.yaml").write_text(
+        "law: python\nfile: own.py\nsettings: {gain: 2.0}\n", encoding="utf-8"
+    )
+    file = tmp_path / "campaign.yaml"
+    file.write_text(
+        f"""name: own
+question: What does its gain change?
+vehicle: {find_input("abhv", "vehicle")}
+mission: {find_input("level", "mission")}
+controllers: {{own: own.yaml, lqr: {find_input("lqr", "control")}}}
+runs: 3
+dispersions:
+  law.gain: {{distribution: uniform, half_width: 50 %}}
+""",
+        encoding="utf-8",
+    )
+    campaign = read_campaign(file)
+    assert campaign.parameters["law.gain"].nominal == 2.0
+    rows = campaign.rows(campaign.make_samples().draw(0, 3))
+    plans = make_plans(campaign, campaign.controllers, prepare)
+    own, lqr = (fly(cut(plans[name], 20), rows, 10) for name in ("own", "lqr"))
+    names = [channel.name for channel in plans["own"].channels]
+    commands = np.deg2rad(own.history[:, 1, names.index("elevator_command_deg")])
+    np.testing.assert_allclose(commands, 0.01 * rows[:, -1], rtol=1e-6)
+    assert np.ptp(rows[:, -1]) > 0.1
+    assert np.array_equal(lqr.metrics[0], lqr.metrics[1], equal_nan=True)
+    nominal = fly(cut(plans["own"], 20), nominal_parameters(), 10)
+    command = np.deg2rad(nominal.history[0, 1, names.index("elevator_command_deg")])
+    assert command == pytest.approx(0.02, rel=1e-6)

@@ -12,6 +12,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.compile_metrics import Known, compile_metrics, known_sources
 from abhv_mc.flight.outcome import LIMITS, Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.user_law import dispersable_settings
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import (
     LQR,
@@ -112,6 +113,8 @@ def make_kernel_plan(
     foreign = plan.vehicle.foreign
     check_shape(made.initial_state, (N_STATES + foreign.states,), "plan.initial_state")
     columns = N_PARAMETERS + foreign.settings.size + foreign.states
+    if made.parameters.ndim == 2 and made.parameters.shape[1] > columns:
+        columns += len(dispersable_settings(plan))
     check_shape(made.parameters, (None, columns), "parameters")
     check_shape(made.start, (len(made.parameters) if start else 0, SAVED_ROWS), "start")
     check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
@@ -127,12 +130,19 @@ def make_kernel_plan(
 
 
 def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
-    """Rows [flight, parameter] with the vehicle file's settings, where they have none of their own."""
+    """Rows [flight, parameter] with the vehicle file's settings, where they have none of their own.
+
+    Of settings of laws, which follow those, the plan's own are left.
+    """
     foreign = plan.vehicle.foreign
-    if not foreign.digest.any() or parameters.ndim != 2 or parameters.shape[1] != N_PARAMETERS:
-        return parameters
     nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])
-    return np.hstack([parameters, np.tile(nominal, (len(parameters), 1))])
+    if parameters.ndim != 2 or parameters.shape[1] == N_PARAMETERS + nominal.size:
+        return parameters
+    if parameters.shape[1] == N_PARAMETERS:
+        return np.hstack([parameters, np.tile(nominal, (len(parameters), 1))])
+    known, first = plan.law_parameters.tolist(), N_PARAMETERS + nominal.size
+    own = [first + known.index(f"law.{name}") for name in dispersable_settings(plan)]
+    return np.ascontiguousarray(parameters[:, [*range(first), *own]])
 
 
 def make_observed(plan: FlightPlan, recorded: Sequence[Known]) -> Observed:

@@ -24,6 +24,7 @@ from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
 from abhv_mc.kernel.flight.memory import Memory, make_memory
 from abhv_mc.kernel.jit import is_kept
+from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
@@ -127,13 +128,17 @@ def fly_in_memory(
 ) -> None:
     """Fill the results. Raises ValueError, see :mod:`abhv_mc.flight.arguments`; ``memory_in_rows``: of a user law."""
     if plan.lean and not np.array_equal(
-        parameters[:, _NOT_LEAN], nominal_parameters(len(parameters))[:, _NOT_LEAN]
+        parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
+        nominal_parameters(len(parameters))[:, _NOT_LEAN],
     ):
         raise ValueError("parameters of a lean flight disperse what it does not know")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None
-    with open_law(plan, width, memory_in_rows=in_rows, flights=len(parameters)) as user_code:
+    foreign = plan.vehicle.foreign
+    settings = N_PARAMETERS + foreign.settings.size + foreign.states
+    dispersed = kernel_plan.parameters.shape[1] > settings
+    with open_law(plan, width, in_rows, len(parameters), dispersed) as user_code:
         choose_flight(width, plan.lean)(kernel_plan._replace(user_code=user_code), memory, results)
     fill_quantiles(plan, results, complete=start is None)
 

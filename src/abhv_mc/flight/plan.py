@@ -107,6 +107,9 @@ class FlightPlan:
     around: str = (
         ""  # the law of the program, "tlc" or "lqr", whose measurement a user's code filters
     )
+    law_parameters: NDArray[np.str_] = field(
+        default_factory=lambda: np.empty(0, dtype=np.str_)
+    )  # settings of laws among the campaign's parameters, behind those of the vehicle
     filter_settings: Floats = field(default_factory=lambda: np.empty(0))  # of that code
     source_hash: str = ""  # of its text, "" for the laws of the program
     channels_hash: str = ""  # of the text of user channels

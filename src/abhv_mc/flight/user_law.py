@@ -48,12 +48,17 @@ def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
 
 @contextlib.contextmanager
 def open_law(
-    plan: FlightPlan, width: int, memory_in_rows: bool = False, flights: int = TOGETHER
+    plan: FlightPlan,
+    width: int,
+    memory_in_rows: bool = False,
+    flights: int = TOGETHER,
+    dispersed: bool = False,
 ) -> Iterator[UserCode]:
     """The law and the channels of a plan for ``width`` lanes and so many flights; nothing for a plan without its own.
 
     ``memory_in_rows``: a law in plain Python or native code has its memory where a compiled one has it, see
-    :func:`law_memory`. Raises ValueError for a plan whose source is missing, as of a stored one.
+    :func:`law_memory`. ``dispersed``: flights have settings of the law of their own. Raises ValueError for a plan whose
+    source is missing, as of a stored one.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
     made: Any = None  # held while it flies
@@ -64,7 +69,9 @@ def open_law(
         if plan.around:
             made = compile_filter(source, tuple(plan.filter_settings.tolist()), width)
         elif law.mark.compiled:
-            made = compile_law(source, gains, width, effectors)
+            foreign = plan.vehicle.foreign
+            row = s.SETTING + foreign.settings.size + foreign.states if dispersed else 0
+            made = compile_law(source, gains, width, effectors, row)
         else:
             made = PlainLaw(law, gains, width, memory_in_rows, effectors)
         address = int(made.address)
@@ -92,6 +99,12 @@ def open_law(
     finally:
         if plan.law in NATIVE:
             made.close()
+
+
+def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
+    """Names of the settings of a plan's own law that a campaign may disperse."""
+    own = plan.law == PYTHON and not plan.around
+    return load_plan_law(plan).mark.dispersable if own else ()
 
 
 def asks_for_more(plan: FlightPlan) -> bool:

@@ -1,9 +1,16 @@
 """What flights of a vehicle may be given: the program's parameters, then settings and states of its own functions."""
 
+import ast
 import functools
+from collections.abc import Iterable
 from pathlib import Path
 
+from abhv_mc.control.controller_file import read_controller
+from abhv_mc.control.law_file import PythonController
+from abhv_mc.io.input_error import InputError
+from abhv_mc.io.units import parse_any, si_unit_of, unit_of
 from abhv_mc.plant.parameters import OURS, PARAMETERS, Parameter, Parameters
+from abhv_mc.user_code.source import compile_text, read_source
 from abhv_mc.vehicle.file import read_vehicle_file
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
@@ -26,8 +33,60 @@ def vehicle_parameters(code: VehicleCode | None) -> Parameters:
 
 
 def read_vehicle_parameters(
-    vehicle: str | Path,
+    vehicle: str | Path, controllers: Iterable[Path] = ()
 ) -> tuple[Parameters, tuple[tuple[str, str], ...]]:
-    """Return the parameters of a vehicle file, and names and units of its custom states. Raise InputError."""
+    """Return the parameters of a vehicle and its controllers, and names and units of its custom states.
+
+    Raise InputError.
+    """
     code = read_vehicle_file(vehicle).code
-    return vehicle_parameters(code), name_states(code)
+    return add_law_parameters(vehicle_parameters(code), controllers), name_states(code)
+
+
+def add_law_parameters(known: Parameters, controllers: Iterable[Path]) -> Parameters:
+    """Return the parameters with the dispersable settings of laws in Python behind them, as ``law.NAME``.
+
+    Their nominal values are those of the controller files. No law is run. Raise InputError.
+    """
+    found: dict[str, Parameter] = {}
+    for path in controllers:
+        controller = read_controller(path)
+        if not isinstance(controller, PythonController) or controller.around is not None:
+            continue
+        for name in _find_dispersable(controller.file):
+            if name not in controller.settings:
+                expected = f"'settings: {{{name}: ...}}', its nominal value"
+                raise InputError(path, f"no value of the dispersable setting '{name}'", expected)
+            text = controller.settings[name]
+            one = Parameter(
+                f"law.{name}",
+                si_unit_of(unit_of(text)),
+                parse_any(text),
+                "dispersable setting of the user's law",
+                of_user=True,
+            )
+            if found.setdefault(one.name, one) != one:
+                found_text = (
+                    f"'{name}: {text}', dispersable, with another value than in another file"
+                )
+                raise InputError(
+                    path, found_text, "the same value in all controllers, or another name"
+                )
+    return Parameters((*known.records, *found.values())) if found else known
+
+
+def _find_dispersable(path: Path) -> tuple[str, ...]:
+    """Names in ``@controller(dispersable=(...))`` of a law's file, found in its text."""
+    for node in ast.walk(compile_text(read_source(path), ast.PyCF_ONLY_AST)):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "controller":
+            for word in node.keywords:
+                if word.arg == "dispersable":
+                    try:
+                        names = ast.literal_eval(word.value)
+                    except ValueError:
+                        names = None
+                    if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names):
+                        expected = 'a tuple of names: dispersable=("bandwidth",)'
+                        raise InputError(path, "dispersable settings", expected, word.value.lineno)
+                    return names
+    return ()

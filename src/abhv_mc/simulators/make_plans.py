@@ -104,7 +104,13 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """Return the plan with this campaign's metrics, restricted to what it varies."""
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
-    return replace(plan, declared=declared, user_sources=sources).lean_for(campaign.varied)
+    laws = [name for name in campaign.parameters.index if name.startswith("law.")]
+    return replace(
+        plan,
+        declared=declared,
+        user_sources=sources,
+        law_parameters=np.array(laws, dtype=np.str_),
+    ).lean_for(campaign.varied)
 
 
 def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:

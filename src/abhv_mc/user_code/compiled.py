@@ -57,12 +57,18 @@ _NOISE = re.compile(
 
 @functools.lru_cache(maxsize=64)
 def compile_law(
-    source: UserSource, gains: tuple[str, ...], width: int, effectors: tuple[str, ...] = ()
+    source: UserSource,
+    gains: tuple[str, ...],
+    width: int,
+    effectors: tuple[str, ...] = (),
+    dispersed_row: int = 0,
 ) -> Any:
     """Return the compiled loop over ``width`` lanes, with its ``address``.
 
     ``gains`` are the names of the gain columns; ``effectors`` are the vehicle's, for a law that
-    commands some of them. Raise InputError, with the user's line, for code that does not compile.
+    commands some of them. ``dispersed_row`` is the first row of the flights' own values of
+    dispersable settings, 0 if they have none. Raise InputError, with the user's line, for code
+    that does not compile.
     """
     law = load_law(source)
     with refuse_in_words(source, "a law", WANTED):
@@ -78,7 +84,9 @@ def compile_law(
             "_Gains": make_gains_class(split_columns(gains)[0]),
             "_law": names[law.function.__name__],
         }
-        return build(law.module, _make_loop(law, gains, width, effectors), names, f"{gains}")
+        return build(
+            law.module, _make_loop(law, gains, width, effectors, dispersed_row), names, f"{gains}"
+        )
 
 
 @functools.lru_cache(maxsize=64)
@@ -301,7 +309,9 @@ def _keep_memory(law: Law, lane: Callable[[int], str]) -> list[str]:
     return [f"{lane(MEMORY + i)} = after.{field}" for i, field in enumerate(fields)]
 
 
-def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...]) -> str:
+def _make_loop(
+    law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...], dispersed_row: int
+) -> str:
     """Return the text of the loop over lanes.
 
     The number of lanes is a constant of the text, so that the loop is vectorized.
@@ -310,14 +320,18 @@ def _make_loop(law: Law, gains: tuple[str, ...], width: int, effectors: tuple[st
     columns = [f"column[tick * {len(gains)} + {i}]" for i in range(len(gains))]
     designed = len(split_columns(gains)[0])
     settings = law.settings._fields if law.settings is not None else ()
+    inside: dict[str, str] = {}
+    values = [f"given[{i}]" for i in range(len(settings))]
+    for k, name in enumerate(law.mark.dispersable if dispersed_row else ()):
+        values[settings.index(name)] = lane(dispersed_row + k)
     once = {
         "reference": REFERENCE_TEXT,
         "gains": tuple_text("Gains", columns[:designed]),
         "commands": tuple_text("Commands", columns[designed:]),
-        "settings": tuple_text("Settings", [f"given[{i}]" for i in range(len(settings))]),
         "time": "tick * dt",
     }
-    inside = {
+    (inside if dispersed_row else once)["settings"] = tuple_text("Settings", values)
+    inside |= {
         "measured": _measured_text(lane),
         "onboard": nest(
             Onboard, map(lane, ONBOARD_ROWS), lambda kind, parts: tuple_text(kind.__name__, parts)

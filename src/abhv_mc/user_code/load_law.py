@@ -68,6 +68,7 @@ def load_law(source: UserSource) -> Law:
         line = module.texts[name].lineno
         _check_classes(law, line)
         _check_units(law, line)
+        _check_dispersable(law, line)
         if mark.compiled:
             check_functions(module, name, texts_of(parse_law(source)))
             check_fields(module, name, _fields_of(law))
@@ -141,6 +142,16 @@ def _check_units(law: Law, line: int) -> None:
             parse_unit(unit)
         except Refusal as refusal:
             raise InputError(law.source.file, refusal.found, refusal.expected, line) from None
+
+
+def _check_dispersable(law: Law, line: int) -> None:
+    """Raise InputError for dispersable settings that the law does not have."""
+    known = law.settings._fields if law.settings is not None else ()
+    for name in law.mark.dispersable:
+        if name not in known or not law.mark.compiled:
+            found = f"dispersable '{name}'"
+            expected = one_of(known, name) if law.mark.compiled else "a compiled law"
+            raise InputError(law.source.file, found, expected, line)
 
 
 def check_functions(module: Module, name: str, texts: dict[str, Any] | None = None) -> None:

@@ -35,6 +35,7 @@ class ControllerMark:
 
     units: dict[str, str] = field(default_factory=dict)  # of settings
     compiled: bool = True
+    dispersable: tuple[str, ...] = ()  # settings that a campaign may vary from flight to flight
     filters: bool = False  # a measurement, before a law of the program; it is no law itself
 
 

@@ -3,7 +3,7 @@
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
 from abhv_mc.io.units import (
@@ -236,17 +236,18 @@ class FlightLimits(LoadLimits):
         description="greatest value of a custom state, to either side; written as state.NAME",
     )
 
+    # The keys state.NAME of the file are one field here.
+    model_config = ConfigDict(json_schema_extra={"patternProperties": {r"^state\.": {}}})
+
     @model_validator(mode="before")
     @classmethod
     def _gather_states(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or "states" in data:
+        named = (
+            [key for key in data if str(key).startswith("state.")] if isinstance(data, dict) else []
+        )
+        if not named or "states" in data:
             return data
-        named = {
-            key: value
-            for key, value in data.items()
-            if isinstance(key, str) and key.startswith("state.")
-        }
-        states = {key.removeprefix("state."): value for key, value in named.items()}
+        states = {key.removeprefix("state."): data[key] for key in named}
         return {key: value for key, value in data.items() if key not in named} | {"states": states}
 
 

@@ -139,7 +139,11 @@ def _check(document: Document, model: Campaign) -> Experiment:
     own = model if isinstance(model, SimulatorCampaign) else None
     if not own:
         check_kinds(document, model)
-    parameters, states = (own.parameters, ()) if own else read_vehicle_parameters(model.vehicle)
+    parameters, states = (
+        (own.parameters, ())
+        if own
+        else read_vehicle_parameters(model.vehicle, model.controllers.values())
+    )
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)

@@ -1,0 +1,41 @@
+"""What is wrong with custom dynamics in a vehicle file is said at its place."""
+
+import re
+
+import pytest
+from short_flights import change_vehicle
+
+from abhv_mc.io.input_error import InputError
+from abhv_mc.shipped import shipped_configs
+from abhv_mc.vehicle.file import read_vehicle_file
+
+LIMIT = "  sideslip: 15 deg\n"
+CASES = {
+    "unit": ("mode_1: m\n", "mode_1: mx\n", "unknown unit 'mx'"),
+    "start": ("mode_1: m\n", "mode_1: {unit: m, start: 3 kg}\n", "'3 kg', a mass"),
+    "word": ("mode_1: m\n", "mode-1: m\n", "the name 'mode-1'"),
+    "taken": ("mode_1: m\n", "altitude: m\n", "'initial.altitude', which is another parameter"),
+    "setting": ("19 rad/s", "19 radd/s", "unknown unit 'radd'"),
+    "state of a limit": (LIMIT, f"{LIMIT}  state.mode_9: 5 cm\n", "did you mean 'mode_3'"),
+    "unit of a limit": (LIMIT, f"{LIMIT}  state.mode_1: 5 kg\n", "expected a length"),
+    "key of limits": (LIMIT, f"{LIMIT}  sidslip: 5 deg\n", "did you mean 'sideslip'"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_wrong_is_said_at_its_place(tmp_path, case):
+    old, new, words = CASES[case]
+    path = change_vehicle(tmp_path, (old, new), name="flexible")
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        read_vehicle_file(path)
+    assert re.search(r"vehicle\.yaml:\d+:\d+: ", str(caught.value))
+
+
+def test_settings_and_limits_are_in_si(tmp_path):
+    changes = (LIMIT, f"{LIMIT}  state.mode_1: 5 cm\n"), ("0.12 rad/m", "12 rad/km")
+    code = read_vehicle_file(change_vehicle(tmp_path, *changes, name="flexible")).code
+    assert code.states[0].limit == pytest.approx(0.05)
+    values = {setting.name: (setting.value, setting.unit) for setting in code.settings}
+    assert values["dynamics.nose_slope"] == (pytest.approx(0.012), "rad/m")
+    assert values["dynamics.frequency_1"] == (19.0, "rad/s")
+    assert str(shipped_configs()) in code.dynamics.file
