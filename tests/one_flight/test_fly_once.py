@@ -11,7 +11,8 @@ import abhv_mc
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.io.documents import InputError
-from abhv_mc.one_flight.given import make_parameters
+from abhv_mc.one_flight.given import make_document, make_parameters
+from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 
 def test_a_flight_is_a_table_with_units_and_metrics():
@@ -127,9 +128,9 @@ def test_what_is_wrong_is_said(call, arguments, message):
 
 def test_numbers_of_numpy_are_numbers():
     assert abhv_mc.trim(speed=np.float32(1400)).equals(abhv_mc.trim(speed=np.int64(1400)))
-    assert (
-        make_parameters({"aero.lift": np.float32(1.5)}) == make_parameters({"aero.lift": "150 %"})
-    ).all()
+    vehicle = load_vehicle(make_document("vehicle", "ghame_x"))
+    rows = [make_parameters({"aero.lift": lift}, vehicle) for lift in (np.float32(1.5), "150 %")]
+    assert (rows[0] == rows[1]).all()
 
 
 LOOPS = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]

@@ -156,7 +156,9 @@ def _map_controller(
         folder, campaign, controller, samples, failures, fly=fly, margins=margins, budget=_BUDGET
     )
     values = samples[:, : len(names)]
-    groups, grouped = _group(names, flights, failures, values, values > nominal, found=explanations)
+    groups, grouped = _group(
+        names, flights, failures, values, values > nominal, explanations=explanations
+    )
     bare = tuple(
         flight
         for flight, explanation in zip(flights, explanations, strict=True)
