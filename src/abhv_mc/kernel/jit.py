@@ -1,6 +1,6 @@
 """The only place that decorates compiled code.
 
-Rules for compiled functions (measured; the benchmark ``abhv-mc bench`` holds the result):
+Rules for compiled functions (measured; ``make bench`` holds the result):
 
 - strict floating point everywhere, so that batched lanes equal one flight at a time bit for bit;
 - a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;

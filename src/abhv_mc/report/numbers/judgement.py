@@ -314,8 +314,11 @@ def _sure(models: Models) -> str:
     passed = held.stand + len(held.dropped)
     text = f"{'Each' if passed else 'A'} PASS has at most {percent(risk, 2)} consumer's risk"
     if passed > 1:
-        jointly = f"all {passed}" if held.stand == passed else f"{held.stand or 'none'} of {passed}"
-        text += f"; {jointly} also hold{'s' * (held.stand == 1)} jointly"
+        jointly = f"all {passed}" if held.stand == passed else f"{held.stand} of {passed}"
+        if held.stand:
+            text += f"; {jointly} also hold{'s' * (held.stand == 1)} jointly"
+        else:
+            text += f"; jointly, none of the {passed} holds"
     if models.names.campaign.judged and _pairs(models):
         text += f". The risk of naming a wrong winner is at most {percent(WINNERS_RISK, 2)}"
     return f"{text}."
