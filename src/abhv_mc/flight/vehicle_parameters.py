@@ -46,11 +46,15 @@ def read_vehicle_parameters(
 def add_law_parameters(known: Parameters, controllers: Iterable[Path]) -> Parameters:
     """Return the parameters with the dispersable settings of laws in Python behind them, as ``law.NAME``.
 
-    Their nominal values are those of the controller files. No law is run. Raise InputError.
+    Their nominal values are those of the controller files. No law is run. Raise InputError for
+    settings that cannot be dispersed.
     """
     found: dict[str, Parameter] = {}
     for path in controllers:
-        controller = read_controller(path)
+        try:
+            controller = read_controller(path)
+        except InputError:  # reported when the controller itself is prepared
+            continue
         if not isinstance(controller, PythonController) or controller.around is not None:
             continue
         for name in _find_dispersable(controller.file):
