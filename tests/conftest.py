@@ -13,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"  # figures without a display
+os.environ.pop("COLUMNS", None)  # tables fold to a terminal of that width
 # The matrices here are small, and workers share the cores: threads that wait for each other took half of the time.
 # Linear algebra reads it when numpy is loaded, which nothing has done yet.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

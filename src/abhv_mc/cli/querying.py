@@ -81,13 +81,13 @@ def parameters(
     json: Json = None,
 ) -> None:
     """List what a campaign may disperse. A unit of - is a factor or a number."""
-    from dataclasses import asdict
-
     from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
     from abhv_mc.plant.parameters import OURS
 
     known = read_vehicle_parameters(find_input(vehicle, "vehicle"))[0] if vehicle else OURS
-    _show_records([asdict(known[name]) for name in known.dispersible], json)
+    keys = ("name", "unit", "nominal", "doc")
+    records = [known[name] for name in known.dispersible]
+    _show_records([{key: getattr(record, key) for key in keys} for record in records], json)
 
 
 @lists.command()

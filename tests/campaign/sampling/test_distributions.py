@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_flight import write_campaign
+from fake_flight import shipped_configs, write_campaign
 from pydantic import TypeAdapter
 from scipy import stats
 
@@ -230,14 +230,12 @@ def test_where_it_has_no_meaning_it_is_refused_with_its_place(
 def test_failures_of_the_vehicles_own_effectors_are_named_after_them(tmp_path: Path):
     entry = "{failure.right_elevon.stuck_time: {distribution: uniform, low: 1 s, high: 2 s}}"
     unknown = "{control.left_elevon_effectiveness: {low: -10 %, high: 10 %}}"
-    path = write_campaign(tmp_path / "d", dispersions=entry, unknowns=unknown)
-    (tmp_path / "d/vehicle.yaml").write_text(
-        "effectors: {left_elevon: {}, right_elevon: {}}\n", encoding="utf-8"
-    )
+    cone = str(shipped_configs() / "vehicle/winged_cone.yaml")
+    path = write_campaign(tmp_path / "c", vehicle=cone, dispersions=entry, unknowns=unknown)
     assert read_campaign(path).dimensions == (
-        "failure.effector_1.stuck_time",
-        "control.effector_0_effectiveness",
+        "failure.effector_0.stuck_time",
+        "control.effector_1_effectiveness",
     )
-    (tmp_path / "d/vehicle.yaml").write_text("effectors: {left_elevon: {}}\n", encoding="utf-8")
+    path = write_campaign(tmp_path / "d", dispersions=entry)  # a vehicle without effectors
     with pytest.raises(InputError, match=r"parameter 'failure\.right_elevon\.stuck_time'"):
         read_campaign(path)
