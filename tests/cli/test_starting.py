@@ -15,6 +15,7 @@ import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import MODELS, find_kind
 from abhv_mc.campaign.file.schema import make_schema
+from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.metrics import METRIC_INDEX
@@ -228,11 +229,12 @@ def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
 
 def test_what_may_be_one_value_for_the_whole_programme_is_asked() -> None:
     names = ("s_manoeuvre", "wide", "s_manoeuvre_unknown")
-    warned = {
-        name: check_inputs(shipped_campaigns() / f"{name}.yaml")[0].warnings for name in names
+    hints = {
+        name: unknowns_hint(read_campaign(shipped_campaigns() / f"{name}.yaml").names)
+        for name in names
     }
-    assert warned["s_manoeuvre"][0].startswith("aero.lift, aero.drag: is this one value")
-    assert "more: is this one value" in warned["wide"][0] and not warned["s_manoeuvre_unknown"]
+    assert "aero.lift, aero.drag anew" in hints["s_manoeuvre"]
+    assert " more anew" in hints["wide"] and not hints["s_manoeuvre_unknown"]
 
 
 def properties(kind: str) -> Iterator[tuple[str, dict]]:

@@ -22,7 +22,9 @@ from abhv_mc.plant.parameters import PARAMETERS
 
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"
-_FAILURE = "^failure[.]"  # of an effector of the vehicle file
+_OWN_CHANNEL = "^[a-z][a-z0-9_.]*$"
+# Of the files that a campaign names: failures of effectors, settings of functions, custom states.
+_OWN_PARAMETER = "^(failure|aerodynamics|propulsion|dynamics|law|initial)[.]"
 
 
 class _Generator(GenerateJsonSchema):
@@ -109,12 +111,16 @@ def _enumerate(parts: Schema) -> None:
         "properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}
     }
 
-    names = {"enum": [parameter.name for parameter in PARAMETERS if "." in parameter.name]}
+    shipped = [parameter.name for parameter in PARAMETERS if "." in parameter.name]
+    names: Schema = {"anyOf": [{"enum": shipped}, {"pattern": _OWN_PARAMETER}]}
     for key in ("dispersions", "unknowns", "derived"):
-        campaign["properties"][key]["propertyNames"] = {"anyOf": [names, {"pattern": _FAILURE}]}
+        campaign["properties"][key]["propertyNames"] = names
     parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
     for keep in ("KeepHistories", "KeepEnvelopes"):
-        channel_name: Schema = {"type": "string", "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, own]}
+        channel_name: Schema = {
+            "type": "string",
+            "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, {"pattern": _OWN_CHANNEL}],
+        }
         parts[keep]["properties"]["channels"]["anyOf"] = [
             channel_name,
             {"type": "array", "items": channel_name},
