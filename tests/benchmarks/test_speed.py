@@ -13,6 +13,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc_verification.bench.__main__ import bench
 from abhv_mc_verification.bench.speed import (
     _peak_memory,
     compare_speeds,
@@ -20,7 +21,6 @@ from abhv_mc_verification.bench.speed import (
     multiply_and_add,
     read_operations,
 )
-from abhv_mc_verification.commands import bench
 from benchmarks.counted import COUNTS, Counted, counted_sqrt
 from benchmarks.operations import count_operations
 from benchmarks.peers.twin import compile_twin, fly_twin

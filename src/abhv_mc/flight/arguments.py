@@ -141,6 +141,8 @@ def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
     if parameters.shape[1] == N_PARAMETERS:
         return np.hstack([parameters, np.tile(nominal, (len(parameters), 1))])
     known, first = plan.law_parameters.tolist(), N_PARAMETERS + nominal.size
+    if parameters.shape[1] != first + len(known):
+        return parameters
     own = [first + known.index(f"law.{name}") for name in dispersable_settings(plan)]
     return np.ascontiguousarray(parameters[:, [*range(first), *own]])
 
