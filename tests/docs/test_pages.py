@@ -176,7 +176,10 @@ def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
 def test_commands_and_their_options_exist(page: Path) -> None:
     text = text_of(page)
     group = typer.main.get_command(app)
+    added = set(re.findall(r'^(\w+) = "\w+:\w+"', text, re.MULTILINE))  # by the page's package
     for name, options in commands_of(text):
+        if name in added:
+            continue
         assert name in group.commands, f"abhv-mc {name}"
         command = group.commands[name]
         known = {
