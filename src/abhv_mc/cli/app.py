@@ -33,7 +33,7 @@ from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
 
-_SHORT: dict[str, Any] = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
+_SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
