@@ -115,8 +115,8 @@ def gains_of_models(controller: LqrController, pieces: list[Piece], times: Float
     """``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
     gains = np.empty((times.size, len(LQR_GAINS)))
     for first, end, knots, models in pieces:
-        stacked = LinearModels(
-            *(tuple(map(np.array, zip(*pairs, strict=True))) for pairs in zip(*models, strict=True))
+        stacked = LinearModels._make(
+            tuple(map(np.array, zip(*pairs, strict=True))) for pairs in zip(*models, strict=True)
         )
         at_knots = gains_at(controller, stacked)
         for gain in range(len(LQR_GAINS)):
