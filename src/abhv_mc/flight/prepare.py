@@ -13,7 +13,7 @@ from abhv_mc.control.controller_file import (
     TlcController,
     read_controller_document,
 )
-from abhv_mc.control.design.kept import kept
+from abhv_mc.control.design.design_cache import cache_results
 from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
 from abhv_mc.control.design.lqr_design import make_lqr_gains
@@ -69,7 +69,7 @@ from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_find_warnings = kept(
+_find_warnings = cache_results(
     find_vehicle_warnings
 )  # the controllers of a campaign share their vehicle
 _LEAST_FUEL = 1e-9  # kg, below which the tank is empty
