@@ -16,7 +16,7 @@ from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import METRICS, NO_METRICS
 from abhv_mc.flight.outcome import Limits, Outcome
-from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, recording_of
+from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, make_recording
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.counting import Statistic
@@ -125,7 +125,7 @@ def fly(
                 metrics[:, row] = last[:, column]
     outcome = np.where(lost, Outcome.SIDESLIP_LIMIT, Outcome.OK).astype(np.int64)
     return record(
-        FlightBlock(outcome, end, metrics, history, ticks), recording_of(record_every, plan)
+        FlightBlock(outcome, end, metrics, history, ticks), make_recording(record_every, plan)
     )
 
 

@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.flight.plan import FlightBlock, make_recording
 from abhv_mc.interfaces import Engine
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
@@ -187,7 +187,7 @@ def write_campaign(
         block = FlightBlock(
             outcome, ends, metrics_of(channels, reference), history, reference["time"]
         )
-        return record(block, recording_of(record_every, plan))
+        return record(block, make_recording(record_every, plan))
 
     return run(path, folder, Engine(prepare, fly, "synthetic"), workers=1).folder
 

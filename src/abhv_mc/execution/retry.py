@@ -14,9 +14,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
-from abhv_mc.flight.lost import make_lost
+from abhv_mc.flight.child_flights import make_failed_block
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, recording_of
+from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
 from abhv_mc.simulators.margin_plans import count_metrics
 
 if TYPE_CHECKING:  # which a worker process need not import
@@ -102,7 +102,9 @@ def _fly(
             outcome = (
                 find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
             )
-            lost = make_lost(plan, outcome, recording_of(recorded, plan), count_metrics(plan))
+            lost = make_failed_block(
+                plan, outcome, make_recording(recorded, plan), count_metrics(plan)
+            )
             return replace(lost, reasons={0: str(error)})
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
         return join_blocks(
@@ -112,4 +114,6 @@ def _fly(
 
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
     """The row of one flight that could not be computed."""
-    return make_lost(plan, Outcome.FAILED_TO_RUN, recording_of(recorded, plan), count_metrics(plan))
+    return make_failed_block(
+        plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), count_metrics(plan)
+    )

@@ -22,9 +22,9 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker import serve, usual_limit
-from abhv_mc.flight.lost import describe_last_tick
+from abhv_mc.flight.child_flights import describe_last_tick
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.flight.user_law import must_fly_elsewhere
+from abhv_mc.flight.user_law import must_run_in_child
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
@@ -160,7 +160,7 @@ class WorkerPool:
 
     def _find_limit(self, plan: FlightPlan) -> float | None:
         """Return the limit by a nominal flight here, once for all workers; None if each has to fly its own."""
-        if must_fly_elsewhere(plan):
+        if must_run_in_child(plan):
             return None
         try:
             return usual_limit(self._fly, plan, time.thread_time)

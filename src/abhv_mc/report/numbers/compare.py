@@ -181,7 +181,7 @@ def compare_results(
     if not pairs:
         raise InputError(b.folder, "no flight that both campaigns flew", f"flights of {a.folder}")
     asked = tuple(requirement_words(item, records) for item in requirements)
-    return Compared(asked, {name: records[name].as_words() for name in metrics}, tuple(pairs))
+    return Compared(asked, {name: records[name].as_texts() for name in metrics}, tuple(pairs))
 
 
 def sides(

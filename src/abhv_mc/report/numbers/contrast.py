@@ -93,7 +93,7 @@ def contrast_results(
     records = a.campaign.metrics
     return Contrast(
         tuple(_find_changes(a, b)),
-        {name: records[name].as_words() for name in metrics},
+        {name: records[name].as_texts() for name in metrics},
         tuple(contrasted),
     )
 

@@ -95,7 +95,7 @@ def make_whatif(
         total = int(flights.flight.size)
         controllers[name] = WhatifController(total, effective, unseen.joint, required, metrics)
     results.refuse_changes()
-    words = {name: results.campaign.metrics[name].as_words() for name in results.metrics}
+    words = {name: results.campaign.metrics[name].as_texts() for name in results.metrics}
     stopped = campaign.model.stop is not None
     return Whatif(change.before, change.after, stopped, results.compared, words, controllers)
 
