@@ -235,9 +235,9 @@ class Results:
         """
         import pandas as pd
 
-        from abhv_mc.folder.tables import ask
+        from abhv_mc.folder.tables import run_query
 
-        table = ask(self.folder, sql, lambda answer: answer.df())
+        table = run_query(self.folder, sql, lambda answer: answer.df())
         refuse_changes(self._paths, self.manifest)
         return pd.DataFrame() if table is None else table
 

@@ -130,8 +130,8 @@ def _ranks(results: FlownCampaign) -> Any:
     parts, required = [], results.campaign.requirements
     for name in results.controllers:
         flights, ranking = results.flights[name], results.ranking
-        columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.places_of(name)}
-        columns[_BY] = ranking.by[name]
+        columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.ranks_of(name)}
+        columns[_BY] = ranking.criterion_index[name]
         columns |= {
             f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)
         }

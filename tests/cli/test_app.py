@@ -93,7 +93,7 @@ def test_starting_imports_nothing_heavy(start: str) -> None:
         (
             PermissionError(errno.EACCES, "Permission denied", "y.png"),
             2,
-            "y.png: a place that cannot be written",
+            "y.png: the path cannot be written",
         ),
         (MemoryError(), 3, "not enough memory"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "a defect"),

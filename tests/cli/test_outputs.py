@@ -13,7 +13,7 @@ from typer.models import OptionInfo
 
 from abhv_mc.cli.app import app
 from abhv_mc.cli.request_options import takes_options
-from abhv_mc.folder.layout import find_user_place
+from abhv_mc.folder.layout import find_in_campaign
 from abhv_mc.requests import WorstRequest
 
 # Read, or there for a while.
@@ -177,12 +177,12 @@ def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
 def test_other_places_are_free(flown, tmp_path):
     copy = shutil.copytree(flown, tmp_path / "copy")
     for free in (copy / "csv", copy / "mine.parquet", copy.parent / "flights", tmp_path / "new"):
-        assert find_user_place(free) is None
+        assert find_in_campaign(free) is None
     (copy / "campaign.yaml").unlink()  # a damaged folder is one all the same
-    assert find_user_place(copy / "flights/x") == Path("flights/x")
+    assert find_in_campaign(copy / "flights/x") == Path("flights/x")
     (tmp_path / "manifest.json").write_text("{}")  # of a web page
     (tmp_path / "figures").mkdir()
-    assert find_user_place(tmp_path / "figures/x.png") is None
+    assert find_in_campaign(tmp_path / "figures/x.png") is None
 
 
 def test_a_search_has_a_folder_by_default():

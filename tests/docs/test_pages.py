@@ -133,7 +133,7 @@ def test_generated_pages_hold_every_key_metric_and_parameter(
 def test_everything_in_a_campaigns_folder_is_explained() -> None:
     page = text_of(ROOT / "docs/reference/results-folder.md")
     folder = CampaignFolder(Path("x"))
-    for path in (*folder.parts, folder.lock):
+    for path in (*folder.contents, folder.lock):
         assert f"`{path.name}" in page, path.name
 
 

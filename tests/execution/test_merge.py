@@ -89,12 +89,12 @@ def change_seed(parts):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda parts: parts.pop(), "no shard 3 of 3"),
-        (lambda parts: parts.append(parts[0]), "shard 1/3 a second time"),
-        (lambda parts: spoil(parts, {"state": "interrupted"}), "a shard that is interrupted"),
-        (change_seed, r"another campaign .*seed: 5 -> 6"),
-        (lambda parts: spoil(parts, {"source_hash": "0"}), "another source hash"),
-        (lambda parts: spoil(parts, {"shard": None}), "no shard of a campaign"),
+        (lambda parts: parts.pop(), "shard 3 of 3"),
+        (lambda parts: parts.append(parts[0]), "shard 1/3"),
+        (lambda parts: spoil(parts, {"state": "interrupted"}), "shard is interrupted"),
+        (change_seed, "seed: 5 -> 6"),
+        (lambda parts: spoil(parts, {"source_hash": "0"}), "source hash"),
+        (lambda parts: spoil(parts, {"shard": None}), "--shard i/n"),
     ],
 )
 def test_what_does_not_fit_is_refused(shards, tmp_path, change, words):
@@ -192,7 +192,7 @@ def test_parts_with_another_controller_first_are_refused(tmp_path):
     parts = [tmp_path / "part1", tmp_path / "part2"]
     for i, (file, part) in enumerate(zip((campaign, turned), parts, strict=True), 1):
         run(file, part, shard=(i, 2))
-    with pytest.raises(InputError, match="controllers in another order"):
+    with pytest.raises(InputError, match="order"):
         merge_campaign(parts, tmp_path / "merged", ENGINE)
 
 

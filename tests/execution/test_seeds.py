@@ -14,7 +14,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.requests import Request
@@ -83,12 +83,9 @@ def test_a_merge_goes_on_and_can_be_merged_and_extended(flown, tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (dict(seed=1), "seed 1 a second time"),
-        (
-            dict(campaign=dict(requirements=ASKED.replace("50", "51"))),
-            "other requirements .*below 50 -> 51",
-        ),
-        (dict(campaign=dict(sampling="lhs")), "question"),
+        (dict(seed=1), "seed 1"),
+        (dict(campaign=dict(requirements=ASKED.replace("50", "51"))), "below 50 -> 51"),
+        (dict(campaign=dict(sampling="lhs")), "campaign differs"),
         (dict(engine=replace(ENGINE, source="other")), "source hash"),
     ],
 )
@@ -110,7 +107,7 @@ def test_campaigns_beside_are_named_once_where_they_can_be_merged(flown, tmp_pat
     run(campaign, tmp_path / "other_code", replace(ENGINE, source="other"), seed=5)
     run(campaign, tmp_path / "half", interrupted_after(5), seed=6)
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
-    words, command = name_siblings(tmp_path / "seed3", parts[2])
+    words, command = suggest_merge(tmp_path / "seed3", parts[2])
     assert (
         "here: all (400 flights: 1 " in words
         and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command
@@ -118,10 +115,10 @@ def test_campaigns_beside_are_named_once_where_they_can_be_merged(flown, tmp_pat
     monkeypatch.chdir(tmp_path / "seed1")
     assert (
         f"{tmp_path}/seed2 {tmp_path}/seed3 -o {tmp_path}/seed1_merged"
-        in name_siblings(Path(), parts[0])[1]
+        in suggest_merge(Path(), parts[0])[1]
     )
     _, (cube, _) = fly(tmp_path / "lhs", (1, 2), sampling="lhs")
-    assert name_siblings(tmp_path / "lhs/seed1", cube) == ("", "")
+    assert suggest_merge(tmp_path / "lhs/seed1", cube) == ("", "")
 
 
 @pytest.mark.usefixtures("fake_engine", "no_figures")

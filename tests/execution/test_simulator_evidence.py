@@ -16,7 +16,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.tables import ask
+from abhv_mc.folder.tables import run_query
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
@@ -141,7 +141,7 @@ def fly(inputs, settings):
 def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> None:
     result = run_campaign(Request(write_study(tmp_path / "own", FAILING), tmp_path / "out"))
     sql = "select outcome, a, b, reason from flights order by flight"
-    rows = ask(tmp_path / "out", sql, lambda table: table.fetchall())
+    rows = run_query(tmp_path / "out", sql, lambda table: table.fetchall())
     assert rows
     for outcome, a, b, reason in rows:
         if a > 6.0:

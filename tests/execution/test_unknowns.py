@@ -214,7 +214,7 @@ def test_what_does_not_go_together_is_refused(whole, tmp_path):
     with pytest.raises(InputError, match="found without two"):
         run(campaign, tmp_path / "out", runs=5)
     other = run(make(tmp_path / "g", seed="6"), tmp_path / "other")
-    with pytest.raises(InputError, match="another question"):
+    with pytest.raises(InputError, match="campaign differs"):
         merge_campaign([whole.folder, other.folder], tmp_path / "merged", ENGINE)
 
 

@@ -108,7 +108,7 @@ def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(shown, models
     results = models.results
     label, number, name, row = ranked(results)[0]
     shown.ask("document.querySelector('#flight-rows button').click()")
-    criterion = results.campaign.criteria[results.ranking.by[name][row]]
+    criterion = results.campaign.criteria[results.ranking.criterion_index[name][row]]
     record = results.campaign.metrics[criterion.metric]
     assert shown.ask("document.getElementById('flight-channel').value") == record.of
     traces = {trace["name"]: trace for trace in shown.ask(HISTORY)}

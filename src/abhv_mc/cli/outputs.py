@@ -70,11 +70,11 @@ def _check_folder(path: Path, campaign: bool = False) -> Path:
 
 
 def _check(path: Path, home: Path, campaign: bool = False) -> Path:
-    from abhv_mc.folder.layout import find_user_place
+    from abhv_mc.folder.layout import find_in_campaign
 
     if _is_address(path):
         raise InputError(path, "an address", "a place on this machine")
-    place = find_user_place(path)
+    place = find_in_campaign(path)
     if place is not None and not (campaign and place == Path()):
         raise InputError(
             path, "a place of the campaign's own files", "another name, or a place elsewhere"

@@ -198,7 +198,7 @@ def query(
     Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
     """
     from abhv_mc.folder.stores import open_store
-    from abhv_mc.folder.tables import ask, export_csv
+    from abhv_mc.folder.tables import export_csv, run_query
 
     if sql is None:
         if csv is None or csv == Path("-") or json is not None:
@@ -211,9 +211,9 @@ def query(
     csv = output_file_or_stream(csv)
     with open_store(folder).reading() as source:
         if json is None and csv is None:
-            say(ask(source, sql, _draw) or "", end="")
+            say(run_query(source, sql, _draw) or "", end="")
             return
-        rows = ask(source, sql, lambda found: (found.columns, found.fetchall()))
+        rows = run_query(source, sql, lambda found: (found.columns, found.fetchall()))
     if rows is not None:
         if csv is not None:
             _write_csv(*rows, csv)

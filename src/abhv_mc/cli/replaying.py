@@ -53,7 +53,7 @@ def replay(
             block.times,
             block.history,
             channels=names,
-            known=replay.channels,
+            recorded=replay.channels,
         )
 
     def in_words() -> None:

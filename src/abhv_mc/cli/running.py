@@ -97,7 +97,7 @@ def finish(
 
     ``place`` is what the user calls the folder: perhaps an address; ``flies``: whether the command flies again.
     """
-    from abhv_mc.folder.siblings import name_siblings
+    from abhv_mc.folder.pooled_campaigns import suggest_merge
 
     named = str(read_address(place or "") or result.folder)
     told = beside(json)
@@ -137,7 +137,7 @@ def finish(
         raise typer.Exit(ExitCode.INCOMPLETE)
     if result.manifest.not_made:  # each entry was printed when it failed
         raise typer.Exit(ExitCode.INCOMPLETE)
-    siblings, merge = name_siblings(result.folder, result.manifest)
+    siblings, merge = suggest_merge(result.folder, result.manifest)
     if siblings:
         say(f"{siblings} All judged together: {merge}", file=told)
     if entries:

@@ -97,7 +97,7 @@ def estimate_campaign(
             block = simulate(campaign, name, values[:16], history_every)
             path = Path(folder) / "history.parquet"
             of = path, name, range(len(block.outcome)), block.times, block.history
-            write_histories(*of, channels=campaign.kept_channels, known=campaign.channels)
+            write_histories(*of, channels=campaign.kept_channels, recorded=campaign.channels)
             if first.timing is None and campaign.has_bands:
                 cells = round(
                     block.times.size * model.keep.envelopes.rate / model.keep.histories.rate

@@ -9,9 +9,9 @@ from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.merge import join_shards, order_shards, refuse_other_requirements
+from abhv_mc.folder.merge import join_shards, order_shards, require_same_requirements
+from abhv_mc.folder.pooled_campaigns import check_poolable, pool_campaigns
 from abhv_mc.folder.requirement_sets import replace_requirements
-from abhv_mc.folder.siblings import check_pool, join_seeds
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 from abhv_mc.simulators.campaign_code import check_user_code
@@ -34,17 +34,17 @@ def merge_campaign(
     and plans, each flight once.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
-    folders = order_shards(parts) if sharded else check_pool(parts)
+    folders = order_shards(parts) if sharded else check_poolable(parts)
     campaign = read_campaign(folders[0].campaign, engine=engine)
     if requirements is None:
-        refuse_other_requirements(folders)
+        require_same_requirements(folders)
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
     check_user_code(campaign, trust_code)  # flights are flown again for their histories
     target = CampaignFolder(out)
     with hold_lock(target.lock):
-        (join_shards if sharded else join_seeds)(folders, out)
+        (join_shards if sharded else pool_campaigns)(folders, out)
         if requirements is not None:
             replace_requirements(target, campaign)
     return run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)

@@ -123,7 +123,7 @@ def write_kept_histories(
                 *of,
                 channels=campaign.kept_channels,
                 metadata=metadata,
-                known=campaign.channels,
+                recorded=campaign.channels,
             )
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.product.path for file in expected}:

@@ -125,7 +125,7 @@ class _Run:
             self.samples,
             self.columns,
             self.files,
-            keep_lost=not self.campaign.can_rerun,
+            keep_failed_to_run=not self.campaign.can_rerun,
         ):
             self.completion.add(rows, digest)
         is_whole = self.manifest.complete and self.completion.whole()

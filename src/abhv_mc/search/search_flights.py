@@ -34,7 +34,7 @@ from abhv_mc.folder.flights import (
     flights_schema,
     write_block,
 )
-from abhv_mc.folder.flown_blocks import read_own_block
+from abhv_mc.folder.flown_blocks import read_campaign_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import (
@@ -195,7 +195,7 @@ class SearchFlights:
         """Return the stored block of these samples; None if missing or not all were computed."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
-            ((rows, _),) = read_own_block(path, self.space.columns, self.files)
+            ((rows, _),) = read_campaign_block(path, self.space.columns, self.files)
             same = rows.columns == self.columns and np.array_equal(rows.samples, samples)
             if same and not not_computed(rows).any():
                 return rows

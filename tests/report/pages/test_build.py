@@ -203,7 +203,7 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
     assert cases["GNC-2 altitude_error_max_m below 4.9 in 99 % (two)"].find("failure") is not None
     page = build_page(out).read_text(encoding="utf-8")
     assert ">GNC-1 " in page and "stay, near · SRD" in page
-    CampaignFolder(out).refuse_strange(fresh=True)  # a fresh run deletes all of it
+    CampaignFolder(out).refuse_foreign_files(fresh=True)  # a fresh run deletes all of it
     with (out / "verification_matrix.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6  # three requirements on two controllers

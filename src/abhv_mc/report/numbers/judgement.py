@@ -57,7 +57,7 @@ def judge_campaign(models: Models) -> Judgement:
 def _changed_words(models: Models) -> str:
     """Return which requirements were last changed after results had been seen."""
     for change in models.results.requirement_changes[-1:]:
-        words = few(list(change.words))
+        words = few(list(change.changes))
         return f"Requirements were changed after results of {change.flights} flights: {words}."
     return ""
 

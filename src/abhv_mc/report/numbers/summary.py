@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.flights import FLIGHTS, flight_sentences
@@ -21,7 +21,7 @@ def summary_sentences(models: Models) -> list[str]:
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
     """What stands first in a topic's section and takes other topics to say; ``warnings``: what else is missing."""
-    siblings, command = name_siblings(models.results.folder, models.results.manifest)
+    siblings, command = suggest_merge(models.results.folder, models.results.manifest)
     held = models[VERDICTS].held_together
     jointly = (
         models.sentences(VERDICTS) if held is not None and held.dropped else ()

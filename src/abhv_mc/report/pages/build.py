@@ -13,7 +13,7 @@ from abhv_mc.folder.flights import Digest, parse_block_name, read_digest
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import Manifest, read_manifest
-from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.io.input_error import InputError
 
 Stage = Callable[[str], AbstractContextManager[object]]
@@ -62,7 +62,7 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     }
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
     data.append([topic.name for topic in user_topics()])
-    data += name_siblings(folder, read_manifest(CampaignFolder(folder).manifest))
+    data += suggest_merge(folder, read_manifest(CampaignFolder(folder).manifest))
     if CampaignFolder(folder).failure_map.is_file():
         data.append(hash_file(CampaignFolder(folder).failure_map))
     if baseline is not None:

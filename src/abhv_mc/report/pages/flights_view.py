@@ -197,14 +197,14 @@ def make_flights_view(
             "outcome": outcome.tolist(),
             "failed": (outcome != Outcome.OK).astype(int).tolist(),
             "history": history.tolist(),
-            "by": stacked(results.ranking.by[name] for name in names).tolist(),
+            "by": stacked(results.ranking.criterion_index[name] for name in names).tolist(),
             "missed": [flags.astype(int).tolist() for flags in missed],
         },
         "outcomes": {
             k: results.campaign.outcomes.codes[k].replace("_", " ")
             for k in np.unique(outcome).tolist()
         },
-        "order": np.argsort(stacked(map(results.ranking.places_of, names))).tolist(),
+        "order": np.argsort(stacked(map(results.ranking.ranks_of, names))).tolist(),
         "histories": bool(channels),
         "drawn_again": bool(results.campaign.channels),
         "total": int(number.size),

@@ -5,7 +5,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import unknowns_hint
-from abhv_mc.folder.flown_campaign import kept_flights
+from abhv_mc.folder.flown_campaign import flights_with_history
 from abhv_mc.topics.flights.model import (
     FlightCounts,
     Flights,
@@ -146,7 +146,7 @@ def _kept_words(names: Names) -> str:
     }
     total = sum(flights.size for flights in worst.values())
     count_kept = sum(
-        len(kept_flights(results.folder, name).intersection(flights.tolist()))
+        len(flights_with_history(results.folder, name).intersection(flights.tolist()))
         for name, flights in worst.items()
     )
     if count_kept == total:
