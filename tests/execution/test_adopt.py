@@ -28,7 +28,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders
-from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.report.pages.verify import find_differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.topics.failures import FAILURES
@@ -571,5 +571,7 @@ def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_sam
         "advice",
     )  # how a verdict would stand with more flights, which nothing here can fly
     assert not [
-        d for d in differences(one, two) if d.partition(":")[0].rpartition(".")[2] not in advice
+        d
+        for d in find_differences(one, two)
+        if d.partition(":")[0].rpartition(".")[2] not in advice
     ]

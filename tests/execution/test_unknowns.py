@@ -15,7 +15,7 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import InputError, read_document
-from abhv_mc.report.numbers.planned import plan_campaign
+from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import judge, tolerance_limit
 from abhv_mc.topics.verdicts.model import compute_verdicts

@@ -160,7 +160,7 @@ def _print_result(result: "RunResult", named: str) -> None:
 
 def print_judgement(folder: Path, manifest: "Manifest", named: str) -> None:
     """Say the judgement of a folder's report, where it has one of its flights; ``named``: what the user calls it."""
-    from abhv_mc.report.numbers.judged import judgement_lead, read_judgement
+    from abhv_mc.report.numbers.judgement_record import judgement_lead, read_judgement
 
     if (found := read_judgement(folder, manifest)) is not None:
         say(*judgement_lead(found, shlex.quote(named)).sentences, sep="\n")
