@@ -51,7 +51,11 @@ def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str
     heads = [f"{words}, TLC better in %" for words in WORDS.values()] + [
         f"{s}, rms deg, TLC / LQR" for s in surfaces
     ]
-    yield "| member | ends inside | worst end | disk margin, TLC / LQR | early terminations | " + " | ".join(heads) + " |"
+    yield (
+        "| member | ends inside | worst end | disk margin, TLC / LQR | early terminations | "
+        + " | ".join(heads)
+        + " |"
+    )
     yield "|" + "---|" * (5 + len(heads))
     for member in members:
         one = judged[member["name"]]
