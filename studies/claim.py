@@ -69,13 +69,6 @@ seeds.
 328 flights of the wide box.
 
 {shipped}
-
-## A vehicle that does not reproduce the figures
-
-On `ghame_x`, with steps in bank, three longer searches (revision 16e984d) found TLC's error 20 % below that of LQR \
-at the control effort of Table 1 and 8 % below at 0.7 of it, through sideslip. Of the 2000 flights of \
-`campaigns/wide.yaml`, 180 s each, 139 terminate early and 833 oscillate with Table 1, 458 and 720 with LQR, 75 and \
-14 with TLC robust, 105 and 1 with LQR robust ([margins](margins.md)).
 """
 
 
