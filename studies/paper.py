@@ -65,14 +65,13 @@ and the LQR weights as printed, and found {number}. The paper supports a conclus
 
 - `configs/control/tlc.yaml` is Table 1, with the paper's differentiators of 0.3 and 1.5 rad/s;
   `configs/control/lqr.yaml` has the printed weights.
-- The end of an automatically chosen axis lies within one tick of the data, so each end of an axis gives an interval
-  for the data's end, with a reading error of 2 % of the axis. Figures 4, 6, 8, 9, 10 and 11 (both controllers
-  together) and 5 and 7 (each controller) have 20 ends. Figure 3 and the insets of Figure 7 give limits only.
-- The S starts to the right: the bank in Figure 7 is positive first, and in Figure 2 the original heading is north of
-  the final one. The signs of sideslip and deflections are not stated; 'mirrored' marks quantities with the opposite
-  sign here.
-- The bank is established over a bank time, and the lateral acceleration follows a power of the cosine, the sharpness.
-  The paper's time is ours plus 180 s.
+- The end of an automatically chosen axis lies within one tick of the data, so each end gives an interval for the
+  data's end, with a reading error of 2 % of the axis. Figures 4, 6, 8, 9, 10 and 11 (both controllers together) and 5
+  and 7 (each controller) have 20 ends. Figure 3 and the insets of Figure 7 give limits only.
+- The S starts to the right. The paper does not state the signs of sideslip and deflections; 'mirrored' marks the
+  opposite sign.
+- The bank is established over a bank time; the lateral acceleration follows a power of the cosine, the sharpness. The
+  paper's time is ours plus 180 s.
 
 ## Figure by figure
 
@@ -103,21 +102,17 @@ body at both mass points, trims at least 0.1 deg from the nodes of the tables, a
 ## Plausibility of the vehicles
 
 The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
-(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of an X-51 and a wing
-loading of 393 kg/m2. The wing loading has no effect: mass, inertias, coefficients and cowl area times one factor
-change no simulation. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over the Mach number.
-The tables begin at Mach 2.
+(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of an X-51; the wing
+loading has no effect on the flights. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over
+the Mach number. The tables begin at Mach 2.
 
 [CLASS]
 
-GHAME itself is outside most of these limits: at this flight condition its trimmed L/D is {ghame_lift_to_drag} and its
-thrust over weight {ghame_thrust_to_weight}; its best L/D at this Mach number is 2.45, at 18 deg. In Figure 11 the
-equivalence ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced drag this
-requires an L/D of 3 to 5, so the paper did not use GHAME's drag.
-
-Few values of the class are published. The X-43A had a wing loading of 380 kg/m2 (1,275 kg, reference area 3.36 m2;
-Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach 4.74 is an L/D of 6.5. Slender lifting bodies reach a
-hypersonic L/D of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)).
+GHAME itself is outside most of these limits: its trimmed L/D here is {ghame_lift_to_drag}, its thrust over weight
+{ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at
+50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use GHAME's drag. The X-43A
+had a wing loading of 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach 4.74 is an L/D of 6.5;
+slender lifting bodies reach 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)).
 
 {sides}
 
@@ -135,13 +130,13 @@ after each), and the control effort.
 Both controllers are stable in level flight on every member (least disk margins {disk_tlc} for TLC, {disk_lqr} for
 LQR), and no flight terminates early.
 
-In bank the result depends on the window. In a ramp the faster attitude loop has the smaller error: Table 1 has 2 x
-3.4 x 0.3 = 2.0 rad/s, the printed weights sqrt(2.28e5 / 3.28e3) = 8.3 rad/s. Outside the transients the static error
-counts, which is smaller for TLC, because it inverts the model and integrates.
+In bank the result depends on the window. In a ramp the faster attitude loop has the smaller error: 2 x 3.4 x 0.3 =
+2.0 rad/s for Table 1, sqrt(2.28e5 / 3.28e3) = 8.3 rad/s for the printed weights. Outside the transients the static
+error counts, which is smaller for TLC, because it inverts the model and integrates.
 
-[The claim](claim.md) compares controllers that were tuned alike. `campaigns/harder_vehicle.yaml` uses a vehicle that
-does not reproduce the figures, with GHAME's own coefficients and steps in bank: there the printed LQR weights are
-unstable and Table 1 saturates, neither of which the paper shows.
+[The claim](claim.md) compares controllers that were tuned alike. On a vehicle that does not reproduce the figures
+(`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in bank) the printed LQR weights are unstable
+and Table 1 saturates, which the paper does not show.
 
 ## Prediction of one figure from the others
 
