@@ -236,7 +236,7 @@ def excesses(traits: dict[str, float], inner: float = 0.0) -> Floats:
 
 def table(traits: dict[str, dict[str, float]]) -> Iterator[str]:
     """Yield the rows of a Markdown table: each trait of each vehicle, beside its side."""
-    yield "| trait | side | " + " | ".join(traits) + " |"
+    yield "| trait | limits | " + " | ".join(traits) + " |"
     yield "|" + "---|" * (2 + len(traits))
     for name, side in SIDES.items():
         cells = [f"{of[name]:.3g}" for of in traits.values()]

@@ -10,7 +10,7 @@ WORDS = {"angle_of_attack": "angle of attack", "sideslip": "sideslip", "bank": "
 
 def figures(judged: dict[str, Any]) -> Iterator[str]:
     """A row for each axis: the paper's, ours, in or out by how much, and how far dispersed flights leave it."""
-    yield "| figure | the data end within | ours | | dispersed beyond it, TLC / LQR |"
+    yield "| figure | ends of the data | abhv | | dispersed beyond the axis, TLC / LQR |"
     yield "|" + "---|" * 5
     for axis, end in zip(AXES, judged["ends"], strict=True):
         asked = " and ".join(f"{low:g} to {high:g}" for low, high in (axis.lowest, axis.highest))
@@ -20,7 +20,7 @@ def figures(judged: dict[str, Any]) -> Iterator[str]:
         )
         words = f"{axis.figure} {axis.words}" + (", mirrored" if end["mirrored"] else "")
         shown = f"{end['low']:.5g} to {end['high']:.5g}"
-        yield f"| {words} | {asked} | {shown} | {', '.join(out) or 'in'} | {beyond} |"
+        yield f"| {words} | {asked} | {shown} | {', '.join(out) or 'inside'} | {beyond} |"
 
 
 def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
@@ -48,10 +48,14 @@ def vehicles(members: list[dict[str, Any]]) -> Iterator[str]:
 def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str]:
     """A row a member: in how many flights TLC is closer, whole flight / without the ramps, and the use of surfaces."""
     surfaces = ("aileron", "rudder", "elevator")
-    heads = [f"{words}, TLC closer in %" for words in WORDS.values()] + [
+    heads = [f"{words}, TLC better in %" for words in WORDS.values()] + [
         f"{s}, rms deg, TLC / LQR" for s in surfaces
     ]
-    yield "| member | ends in | worst | disk margin, TLC / LQR | lost | " + " | ".join(heads) + " |"
+    yield (
+        "| member | ends inside | worst end | disk margin, TLC / LQR | early terminations | "
+        + " | ".join(heads)
+        + " |"
+    )
     yield "|" + "---|" * (5 + len(heads))
     for member in members:
         one = judged[member["name"]]

@@ -85,14 +85,14 @@ def test_files_that_the_code_names() -> None:
             assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
 
 
-def test_every_equation_and_every_seam_has_its_function() -> None:
+def test_every_equation_and_every_interface_has_its_function() -> None:
     page = text_of(ROOT / "docs/explanation/theory.md")
-    seams = (
+    interfaces = (
         text_of(ROOT / "docs/explanation/architecture.md")
-        .split("## Names at the seams")[1]
+        .split("## Names at the interfaces")[1]
         .split("\n## ")[0]
     )
-    names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", seams)]
+    names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", interfaces)]
     names = [name for name in names if not name.endswith((".parquet", ".json"))]
     names += re.findall(r"`(abhv_mc\.[\w.]+)`", page)
     assert len(names) > 25
