@@ -254,9 +254,9 @@ def flights(
     rows that pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes
     are those of 'run'.
     """
-    from abhv_mc.execution.adopt import adopt_tables
+    from abhv_mc.execution.table_import import import_tables
 
-    result = adopt_tables(tables, find_input(campaign, "campaign"), out, fresh)
+    result = import_tables(tables, find_input(campaign, "campaign"), out, fresh)
     finish(result, no_report, json, out or result.folder, junit, flies=False)
 
 
