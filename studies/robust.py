@@ -4,7 +4,7 @@
 
 The same freedom for both laws: TLC's bandwidths and dampings of the two inner sub-loops, LQR's weights but one of each
 regulator (only ratios count; the pitch rate stays without weight). CMA-ES on the same flights for every candidate
-(``abhv_mc_tune.method``): first whatever keeps the limits, then the smallest score.
+(``abhv_mc_tune.constrained_search``): first whatever keeps the limits, then the smallest score.
 
 Limits (numbers in ``robust_flights.py``):
 - margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's box (``CORNER``);
@@ -36,7 +36,7 @@ from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc_tune.candidates import ControllerNumbers
-from abhv_mc_tune.method import Scores, tune
+from abhv_mc_tune.constrained_search import Scores, tune
 
 FAR = 0.6  # beyond a limit of the margins, relative: not worth flying
 FRESH_SEED = 2015
@@ -204,10 +204,10 @@ def main() -> None:
     found = tune(search.measure, start, arguments.candidates, arguments.seed, arguments.step)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robust.yaml"
-        numbers.write(file, found.place)
+        numbers.write(file, found.best_point)
         lines, kept = describe(duel, file, f"python {shlex.join(sys.argv)}")
     print(*lines, sep="\n")
-    numbers.write(arguments.output, found.place, "\n".join(lines))
+    numbers.write(arguments.output, found.best_point, "\n".join(lines))
     if not kept:
         raise SystemExit(f"{arguments.output} does not keep every limit")
 
