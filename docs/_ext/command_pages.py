@@ -29,9 +29,9 @@ def make(examples: Path) -> dict[str, str]:
     pages: dict[str, str] = {}
     contents = [
         "# Commands\n",
-        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or controller is a path or the name of",
-        "a shipped one. `--json FILE` writes the numbers that a command prints, `--json -` writes only them to standard",
-        "output. Their format is stable; printed text may change.\n",
+        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or controller is a path or the",
+        "name of a shipped one. `--json FILE` writes the numbers that a command prints, `--json -` writes only them to",
+        "standard output. Their format is stable; printed text may change.\n",
     ]
     panels: dict[str, list[str]] = {}
     for name, command in group.commands.items():
