@@ -36,8 +36,8 @@ def _metrics() -> str:
     return f"""# Metrics
 
 Each metric is a column of `flights/*.parquet`; requirements, `keep.histories.by` and the report use the same names.
-Metrics are evaluated at every control tick, from the start to the end of the flight. A flight that terminated early has its
-metrics up to that time. Its outcome states the reason, and it counts as a failure unless the requirement sets
+Metrics are evaluated at every control tick, from the start to the end of the flight. A flight that terminated early has
+its metrics up to that time. Its outcome states the reason, and it counts as a failure unless the requirement sets
 `ended_early: as_measured`. Errors of angle of attack and bank refer to the controller's own command.
 
 {table(("name", "unit", "meaning", "counted as", "bad", "group"), rows)}
@@ -77,8 +77,8 @@ def _parameters() -> str:
         "# Parameters\n",
         "Parameters that a campaign can disperse under `dispersions:`. A factor multiplies (nominal 1); an error is",
         "added in its unit (nominal 0). Nominal values do not change the flight. Dispersions act on the plant;",
-        "controllers use the nominal model. `abhv-mc list parameters` prints this table. In a campaign the names of the vehicle file",
-        "replace `effector_0` to `effector_3`: `failure.right_elevon.stuck_time`.\n",
+        "controllers use the nominal model. `abhv-mc list parameters` prints this table. In a campaign the names",
+        "of the vehicle file replace `effector_0` to `effector_3`: `failure.right_elevon.stuck_time`.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
     for parameter in PARAMETERS:
@@ -117,8 +117,8 @@ def _units() -> str:
     return f"""# Units
 
 In a file a quantity with a dimension carries its unit in the text; a number without a unit is rejected, so that degrees
-are not mistaken for radians. A unit is a product of symbols with integer powers, such as `kg m2` or `ft/s2`; `/` divides
-by the next symbol only. Parquet columns are in SI, angles in degrees if the name ends in `deg`.
+are not mistaken for radians. A unit is a product of symbols with integer powers, such as `kg m2` or `ft/s2`; `/`
+divides by the next symbol only. Parquet columns are in SI, angles in degrees if the name ends in `deg`.
 
 {table(("quantity", "SI unit", "example"), rows)}
 Symbols: {symbols}.
