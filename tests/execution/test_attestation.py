@@ -37,7 +37,7 @@ def test_a_worker_with_other_code_is_rejected_by_name():
 def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
     Attestation(CHECKED).check(
         make_plan("one"), ROWS, flown(host="node7")
-    )  # of one kind: not flown again
+    )  # processors of one kind are not compared
     assert not capfd.readouterr().err
     attestation, block = Attestation(CHECKED, every), flown(**changes)
     for _ in range(2):

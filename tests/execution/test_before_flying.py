@@ -33,10 +33,10 @@ def test_the_estimated_disk_space_is_needed(tmp_path, capfd):
 def test_the_estimated_time_follows_the_number_of_flights(tmp_path):
     campaign = read_campaign(write_campaign(tmp_path / "files"))
     cost = estimate_campaign(campaign, SLOW_ENGINE, workers=4)
-    assert cost.flight_s > 0.02 / 64  # the slow flight sleeps that long for its 64 trials
+    assert cost.flight_s > 0.02 / 64  # the slow flight sleeps 0.02 s per 64 trials
     assert cost.flying_s == pytest.approx(2 * cost.flight_s * (300 + 6) / 4)
     large = replace(campaign, runs=1_000_000)
-    assert estimate_campaign(large, ENGINE).envelope_bytes < 50e6  # flat
+    assert estimate_campaign(large, ENGINE).envelope_bytes < 50e6  # does not grow with the flights
 
 
 def test_a_dispersion_without_effect_is_rejected(tmp_path):

@@ -59,7 +59,7 @@ def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engi
     assert results.judgement.sure.startswith(
         "Requirements were changed after results of 300 flights: altitude_error_max_m: below 50 -> 1.8."
     )
-    assert run(tight, out, engine).manifest == after  # nothing new
+    assert run(tight, out, engine).manifest == after  # unchanged
 
 
 def test_judging_by_the_original_requirements_gives_the_same_numbers(flown, tmp_path):

@@ -82,7 +82,7 @@ def test_damaged_flights_are_run_again_and_other_damage_is_reported(
 def test_a_block_with_an_uncomputed_flight_is_run_again(flown, tmp_path, capfd):
     def fail(plan, parameters, every=None):
         block = fly(plan, parameters, every)
-        if len(parameters) == 30:  # no trial
+        if len(parameters) == 30:  # a block of the campaign, not trials
             block.outcome[1] = Outcome.FAILED_TO_RUN
         return block
 

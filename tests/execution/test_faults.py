@@ -29,7 +29,7 @@ def is_bad(density):
 def _plant(fault, plan, parameters, every):
     if (
         is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)
-    ).any():  # the nominal flight stands at 1
+    ).any():  # the nominal flight has density 1
         fault()
     return fly(plan, parameters, every)
 
@@ -86,7 +86,8 @@ def engine_of(function):
     ],
 )
 def test_a_bad_flight_fails_to_run(tmp_path, function, isolation, reason, capfd):
-    # Blocks of 150 need ten limits of processor time, so a hanging flight is found after 3 s, then after 0.3 s, twice.
+    # Blocks of 150 flights have ten limits of processor time: a hanging flight is detected after
+    # 3 s, and then twice after 0.3 s.
     execution = f"{{workers: 2, batch: 150, isolation: {isolation}, flight_time_limit: 0.3 s}}"
     campaign = write_campaign(
         tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}"
@@ -136,7 +137,7 @@ def test_killed_workers_lose_no_flight(tmp_path, capfd):
         while not ended.wait(moments.uniform(0.1, 0.4)):
             workers = [
                 c for p in psutil.Process().children() for c in p.children()
-            ]  # of the server they fork from
+            ]  # children of the fork server
             if workers and len(kills) < 10:
                 kills.append(moments.choice(workers).pid)
                 os.kill(kills[-1], signal.SIGKILL)

@@ -20,12 +20,12 @@ from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
 
 ROUNDS = 10  # kills of one test: 60 in all
-OTHERS = 0.75  # share of the kills that hit another process than the parent, where there are others
+OTHERS = 0.75  # share of the kills of other processes than the parent
 SERVER = multiprocessing.get_context("forkserver")
 
 
 def fly_in_child(campaign, out, number, isolation=THREADS):
-    os.setsid()  # its workers are found by it
+    os.setsid()  # identifies its workers
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     collector.ENVELOPE_FLIGHTS = number
@@ -77,7 +77,7 @@ class Campaign:
         child.start()
         if (
             self.isolation == PROCESSES and self.moments.random() < 0.8
-        ):  # in the air: processes take time to start
+        ):  # wait for a first block, as processes take time to start
             blocks = count_blocks(out)
             while child.exitcode is None and count_blocks(out) == blocks:
                 child.join(0.02)
@@ -116,7 +116,7 @@ def test_random_kills_lose_no_flight(tmp_path, seed, monkeypatch, capfd):
             pass
         label = f"seed {seed}, kills: {campaign.kills}"
         assert code == 0, label
-        done = run(campaign.file, out)  # complete: reads and proves every block
+        done = run(campaign.file, out)  # reads and checks every block of the complete folder
         assert done.complete and done.manifest.runs_failed == 0, label
         assert done.manifest.digest == reference.digest, label
         for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):

@@ -86,7 +86,7 @@ def test_envelopes_contain_all_flights_at_every_tick(flown, flights_only):
         assert np.all(history >= low - slack) and np.all(history <= high + slack)
         sampled = history[:, :: round(band["time"].iloc[1] / block.times[1])]
         between += sampled.max() < history.max() or sampled.min() > history.min()
-    assert between  # samples alone would not hold them
+    assert between  # samples alone would not contain these values
 
 
 def test_a_metric_of_a_missing_quantity_is_rejected(flights_only, tmp_path):
@@ -103,7 +103,8 @@ def test_a_metric_of_a_missing_quantity_is_rejected(flights_only, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-# What GHAME-X's tables do not hold, and densities at heights that the S does not come near: refused in a campaign.
+# Parameters without effect on GHAME-X's tables, and densities at altitudes outside the mission;
+# campaigns reject them.
 WITHOUT_EFFECT = {
     *(
         f"aero.{force}.{cause}"
@@ -125,7 +126,7 @@ WITHOUT_EFFECT = {
     *(f"aero.yawing_moment.{cause}" for cause in ("pitch_rate", "elevator")),
     *(f"atmosphere.density_at_{km}km" for km in (10, 30, 35, 40)),
     *(f"control.effector_{i}_effectiveness" for i in range(16)),
-    # What TLC does not measure.
+    # Quantities that TLC does not measure.
     *(
         f"sensor.{name}_{error}"
         for name in MORE_SENSORS
@@ -144,7 +145,7 @@ LIMITS = {
 
 def test_every_parameter_changes_a_flight(flown, flights_only):
     """With gusts, turbulence and noise, each parameter has an effect."""
-    # The first is no parameter of a vehicle; failures act in pairs, and have tests of their own.
+    # The first is no parameter of a vehicle; failures act in pairs and have separate tests.
     listed = [
         parameter for parameter in PARAMETERS[1:] if not parameter.name.startswith("failure.")
     ]

@@ -115,7 +115,7 @@ def test_an_interrupt_keeps_finished_blocks_and_the_run_resumes(reference, campa
     second = run(campaign, tmp_path / "b")
     assert second.complete and second.manifest.digest == reference.manifest.digest
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
-    assert before.items() <= after.items()  # nothing was flown twice
+    assert before.items() <= after.items()  # no block was computed twice
     names = ["envelopes.parquet", *(f"histories/{name}-000000.parquet" for name in ("one", "two"))]
     for name in names:
         assert pq.read_table(reference.folder / name).equals(pq.read_table(tmp_path / "b" / name))
@@ -133,7 +133,7 @@ def test_envelopes_contain_the_first_flights(campaign, tmp_path, monkeypatch):
     assert pq.read_schema(many).metadata[b"flights"] == b"100"
     before = many.stat().st_mtime_ns
     run(campaign, tmp_path / "many", runs=400)
-    assert many.stat().st_mtime_ns == before  # more flights change nothing of them
+    assert many.stat().st_mtime_ns == before  # more flights do not change envelopes
 
 
 def test_extending_keeps_flights_bit_for_bit(reference, campaign, tmp_path):
@@ -203,7 +203,7 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
     )
     assert judged(turned, "a", controllers=("one",)) == [
         "two"
-    ]  # asked for again; the campaign is the same
+    ]  # a smaller selection does not change the campaign
     assert judged(campaign, "b", controllers=("one",)) == ["one"]
     assert judged(campaign, "b", controllers=("two",)) == ["one"]
     assert judged(turned, "b") == ["two"]
@@ -297,7 +297,7 @@ def test_kept_histories_are_the_worst_and_selected_flights(reference):
     metric = rows["altitude_error_max_m"].to_numpy()
     worst = np.lexsort([np.arange(300), np.where(early, 0.0, -metric), ~early])[
         :5
-    ]  # all early ends at the same time
+    ]  # all early terminations are at the same time
     table = pq.read_table(reference.folder / "histories/one-000000.parquet")
     assert sorted(set(table["flight"].to_pylist())) == sorted({7, *worst.tolist()})
     assert str(table.schema.field("altitude_m").type) == "float"
@@ -348,7 +348,7 @@ def test_envelopes_equal_numpys_quantiles(tmp_path):
             np.testing.assert_allclose(computed[1:-1], expected[1:-1], rtol=1e-12)
             assert (
                 computed[0] <= expected[0] and computed[-1] >= expected[-1]
-            )  # of every tick, see test_every_tick
+            )  # envelopes cover every tick, histories samples
 
 
 def test_fresh_from_the_folders_own_campaign_file(reference, flown):

@@ -72,7 +72,7 @@ def test_failed_flights_after_the_stop_are_run_again(tmp_path):
     def fail(plan, parameters, every=None):
         block = fly(plan, parameters, every)
         off = np.abs(parameters[:, DENSITY] - 1.0)
-        block.outcome[(off > 0.0) & (off < 0.01)] = Outcome.FAILED_TO_RUN  # the trials stand at 1
+        block.outcome[(off > 0.0) & (off < 0.01)] = Outcome.FAILED_TO_RUN  # the trials have 1
         return block
 
     campaign = make(tmp_path / "f", requirements=PROVEN)

@@ -132,7 +132,7 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
 def test_an_invalid_row_is_rejected_with_its_line(
     line: int, changes: dict[str, str], pattern: str, flown: Path, tmp_path: Path
 ) -> None:
-    lines = (line, line + 300) if "delay" in changes else (line,)  # of both systems
+    lines = (line, line + 300) if "delay" in changes else (line,)  # the input of both systems
     table = rewritten(flown, lambda i, row: {**row, **(changes if i in lines else {})})
     with pytest.raises(InputError, match=pattern) as refused:
         adopt_table(table, make_campaign(tmp_path), tmp_path / "adopted")
@@ -565,7 +565,7 @@ def test_exported_flights_of_a_vehicle_have_the_same_verdicts(name: str, tmp_pat
     advice = (
         "words",
         "advice",
-    )  # how a verdict would stand with more flights, which nothing here can fly
+    )  # advice on further flights, which cannot be computed here
     assert not [
         d
         for d in find_differences(computed, imported)

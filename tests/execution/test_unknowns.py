@@ -174,7 +174,7 @@ def test_resuming_gives_the_same_result(reference, tmp_path):
     def fly_until(plan, parameters, recorded=None):
         if (
             isinstance(recorded, Recording) and next(calls, None) is None
-        ):  # the search's flights record nothing
+        ):  # flights of the search have no recording
             raise KeyboardInterrupt
         return fly(plan, parameters, recorded)
 

@@ -192,7 +192,10 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     )
     assert build_page(request.output).exists()
     output = capfd.readouterr().err
-    for reason, flight in (("SIGSEGV", 137), ("not done in 1 s", 61)):  # the second time alone
+    for reason, flight in (
+        ("SIGSEGV", 137),
+        ("not done in 1 s", 61),
+    ):  # lost twice, the second time alone
         assert f"{reason}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in output
 
 
@@ -234,7 +237,7 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
     )
     assert (
         read_controller(new).sources[0].samefile(tmp_path / "lqr.c")
-    )  # wherever the numbers are written
+    )  # independent of the file of the numbers
     changed = tmp_path / "lqr.c"
     changed.write_text(changed.read_text() + "\n")
     with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):
@@ -277,9 +280,7 @@ def test_untrusted_code_does_not_run(study, tmp_path, monkeypatch, file):
         lambda: margins(campaign, controllers="mine"),
         lambda: linearize(level, tmp_path / "model.npz", controller=str(controller)),
     )
-    for ask in asks[
-        : -1 if is_beside else None
-    ]:  # a controller's own file may name any file of the machine
+    for ask in asks[: -1 if is_beside else None]:  # a controller file may name any file
         with pytest.raises(InputError, match="--trust-code"):
             ask()
     assert not ran.exists() and not again.exists()

@@ -191,7 +191,7 @@ def test_a_hanging_flight_ends_with_the_killed_command(tmp_path: Path) -> None:
         process.wait()
         while (ready := select.select([pipe], [], [], 60.0)[0]) and pipe.read(1):
             pass
-        assert ready  # nobody holds it any more
+        assert ready  # end of file: no process has the pipe open
     while list(scratch.iterdir()):  # the watcher deletes the working folders
         select.select([], [], [], 0.05)
 
@@ -202,7 +202,7 @@ KEEP = {
     "envelopes": {"rate": f"{RATE:g} Hz"},
 }
 HISTORIES: dict[str, Any] = {"histories": DIVE_CHANNELS, "keep": KEEP, "runs": 60}
-BANDED = 50  # flights of which the bands are
+BANDED = 50  # flights in the envelopes
 
 
 @pytest.fixture
@@ -240,7 +240,7 @@ def test_histories_and_envelopes_are_those_returned(tmp_path: Path) -> None:
         .set_index(["controller", "channel", "time"])
     )
     for system in ("v1", "v2"):
-        for channel in DIVE_CHANNELS:  # the first is there wherever a history is
+        for channel in DIVE_CHANNELS:  # every history has the first channel
             paths = paths_by_hand(out, system, channel)
             for flight, history in histories.loc[system].groupby("flight"):
                 times, values = paths[flight]

@@ -91,7 +91,7 @@ def test_damaged_results_are_computed_again(tuned, tmp_path):
     for i, other in enumerate(
         [np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]
     ):
-        write_array(files[-3 - i], other)  # whole, but nothing that tuning writes
+        write_array(files[-3 - i], other)  # undamaged, but not written by tuning
     request.output.unlink()
     assert tune_controller(request, TUNED).as_json() == result.as_json()
 

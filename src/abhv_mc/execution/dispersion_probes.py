@@ -63,7 +63,7 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
         name: _fly_temporary(campaign, name, trials, every, limit) for name in campaign.systems
     }
     errors = list(_find_not_finite(campaign, flown))
-    for name, low, high in unchanging(campaign, trials, flown.values()):
+    for name, low, high in find_ineffective(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"
         keys = ("sampling",) if campaign.sample_file is not None else (key, name)
         problem = f"'{name}' from {low:g} to {high:g} changes no controller's flight"
@@ -74,7 +74,7 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
     return flown
 
 
-def unchanging(
+def find_ineffective(
     campaign: Experiment, trials: Floats, flown: Collection[FlightBlock]
 ) -> Iterator[tuple[str, float, float]]:
     """Yield the dispersions that change no flight of the trials, with the ends of their range."""

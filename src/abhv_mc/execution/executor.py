@@ -32,7 +32,7 @@ class FlightRunner:
     fly: Fly  # thread-safe; flights that cannot be computed have the outcome ``failed_to_run``
     workers: int  # number of simultaneous calls
 
-    def fly_side_by_side(
+    def fly_parallel(
         self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None
     ) -> FlightBlock:
         """Return the flights of ``parameters`` [flight, parameter], divided between workers."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.dispersion_probes import make_trials, unchanging
+from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
@@ -94,7 +94,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
                     flown.append(block)
             warnings += [
                 f"'{name}' from {low:g} to {high:g} changes no flight"
-                for name, low, high in unchanging(campaign, trials, flown)
+                for name, low, high in find_ineffective(campaign, trials, flown)
                 if name in campaign.names  # three values cannot prove that an unknown has no effect
             ]
             for name, block in zip(campaign.systems, flown, strict=True):

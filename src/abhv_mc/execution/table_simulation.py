@@ -72,9 +72,7 @@ def simulate_table(
         recording = Recording(every, tuple(channel_index[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
     with open_executor(simulator.engine, experiment.model.execution, None) as executor:
-        blocks = [
-            simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in systems
-        ]
+        blocks = [simulate(ready, name, rows, recording, executor.fly_parallel) for name in systems]
     axes = ("controller", "flight")
     variables: dict[str, Any] = {
         metric.name: (

@@ -89,7 +89,7 @@ def _evaluate(
         search_size(campaign.runs_at_point), campaign.unknowns.values(points)
     )
     margins = campaign.model.margins is not None
-    block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins=margins)
+    block = simulate(campaign, name, rows, None, executor.fly_parallel, margins=margins)
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]
     trials = []

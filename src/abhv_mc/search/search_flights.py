@@ -208,7 +208,7 @@ class SearchFlights:
             self.controller,
             samples,
             None,
-            self.executor.fly_side_by_side,
+            self.executor.fly_parallel,
             margins=self.margins,
         )
         outcome = self.campaign.outcomes.of(flown.outcome)
