@@ -55,7 +55,8 @@ def plot_front(
         usage[shown & ~allowed],
         error[shown & ~allowed],
         ".",
-        color="#BBBBBB",
+        color=INK,
+        alpha=0.3,
         label="beyond a limit",
     )
     axes.plot(
