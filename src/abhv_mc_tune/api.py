@@ -14,17 +14,23 @@ from abhv_mc_tune.tuning import TuneFound, tune_controller
 def tune(request: TuneRequest) -> TuneFound:
     """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
 
-    The controller file is written where the result is ``.shown`` to be better within all limits.
+    The controller file is written if the result is ``.shown`` to be better within all limits.
 
     Returns
     -------
     TuneFound
-        ``.as_json()`` is what ``--json`` holds.
+        ``.as_json()`` returns the content of ``--json``.
 
     Raises
     ------
     InputError
-        For what is wrong with a file or an argument.
+        If a file or an argument is invalid.
+
+    Examples
+    --------
+    >>> result = abhv_mc.tune("tune.yaml", "tuned.yaml")  # doctest: +SKIP
+    >>> result.shown  # doctest: +SKIP
+    True
     """
     out = Path(request.output)
 
