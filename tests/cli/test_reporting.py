@@ -90,7 +90,7 @@ def test_compare(folder, tmp_path):
     crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
     for words in ("Bank error, rms (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
         assert words in crossed
-    (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Reached the end")]
+    (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Completed")]
     assert line.split()[6:11] == ["0", "0", "4", "36", "0.12"]
     assert len(json.loads(run("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
 

@@ -214,7 +214,7 @@ def test_columns_of_one_text_move_into_the_caption():
     rows = tuple((Cell(str(k), head=True), Cell("same"), Cell(f"{k} m")) for k in range(3))
     table = Table("Flights", ("Flight", "Outcome", "Error"), (rows,)).without_constant()
     assert table.heads == ("Flight", "Error") and table.plain_rows()[2] == ["2", "2 m"]
-    assert table.caption == "Flights. Of all rows: Outcome: same"
+    assert table.caption == "Flights. In all rows: Outcome: same"
     alone = Table("Flights", ("Flight", "Outcome", "Error"), (rows[:1],))
     assert alone.without_constant() == alone
 

@@ -112,7 +112,7 @@ def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
 @pytest.mark.parametrize(
     ("asks", "begins"),
     [
-        ("drivers", "What moves the errors of TLC most: "),
+        ("drivers", "Largest drivers of the errors of TLC: "),
         ("worst", "The worst flight of TLC, "),
         ("{compare: [tlc, lqr_retuned]}", "TLC"),
     ],

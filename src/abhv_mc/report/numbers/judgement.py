@@ -394,7 +394,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     why_failed = NextStep("see why flights fail", "abhv-mc explain DIR --all")
     if not flies:
-        why_failed = NextStep("see 'Why flights fail' in the report")
+        why_failed = NextStep("see 'Failure analysis' in the report")
     if met == "no":
         return why_failed
     if met == "not shown":

@@ -70,8 +70,8 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         text += (
             f" These are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
             f"of the unknowns. {_judged_words(campaign.unknowns)}; values in between were searched, not proven. "
-            "Quantiles, envelopes and differences combine all values; a controller is named better only if it is "
-            "better at every value."
+            f"Quantiles, envelopes and differences combine all values; a {names.campaign.kind} is named better only "
+            "if it is better at every value."
         )
     elif not campaign.independent:
         text += (

@@ -220,7 +220,7 @@ def _section(
     if folders and not unknowns.names:
         answers.append(f"Re-run a flight, bit for bit, with {' or '.join(commands)}.")
     return Section(
-        "Answer", (_lead(pairs, b), Bullets(tuple(answers)), Picture("differences"), *tables)
+        "Summary", (_lead(pairs, b), Bullets(tuple(answers)), Picture("differences"), *tables)
     )
 
 

@@ -68,7 +68,7 @@ def contrast_section(
         _quantile_table(a, contrast, labels, titles),
     ]
     filled = [table for table in tables if table.groups[0]]
-    return Section("Answer", (lead, Bullets(tuple(sentences)), Picture("distributions"), *filled))
+    return Section("Summary", (lead, Bullets(tuple(sentences)), Picture("distributions"), *filled))
 
 
 def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]:

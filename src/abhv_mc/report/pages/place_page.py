@@ -41,7 +41,7 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
         *(_table(flight, placement.simulated) for flight in placement.flights),
     )
     title = f"Test flights among those of {controller_label(placement.controller)}"
-    return Answer(title, f"Validation · {folder.name}", Section("Answer", items), _draw(placement))
+    return Answer(title, f"Validation · {folder.name}", Section("Summary", items), _draw(placement))
 
 
 def _is_outside(flight: PlacedFlight, risk: float) -> bool:

@@ -38,7 +38,7 @@ def make_rare_answer(result: RareFound, folder: Path) -> Answer:
         flights,
     )
     title = f"Probability that {controller_label(result.controller)} violates: {requirement}"
-    return Answer(title, "Rare-event search", Section("Answer", items), _draw(result))
+    return Answer(title, "Rare-event search", Section("Summary", items), _draw(result))
 
 
 def _draw(result: RareFound) -> Iterator[Drawn]:

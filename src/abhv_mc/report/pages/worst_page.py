@@ -33,7 +33,7 @@ def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(result.controller)}: {metric.phrase}"
     items: tuple[Item, ...] = (*_answers(result), *pictures, _range_table(result), flights)
-    return Answer(title, "Worst-case search", Section("Answer", items), _draw(result))
+    return Answer(title, "Worst-case search", Section("Summary", items), _draw(result))
 
 
 def _draw(result: WorstFound) -> Iterator[Drawn]:

@@ -81,7 +81,7 @@ class ControllerPair:
 
     @property
     def losing(self) -> str:
-        """Which side, `a` or `b`, is shown to lose more flights; '' for none."""
+        """The side, `a` or `b`, that is shown to lose more flights, '' for neither."""
         lost = self.ended_early
         if lost.p_value > _LOST_RISK or lost.only_a == lost.only_b:
             return ""

@@ -208,13 +208,13 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
             continue
         lost = [fixed(failures.both + count, 0) for count in alone]
         counts_text = (
-            f"{lost[0]} of {fixed(pair.pairs, 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
-            f"{a} alone, {fixed(alone[1], 0)} under {b} alone; the chance of such a split were both as good: "
+            f"{lost[0]} of {fixed(pair.pairs, 0)} terminated early, compared with {lost[1]} ("
+            f"{fixed(alone[0], 0)} under {a} only, {fixed(alone[1], 0)} under {b} only; McNemar's test, p "
             f"{p_value(failures.p_value)})."
         )
         if pair.losing:
             sentences.append(
-                f"{a} loses {'more' if pair.losing == 'a' else 'fewer'} flights than {b}: {counts_text}"
+                f"{a} has {'more' if pair.losing == 'a' else 'fewer'} lost flights than {b}: {counts_text}"
             )
         else:
             open_[b] = f"No difference is shown between {a} and {b} in lost flights: {counts_text}"

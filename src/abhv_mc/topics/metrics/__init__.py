@@ -104,9 +104,9 @@ def _unsettled(results: FlownCampaign, record: Metric) -> str | None:
 
 
 GROUPS = {
-    "asked": "What is asked",
+    "asked": "Required metrics",
     "tracking": "Tracking errors",
-    "usage": "Control usage",
+    "usage": "Control effort",
     "loads": "Loads and validity",
     "stability": "Stability margins",
     "user": "Metrics of this campaign",
@@ -118,14 +118,14 @@ def metric_section(metrics: Metrics, names: Names) -> Section:
     """Return required metrics, then groups; metrics outside transients if they differ."""
     text = (
         "Quantiles over the flights with their exact 95 % intervals (order statistics), to the digits that the number "
-        "of flights allows, and the worst flight. Where small values are the bad ones the quantiles are taken from "
-        'below. "Not reached": more flights ended early than lie beyond the quantile. `metrics.csv` has all metrics; '
-        "on paper stand those that are asked."
+        "of flights allows, and the worst flight. If small values are bad, quantiles are counted from below. "
+        '"Not reached": more flights terminated early than lie beyond the quantile. `metrics.csv` has all metrics; '
+        "the printed page has the required ones."
     )
     if not names.campaign.independent:
         text += " These intervals would be exact for independent flights, which these are not."
     return Section(
-        "How large the errors are",
+        "Error distributions",
         (Text(text), Picture("distribution_asked"), *_folds(metrics, names)),
     )
 
