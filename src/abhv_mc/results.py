@@ -320,7 +320,7 @@ class Results:
         import pandas as pd
 
         from abhv_mc.report.numbers.whatif import make_whatif
-        from abhv_mc.topics.words import ends_of
+        from abhv_mc.topics.formatting import ends_of
 
         nested: dict[str, dict[str, Any]] = {}
         for key, value in check_mapping(settings, "settings").items():

@@ -32,7 +32,7 @@ from abhv_mc.report.pages.verify import find_differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.topics.failures import FAILURES
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
@@ -564,7 +564,7 @@ def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_sam
                            for manifest in (adopted, ours))  # fmt: skip
         assert found == expected
     one, two = (
-        plain(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
+        json_data(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
     )
     advice = (
         "words",

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+from abhv_mc.topics.formatting import count_of, fixed, joined, percent
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
-from abhv_mc.topics.words import count_of, fixed, joined, percent
 
 _TEXT = (
     "Credibility factors of NASA-STD-7009. The middle column is the evidence in this folder; the empty column is for "

@@ -18,11 +18,11 @@ from abhv_mc.statistics.failure_rules import (
     find_rules,
     rule_mask,
 )
+from abhv_mc.topics.formatting import count_of, fixed, joined, percent, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import count_of, fixed, joined, percent, shown_value, spoken_name
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.credibility import credibility_fold
+from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.names import Names, full_labels
 from abhv_mc.topics.section import Cell, Fold, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import significant
 
 
 @dataclass(frozen=True)

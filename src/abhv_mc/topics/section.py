@@ -9,7 +9,7 @@ from math import isfinite
 from typing import TypeAlias
 
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.words import bounds, estimate
+from abhv_mc.topics.formatting import bounds, estimate
 
 _IDLE = {"", "0", "\N{EM DASH}"}
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import fixed
 
 _SHOWN = 20  # reasons per system
 _NO_REASON = "no reason is stored"

@@ -79,7 +79,7 @@ def plot_convergence(
 
 
 @styled
-def plot_worst_point(names: Sequence[str], place: Floats, change: Floats, label: str) -> Figure:
+def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
     """Plot the position (-1 to 1) of the worst case in each range and the sensitivity there.
 
     ``change`` [parameter, 2] is the change of the value for a lower and a higher parameter.
@@ -88,7 +88,7 @@ def plot_worst_point(names: Sequence[str], place: Floats, change: Floats, label:
     left, right = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(names))
     left.hlines(rows, -1.0, 1.0, color=INK, alpha=0.3, linewidth=1.0)
-    left.plot(place, rows, "o", color=VERMILION, markersize=5)
+    left.plot(position, rows, "o", color=VERMILION, markersize=5)
     left.set_yticks(rows, names)
     left.set_ylim(len(names) - 0.5, -0.5)
     left.set_xlim(-1.1, 1.1)

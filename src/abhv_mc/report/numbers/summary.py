@@ -7,10 +7,10 @@ from abhv_mc.folder.siblings import name_siblings
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.flights import FLIGHTS, flight_sentences
+from abhv_mc.topics.formatting import fixed, joined, percent
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import fixed, joined, percent
 from abhv_mc.vehicle.shared_keys import IN_WIND
 
 

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
 from abhv_mc.report.pages.page import Answer
 from abhv_mc.topics.figure_style import BLUE, INK, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
 
 _LISTED = 12  # metrics of a flight
 _COLUMNS = 2

@@ -12,10 +12,10 @@ from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent
 
 
 def make_rare_answer(result: RareFound, folder: Path) -> Answer:

@@ -11,10 +11,10 @@ from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
+from abhv_mc.topics.formatting import percent, shown_value
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent, shown_value
 
 
 def make_worst_answer(result: WorstFound, folder: Path) -> Answer:

@@ -11,6 +11,7 @@ from abhv_mc.topics.comparison.model import (
     compute_comparison,
 )
 from abhv_mc.topics.comparison.sentences import asked_of, comparison_sentences, survival_sentences
+from abhv_mc.topics.formatting import count_of, fixed, p_value, significant
 from abhv_mc.topics.missed_requirements import requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
@@ -26,7 +27,6 @@ from abhv_mc.topics.section import (
     interval_cell,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, fixed, p_value, significant
 
 _DASH = "\N{EM DASH}"
 _BETTER = (

@@ -5,8 +5,8 @@ from math import inf
 
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, ControllerPair
+from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
 
 _OPEN = 2  # most rivals listed singly if no difference in lost flights is shown
 
@@ -90,10 +90,10 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
         return (
             f"better on more flights: {joined(win_counts)} of the {values} values of the unknowns"
         )
-    closer = names.label(entry.closer) if entry.closer else "one"
+    better = names.label(entry.closer) if entry.closer else "one"
     reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
     reasons += ["more flights lost"] if entry.loses_more else []
-    return f"{closer} is closer on more flights but has {joined(reasons)}"
+    return f"{better} is better on more flights but has {joined(reasons)}"
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:

@@ -15,9 +15,9 @@ from abhv_mc.statistics.estimates import (
     looks,
     quantile_traces,
 )
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import (
     Cell,
     Fold,

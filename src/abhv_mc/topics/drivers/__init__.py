@@ -17,6 +17,7 @@ from abhv_mc.statistics.drivers import (
 )
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.given_data import LEAST_SHARE, given_data_indices
+from abhv_mc.topics.formatting import joined, parameter_doc, percent, spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
     Cell,
@@ -30,7 +31,6 @@ from abhv_mc.topics.section import (
     interval_cell,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import joined, parameter_doc, percent, spoken_name
 
 _TENTH = 0.1  # share of the flights
 _FEWEST_OF_TENTH = 5  # flights

@@ -18,9 +18,9 @@ from abhv_mc.topics.figure_style import (
     put_legend,
     styled,
 )
+from abhv_mc.topics.formatting import spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
-from abhv_mc.topics.words import spoken_name
 
 _BARS = 3  # parameters of a metric: the largest of any controller
 _ROW = 0.075  # height of a bar, in

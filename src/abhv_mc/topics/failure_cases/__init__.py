@@ -20,11 +20,11 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.formatting import count_of, percent
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Picture, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, percent
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,7 @@ from abhv_mc.topics.flights.model import (
     compute_flights,
     ended_words,
 )
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
-from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import (
+from abhv_mc.topics.formatting import (
     count_of,
     fixed,
     joined,
@@ -27,6 +24,9 @@ from abhv_mc.topics.words import (
     significant,
     spoken_name,
 )
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
+from abhv_mc.topics.topic import Topic, figures_of
 
 
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
+from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.margins.model import (
     LISTED,
     FlightMargins,
@@ -27,7 +28,6 @@ from abhv_mc.topics.section import (
     grouped,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, fixed, percent
 
 
 def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:

@@ -9,8 +9,9 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
+from abhv_mc.topics.formatting import significant
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import (
     Cell,
     Fold,
@@ -23,7 +24,6 @@ from abhv_mc.topics.section import (
     interval_cell,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import significant
 
 
 @dataclass(frozen=True)

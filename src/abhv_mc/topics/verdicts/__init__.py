@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.topics.formatting import count_of, joined, percent, significant
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic
@@ -13,7 +14,6 @@ from abhv_mc.topics.verdicts.model import (
     Verdicts,
     compute_verdicts,
 )
-from abhv_mc.topics.words import count_of, joined, percent, significant
 
 _DROPPED = 4  # verdicts listed by name that do not hold jointly
 _DASH = "\N{EM DASH}"
