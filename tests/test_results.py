@@ -14,7 +14,7 @@ from search.known_flights import METRIC
 import abhv_mc
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, read_compared
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +207,7 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
         abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page"
     )
     numbers = comparison.numbers()
-    assert numbers == plain(
+    assert numbers == json_data(
         compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
     )
     assert (

@@ -27,9 +27,9 @@ class Option(NamedTuple):
     """Description of a field of a request."""
 
     help: str
-    kind: str  # of value, which `abhv_mc.cli.request_options` reads; '' of one for Python alone
-    default: str | None = None  # in words, where the field's own says too little
-    low: Any = None  # bounds, of numbers
+    kind: str  # of the value, for `abhv_mc.cli.request_options`; '' for fields of Python only
+    default: str | None = None  # description of the default, if its value is not clear
+    low: Any = None  # bounds of numbers
     high: Any = None
 
 
@@ -73,7 +73,7 @@ def _check_side(value: object, name: str, _option: Option) -> object:
     return value
 
 
-_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind; of values that are not None
+_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind, for values except None
     **dict.fromkeys(
         ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
     ),
@@ -95,7 +95,7 @@ Scheduler = Annotated[
     str | None,
     Option("Compute on this cluster, as tcp://host:8786 of Dask.", "scheduler"),
 ]
-Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
+Fresh = Annotated[bool, Option("Delete the previous campaign in the folder first.", "flag")]
 
 
 class CheckedRequest:
@@ -129,22 +129,22 @@ class Request(CheckedRequest):
     fresh: Fresh = False
     scheduler: Scheduler = None
     shard: Annotated[
-        tuple[int, int] | None, Option("Only part I of N; merge joins them.", "shard")
+        tuple[int, int] | None, Option("Run only part I of N; merge joins the parts.", "shard")
     ] = None
     plans: Annotated[
-        Paths | None, Option("Fly the plans of this campaign's folder.", "results", "new")
+        Paths | None, Option("Use the plans in this campaign's folder.", "results", "new")
     ] = None
     trust_code: Annotated[
-        bool, Option("Run Python code of a campaign's folder that you have not flown.", "flag")
+        bool, Option("Run Python code in the folder that you have not run before.", "flag")
     ] = False
     check_workers: Annotated[
-        bool, Option("Fly one flight of each worker again here; compare its bits.", "flag")
+        bool, Option("Re-run one flight of each worker here and compare its bits.", "flag")
     ] = False
     baseline: Annotated[
         Paths | None,
         Option(
-            "Campaign flown before on the same samples: its points of unknowns are flown, too, and the report says "
-            "what changed.",
+            "Earlier campaign on the same samples, with which the report compares. Its points of unknowns are "
+            "also run.",
             "results",
         ),
     ] = None
@@ -157,7 +157,7 @@ class SearchRequest(CheckedRequest):
     campaign: CampaignPath
     output: Annotated[
         Paths,
-        Option("Folder of the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"),
+        Option("Folder for the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"),
     ]
     _: KW_ONLY
     controller: Controller = None
@@ -169,8 +169,8 @@ class SearchRequest(CheckedRequest):
     @property
     def settings(self) -> dict[str, Any]:
         """Fields specific to this kind of search, on which its result depends."""
-        own = fields(self)[len(fields(SearchRequest)) :]
-        return {field.name: getattr(self, field.name) for field in own}
+        specific = fields(self)[len(fields(SearchRequest)) :]
+        return {field.name: getattr(self, field.name) for field in specific}
 
 
 @dataclass(frozen=True)
@@ -181,13 +181,13 @@ class WorstRequest(SearchRequest):
     _: KW_ONLY
     bad: Annotated[
         Literal["high", "low"] | None,
-        Option("Large or small values are bad.", "side", "as the campaign has it"),
+        Option("Whether large or small values are bad.", "side", "as in the campaign"),
     ] = None
     flights: Annotated[
-        int, Option("Flights of the search; as many random ones follow.", "count", low=1)
+        int, Option("Flights of the search, and of the random ones after it.", "count", low=1)
     ] = 2000
     box: Annotated[
-        float, Option("Box of unbounded distributions, sigma.", "number", low=0.1, high=8.0)
+        float, Option("Half-width for unbounded distributions, sigma.", "number", low=0.1, high=8.0)
     ] = 3.0
 
 
@@ -195,19 +195,21 @@ class WorstRequest(SearchRequest):
 class RareRequest(SearchRequest):
     """Request of an estimate of the probability of a failure."""
 
-    requirement: Annotated[str, Option("Requirement by its ID, or its metric.", "requirement")]
+    requirement: Annotated[str, Option("Requirement, by ID or metric.", "requirement")]
     _: KW_ONLY
     target_cov: Annotated[
         float | str,
         Option("Coefficient of variation to reach, as 0.2 or 20 %.", "share", low=0.01, high=1.0),
     ] = 0.2
-    flights: Annotated[int, Option("Flights at most.", "count", low=1)] = 20_000
+    flights: Annotated[int, Option("Largest number of flights.", "count", low=1)] = 20_000
 
 
-def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]], Callable[P, T]]:
-    """Make the fields of a request the arguments of a function, signature and docstring.
+def takes(
+    request: Callable[P, R], method_of: str = ""
+) -> Callable[[Callable[[R], T]], Callable[P, T]]:
+    """Return a decorator that makes the fields of a request the arguments of a function.
 
-    If the function is a method, the field ``of`` is its object.
+    Signature and docstring follow. ``method_of`` is the field for the object of a method.
     """
 
     def decorate(function: Callable[[R], T]) -> Callable[P, T]:
@@ -224,7 +226,7 @@ def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]],
         returned = inspect.signature(function).return_annotation
         wrapper.__signature__ = inspect.Signature(parameters, return_annotation=returned)
         lines, options = ["Parameters", "----------"], options_of(described)
-        for name in (parameter.name for parameter in parameters if parameter.name != of):
+        for name in (parameter.name for parameter in parameters if parameter.name != method_of):
             default = options[name].default
             default = f" By default: {default}." if default else ""
             lines += [name, f"    {options[name].help}{default}"]

@@ -24,7 +24,13 @@ def tune(request: TuneRequest) -> TuneFound:
     Raises
     ------
     InputError
-        If a file or an argument is wrong.
+        If a file or an argument is invalid.
+
+    Examples
+    --------
+    >>> result = abhv_mc.tune("tune.yaml", "tuned.yaml")  # doctest: +SKIP
+    >>> result.shown  # doctest: +SKIP
+    True
     """
     out = Path(request.output)
 

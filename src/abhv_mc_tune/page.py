@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.topics.figure_style import BLUE, INK, SKY, VERMILION, new_figure, styled
+from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import significant
 from abhv_mc_tune.tuning import TuneFound
 
 
@@ -60,7 +60,8 @@ def plot_front(
         usage[finite & ~allowed],
         error[finite & ~allowed],
         ".",
-        color="#BBBBBB",
+        color=INK,
+        alpha=0.3,
         label="outside a limit",
     )
     axes.plot(

@@ -21,9 +21,9 @@ from abhv_mc.report.numbers.contrast import (
 from abhv_mc.report.pages.contrast_page import change_sentences
 from abhv_mc.report.pages.pdf import NAMES
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import percent
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +90,8 @@ def test_compare(folder, tmp_path):
     crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
     for words in ("Bank error, rms (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
         assert words in crossed
-    (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Reached the end")]
-    assert line.split()[6:11] == ["0", "0", "4", "36", "0.12"]
+    (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Completed")]
+    assert line.split()[3:8] == ["0", "0", "4", "36", "0.12"]
     assert len(json.loads(run("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
 
 

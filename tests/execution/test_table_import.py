@@ -32,7 +32,7 @@ from abhv_mc.report.pages.verify import find_differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.topics.failures import FAILURES
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
@@ -188,7 +188,7 @@ def test_texts_on_imported_flights_suggest_no_impossible_command(
     assert "--runs" not in json.dumps([report["verdicts"], manifest["requirements"]])
     for command in ("run", "explain", "replay"):
         assert f"abhv-mc {command}" not in page
-    assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
+    assert not re.search("[Cc]ontroller|Control effort|Time histories|Reproduce this|seed 0", page)
     with open_flights(out) as table, ExploreServer(out, table) as server:
         opened = server.open_flight("v1", 0)
     assert opened["note"] == "" and opened["history"] is None and opened["values"]
@@ -560,7 +560,7 @@ def test_exported_flights_of_a_vehicle_have_the_same_verdicts(name: str, tmp_pat
                            for manifest in (adopted, ours))  # fmt: skip
         assert actual == expected
     computed, imported = (
-        plain(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
+        json_data(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
     )
     advice = (
         "words",

@@ -58,7 +58,7 @@ def test_a_campaign_is_run_judged_and_explained(tmp_path: Path) -> None:
     assert flights.flight.size == 200
     text = shown_text(build_report(out))
     assert "System" in text and not re.search(
-        "[Cc]ontroller|Control usage", text.replace("--controller", "")
+        "[Cc]ontroller|Control effort", text.replace("--controller", "")
     )
     failed = int(np.argmin(results.flights["v1"].metrics["altitude_min"]))
     assert replay_flight(out, "v1", failed).differences == ()

@@ -8,6 +8,7 @@ from PIL import Image
 
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.topics import registry
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
@@ -69,18 +70,28 @@ def test_with_unknowns_the_median_has_two_lines(panel):
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
+# CSS's invert(1) hue-rotate(180deg) of red, green and blue: the matrix of the Filter Effects specification.
+HUES_ROTATED = np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
+
+
 def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
-    def luminance(color):
-        channels = np.array(to_rgb(color))
+    def luminance(channels):
         linear = np.where(
             channels <= 0.03928, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
         )
         return linear @ [0.2126, 0.7152, 0.0722]
 
-    for color in (INK, *CYCLE):
-        for ground in ("#ffffff", "#16181b"):
-            low, high = sorted([luminance(color), luminance(ground)])
-            assert (high + 0.05) / (low + 0.05) >= 3.0, (color, ground)
+    def contrast(color, ground):
+        low, high = sorted([luminance(color), luminance(np.array(to_rgb(ground)))])
+        return (high + 0.05) / (low + 0.05)
+
+    assert "figure img { filter: invert(1) hue-rotate(180deg); }" in template_text("style.css")
+    for color, least in ((INK, 12.0), *((color, 3.0) for color in CYCLE)):
+        channels = np.array(to_rgb(color))
+        assert contrast(channels, "#ffffff") >= least, color
+        assert contrast(np.clip(HUES_ROTATED @ (1.0 - channels), 0.0, 1.0), "#16181b") >= least, (
+            color
+        )
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.requests import Request
+from abhv_mc.topics.formatting import shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.words import shown_value, spoken_name
 
 LABELS = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
 ROWS = """[...document.querySelectorAll("#flight-rows tr")]

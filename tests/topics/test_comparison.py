@@ -122,7 +122,7 @@ def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models
     )[0]
     assert first.startswith("Mixed: ")
     assert (
-        "undecided in max sideslip (TLC is closer on more flights but has more flights lost)"
+        "undecided in max sideslip (TLC is better on more flights but has more flights lost)"
         in first
     )
     assert "no difference is shown in max altitude error" in first

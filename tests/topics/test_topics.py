@@ -27,9 +27,9 @@ from abhv_mc.topics.failure_cases.figures import still_flying
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import worst_channels
 from abhv_mc.topics.flights.model import ended_words, worst_flights
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.section import Cell, Table
 from abhv_mc.topics.topic import REGISTERED, Models
 from abhv_mc.topics.verdicts import VERDICTS
@@ -108,7 +108,7 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
 def test_dependent_designs_get_estimates(tmp_path):
     models = Models(read_flown(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
     assert {models[VERDICTS].statuses(name)[0] for name in models.names.controllers} == {"ESTIMATE"}
-    assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {
+    assert json_data(models[FLIGHTS].counts["tlc"].failure_share) == {
         "value": 0.0,
         "low": None,
         "high": None,
@@ -214,7 +214,7 @@ def test_columns_of_one_text_move_into_the_caption():
     rows = tuple((Cell(str(k), head=True), Cell("same"), Cell(f"{k} m")) for k in range(3))
     table = Table("Flights", ("Flight", "Outcome", "Error"), (rows,)).without_constant()
     assert table.heads == ("Flight", "Error") and table.plain_rows()[2] == ["2", "2 m"]
-    assert table.caption == "Flights. Of all rows: Outcome: same"
+    assert table.caption == "Flights. In all rows: Outcome: same"
     alone = Table("Flights", ("Flight", "Outcome", "Error"), (rows[:1],))
     assert alone.without_constant() == alone
 

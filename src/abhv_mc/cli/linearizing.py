@@ -114,7 +114,7 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.flight.metrics import BUILT_IN
     from abhv_mc.search.worst import MARGIN_EVALUATIONS, find_worst_margins
-    from abhv_mc.topics.words import shown_value, spoken_name
+    from abhv_mc.topics.formatting import shown_value, spoken_name
 
     _, _, files = _find_flown(None, file, controllers, trust_code)
     campaign = read_campaign(file)

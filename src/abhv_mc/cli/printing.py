@@ -69,13 +69,13 @@ def answer(figures: Any, file: Path | None, in_words: Callable[[], None]) -> Non
 
     Infinite and missing numbers are null.
     """
-    from abhv_mc.topics.plain import plain
+    from abhv_mc.topics.json_data import json_data
 
     if file != Path("-"):
         in_words()
     if file is None:
         return
-    text = json.dumps(plain(figures), indent=2, default=str, allow_nan=False) + "\n"
+    text = json.dumps(json_data(figures), indent=2, default=str, allow_nan=False) + "\n"
     if file == Path("-"):
         print(text, end="")
     else:

@@ -116,7 +116,7 @@ def show(
     convergence, provenance, and those of installed packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
-    from abhv_mc.topics.plain import plain
+    from abhv_mc.topics.json_data import json_data
     from abhv_mc.topics.registry import find_topic
     from abhv_mc.topics.topic import Models
 
@@ -140,7 +140,7 @@ def show(
             words = getattr(item, "sentences", (getattr(item, "text", ""),))
             say("\n".join(words))
 
-    answer(plain(model), json, in_words)
+    answer(json_data(model), json, in_words)
 
 
 def compare(
@@ -272,8 +272,8 @@ def whatif(
 
 
 def _print_whatif(found: "Whatif") -> None:
+    from abhv_mc.topics.formatting import bounds, estimate, percent, significant
     from abhv_mc.topics.names import controller_label
-    from abhv_mc.topics.words import bounds, estimate, percent, significant
 
     for name, after in found.after.items():
         say(f"{name}: {_entry(found.before[name])}  ->  {_entry(after)}")

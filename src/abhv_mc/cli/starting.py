@@ -249,7 +249,7 @@ def _print_cost(file: str, cost: "Estimate") -> None:
 
 
 def _print_plan(planned: "Planned") -> None:
-    from abhv_mc.topics.words import percent
+    from abhv_mc.topics.formatting import percent
 
     share = 0.2
     place = min(

@@ -21,7 +21,7 @@ from abhv_mc.report.numbers.judgement_record import read_judgement
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import judge
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
@@ -112,7 +112,7 @@ def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
 @pytest.mark.parametrize(
     ("asks", "begins"),
     [
-        ("drivers", "What moves the errors of TLC most: "),
+        ("drivers", "Largest drivers of the errors of TLC: "),
         ("worst", "The worst flight of TLC, "),
         ("{compare: [tlc, lqr_retuned]}", "TLC"),
     ],
@@ -164,7 +164,7 @@ TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
 
 
 def plan(folder, **entries):
-    return plain(
+    return json_data(
         plan_campaign(
             read_campaign(write_fake(folder, **{"requirements": TWO, "runs": "1000", **entries}))
         )

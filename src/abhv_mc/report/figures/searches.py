@@ -79,7 +79,7 @@ def plot_convergence(
 
 
 @styled
-def plot_worst_point(names: Sequence[str], place: Floats, change: Floats, label: str) -> Figure:
+def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
     """Plot the position (-1 to 1) of the worst case in each range and the sensitivity there.
 
     ``change`` [parameter, 2] is the change of the value for a lower and a higher parameter.
@@ -87,8 +87,8 @@ def plot_worst_point(names: Sequence[str], place: Floats, change: Floats, label:
     figure = new_figure(0.9 + _ROW * len(names) * 1.3)
     left, right = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(names))
-    left.hlines(rows, -1.0, 1.0, color="#BBBBBB", linewidth=1.0)
-    left.plot(place, rows, "o", color=VERMILION, markersize=5)
+    left.hlines(rows, -1.0, 1.0, color=INK, alpha=0.3, linewidth=1.0)
+    left.plot(position, rows, "o", color=VERMILION, markersize=5)
     left.set_yticks(rows, names)
     left.set_ylim(len(names) - 0.5, -0.5)
     left.set_xlim(-1.1, 1.1)
@@ -154,7 +154,7 @@ def plot_failures(names: Sequence[str], points: Floats) -> Figure:
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)
     axes = figure.subplots()
     rows = np.arange(len(names))
-    axes.axvspan(-1.96, 1.96, color="#EEEEEE", label="95 % of all flights")
+    axes.axvspan(-1.96, 1.96, color=INK, alpha=0.1, linewidth=0, label="95 % of all flights")
     low, q25, median, q75, high = np.quantile(points, [0.025, 0.25, 0.5, 0.75, 0.975], axis=0)
     axes.hlines(rows, low, high, color=BLUE, linewidth=1.0, label="95 % of failures")
     axes.hlines(rows, q25, q75, color=BLUE, linewidth=4.0, label="half of failures")

@@ -18,8 +18,8 @@ from abhv_mc.report.numbers.common_points import restrict_to_common_points
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
 from abhv_mc.statistics.paired import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
+from abhv_mc.topics.formatting import percent, significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.words import percent, significant
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,8 +13,8 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import pair_controllers, select_flights
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.unpaired import quantile_difference, share_difference
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.plain import level_name
 
 
 @dataclass(frozen=True)

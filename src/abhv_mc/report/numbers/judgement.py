@@ -15,13 +15,7 @@ from abhv_mc.topics.comparison.sentences import by_strength, closer_in, standing
 from abhv_mc.topics.drivers import DRIVERS
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.model import ended_words
-from abhv_mc.topics.margins import MARGINS
-from abhv_mc.topics.margins.model import least_margins
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.topic import Models
-from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
-from abhv_mc.topics.words import (
+from abhv_mc.topics.formatting import (
     count_of,
     fixed,
     joined,
@@ -30,6 +24,12 @@ from abhv_mc.topics.words import (
     significant,
     spoken_name,
 )
+from abhv_mc.topics.margins import MARGINS
+from abhv_mc.topics.margins.model import least_margins
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
@@ -394,7 +394,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     why_failed = NextStep("see why flights fail", "abhv-mc explain DIR --all")
     if not flies:
-        why_failed = NextStep("see 'Why flights fail' in the report")
+        why_failed = NextStep("see 'Failure analysis' in the report")
     if met == "no":
         return why_failed
     if met == "not shown":
@@ -408,7 +408,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     jointly = flights_for_joint_verdicts(verdicts)
     if jointly:
         return _longer_run(
-            jointly, f"all stand with {fixed(jointly, 0)} flights if no more fail", flies
+            jointly, f"all hold jointly with {fixed(jointly, 0)} flights if no more fail", flies
         )
     return NextStep("no further flights are needed") if met == "yes" else None
 

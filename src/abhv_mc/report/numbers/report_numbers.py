@@ -12,8 +12,8 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.report.numbers.judgement_record import Judgement
+from abhv_mc.topics.json_data import DRAWN, json_data
 from abhv_mc.topics.margins import MARGINS, missing_margins
-from abhv_mc.topics.plain import DRAWN, plain
 from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.topic import Models, user_topics
 
@@ -29,10 +29,10 @@ def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, 
         "digest": manifest.digest,
         **({"requirement_sets": len(sets)} if (sets := manifest.requirement_sets) else {}),
         "warnings": warnings_of(models),
-        "judgement": plain(judge_campaign(models)),
-        **{topic.name: plain(models[topic]) for topic in BUILT_IN},
-        **({"topics": {topic.name: plain(models[topic]) for topic in users}} if users else {}),
-        **({"baseline": plain(baseline)} if baseline else {}),
+        "judgement": json_data(judge_campaign(models)),
+        **{topic.name: json_data(models[topic]) for topic in BUILT_IN},
+        **({"topics": {topic.name: json_data(models[topic]) for topic in users}} if users else {}),
+        **({"baseline": json_data(baseline)} if baseline else {}),
     }
 
 
@@ -76,7 +76,7 @@ def report_schema() -> Schema:
 
 
 def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
-    """Return the schema of a type as :func:`abhv_mc.topics.plain.plain` writes its values.
+    """Return the schema of a type as :func:`abhv_mc.topics.json_data.json_data` writes its values.
 
     Classes are added to ``defs``.
     """

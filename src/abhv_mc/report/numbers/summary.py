@@ -7,10 +7,10 @@ from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.flights import FLIGHTS, flight_sentences
+from abhv_mc.topics.formatting import fixed, joined, percent
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import fixed, joined, percent
 from abhv_mc.vehicle.shared_keys import IN_WIND
 
 
@@ -70,8 +70,8 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         text += (
             f" These are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
             f"of the unknowns. {_judged_words(campaign.unknowns)}; values in between were searched, not proven. "
-            "Quantiles, envelopes and differences combine all values; a controller is named better only if it is "
-            "better at every value."
+            f"Quantiles, envelopes and differences combine all values; a {names.campaign.kind} is named better only "
+            "if it is better at every value."
         )
     elif not campaign.independent:
         text += (

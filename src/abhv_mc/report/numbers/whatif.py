@@ -19,8 +19,8 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.plain import level_name
 
 FEWEST_EFFECTIVE = 100.0  # flights
 LEAST_EFFECTIVE = 0.5  # share of the flights; below it the intervals' coverage is too low
@@ -112,14 +112,12 @@ def _check_coverage(
     most = max(unseen.single, unseen.joint)
     if most > MOST_UNSEEN:
         problem = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
-        raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
+        raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %; run a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
     if effective < least:
-        problem = f"flights worth {effective:.0f}, of {total} flown"
-        expected = (
-            f"an effective number of at least {least:g}: a smaller change, more flights, or a fresh"
-        )
-        raise InputError(root, problem, f"{expected} campaign")
+        problem = f"an effective number of {effective:.0f} flights out of {total}"
+        remedy = "a smaller change, more flights, or a new campaign"
+        raise InputError(root, problem, f"an effective number of at least {least:g}: {remedy}")
 
 
 def _reweight_requirement(

@@ -43,13 +43,13 @@ def _beside(signal: Signal, kind: str) -> str:
 
 def _label(signal: Signal) -> str:
     """Return 'Angle of attack command' for 'angle_of_attack_command_deg'."""
-    words = (
+    name = (
         signal.name.rpartition("_")[0]
         if signal.unit != "-" and signal.name in _SIGNALS
         else signal.name
     )
-    words = words.replace("_", " ")
-    return words[:1].upper() + words[1:]
+    name = name.replace("_", " ")
+    return name[:1].upper() + name[1:]
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:

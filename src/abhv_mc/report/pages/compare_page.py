@@ -31,11 +31,11 @@ from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.comparison.sentences import pair_words, standing, verdict_of
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.formatting import ends_of, fixed, joined, p_value
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.names import Names, full_labels, names_of
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import ends_of, fixed, joined, p_value
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +61,7 @@ class Comparison:
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers of ``abhv-mc compare --json``."""
-        numbers: dict[str, Any] = plain(self.found)
+        numbers: dict[str, Any] = json_data(self.found)
         return numbers
 
     @property
@@ -150,7 +150,7 @@ def _write_numbers(
 ) -> None:
     """Write `comparison.json`: the numbers, and the digests with which `abhv-mc runs` finds them."""
     digests = [results.manifest.digest for results in (a, b)]
-    content = {"digests": digests, **plain(comparison)}
+    content = {"digests": digests, **json_data(comparison)}
     write_text(out / COMPARISON_FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
@@ -220,7 +220,7 @@ def _section(
     if folders and not unknowns.names:
         answers.append(f"Re-run a flight, bit for bit, with {' or '.join(commands)}.")
     return Section(
-        "Answer", (_lead(pairs, b), Bullets(tuple(answers)), Picture("differences"), *tables)
+        "Summary", (_lead(pairs, b), Bullets(tuple(answers)), Picture("differences"), *tables)
     )
 
 

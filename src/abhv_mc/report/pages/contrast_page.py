@@ -29,10 +29,10 @@ from abhv_mc.topics.figure_style import (
     put_legend,
     styled,
 )
+from abhv_mc.topics.formatting import bounds, count_of, estimate, joined, percent
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import bounds, count_of, estimate, joined, percent
 
 _MOST_CHANGES = 4  # in a sentence
 _MOST_PANELS = 6
@@ -68,7 +68,7 @@ def contrast_section(
         _quantile_table(a, contrast, labels, titles),
     ]
     filled = [table for table in tables if table.groups[0]]
-    return Section("Answer", (lead, Bullets(tuple(sentences)), Picture("distributions"), *filled))
+    return Section("Summary", (lead, Bullets(tuple(sentences)), Picture("distributions"), *filled))
 
 
 def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]:

@@ -9,6 +9,7 @@ from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.comparison.sentences import standing
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.formatting import count_of, fixed, joined, percent, significant
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
 from abhv_mc.topics.metrics import METRICS
@@ -16,7 +17,6 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
-from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
 _ROWS, _PAIRS = 8, 2  # largest numbers of rows and pairs of the baseline
 _LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit

@@ -15,8 +15,8 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.pages.channel_curves import channel_curves, describe_channel
 from abhv_mc.topics.flights.model import channel_of, limit_sides, listed_worst, moments_of
+from abhv_mc.topics.formatting import axis_unit, fixed, is_factor, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.words import axis_unit, fixed, is_factor, shown_value, spoken_name
 
 MOST_FLIGHTS = 6000  # points in a page, of all controllers
 LISTED = 100  # rows of the table

@@ -8,8 +8,8 @@ from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
 from abhv_mc.io.csv_table import csv_text
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.metrics import Metrics
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (
@@ -45,7 +45,7 @@ def make_metrics(metrics: Metrics) -> str:
         for name, estimates in table.controllers.items():
             row: dict[str, object] = {"metric": metric, "unit": unit, "controller": name}
             for level, interval in estimates.quantiles.items():
-                row |= {f"{level}_{end}": value for end, value in plain(interval).items()}
+                row |= {f"{level}_{end}": value for end, value in json_data(interval).items()}
             rows.append({**row, "worst": estimates.worst, "worst_flight": estimates.worst_flight})
     columns = list(rows[0]) if rows else []
     return csv_text([columns, *([row.get(column) for column in columns] for row in rows)])

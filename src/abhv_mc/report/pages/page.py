@@ -36,11 +36,11 @@ from abhv_mc.report.pages.flights_view import (
 )
 from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Section, Table
 from abhv_mc.topics.topic import Drawn, Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import fixed
 
 _MISSING = 0xFFFF
 _STEPS = _MISSING - 1
@@ -125,10 +125,10 @@ def make_environment() -> Environment:
 
 def _typed(text: str) -> Markup:
     """Return a text with the parts between backticks marked as commands."""
-    parts = [escape(part) for part in text.split("`")]
+    pieces = [escape(piece) for piece in text.split("`")]
     return Markup("").join(  # only escaped text and fixed tags
-        Markup('<code class="command">{}</code>').format(part) if i % 2 else part
-        for i, part in enumerate(parts)
+        Markup('<code class="command">{}</code>').format(piece) if i % 2 else piece
+        for i, piece in enumerate(pieces)
     )
 
 
@@ -170,7 +170,7 @@ def make_page(
     envelopes, arrays = envelope_data(results, names.controllers, colors)
     flights, columns = make_flights_view(results, names.controllers, colors)
     flights["folder"] = names.folder
-    places, packed = pack_arrays({**arrays, **columns})
+    layout, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = (
         f"seeds {', '.join(map(str, campaign.pooled_seeds))}"
@@ -198,7 +198,7 @@ def make_page(
             script_hashes=script_hashes(script, gzip.decompress(packed_library).decode()),
             plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
             packed=Markup(packed),  # noqa: S704  letters of base64 only
-            data=script_json({"envelopes": envelopes, "flights": flights, "places": places}),
+            data=script_json({"envelopes": envelopes, "flights": flights, "places": layout}),
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
             cards=[controller_card(models, name, colors[name]) for name in names.controllers],

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
 from abhv_mc.report.pages.page import Answer
 from abhv_mc.topics.figure_style import BLUE, INK, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
 
 _LISTED = 12  # metrics of a flight
 _COLUMNS = 2
@@ -41,7 +41,7 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
         *(_table(flight, placement.simulated) for flight in placement.flights),
     )
     title = f"Test flights among those of {controller_label(placement.controller)}"
-    return Answer(title, f"Validation · {folder.name}", Section("Answer", items), _draw(placement))
+    return Answer(title, f"Validation · {folder.name}", Section("Summary", items), _draw(placement))
 
 
 def _is_outside(flight: PlacedFlight, risk: float) -> bool:

@@ -12,10 +12,10 @@ from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent
 
 
 def make_rare_answer(result: RareFound, folder: Path) -> Answer:
@@ -38,7 +38,7 @@ def make_rare_answer(result: RareFound, folder: Path) -> Answer:
         flights,
     )
     title = f"Probability that {controller_label(result.controller)} violates: {requirement}"
-    return Answer(title, "Rare-event search", Section("Answer", items), _draw(result))
+    return Answer(title, "Rare-event search", Section("Summary", items), _draw(result))
 
 
 def _draw(result: RareFound) -> Iterator[Drawn]:

@@ -10,7 +10,7 @@ from abhv_mc.folder.layout import write_text
 from abhv_mc.report.numbers.runs import CampaignRun, CampaignRuns
 from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.report.pages.page import make_environment, script_hashes, script_json
-from abhv_mc.topics.words import fixed
+from abhv_mc.topics.formatting import fixed
 
 
 def verdict_counts(run: CampaignRun) -> str:

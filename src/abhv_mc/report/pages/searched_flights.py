@@ -17,10 +17,10 @@ from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
 from abhv_mc.topics.flights.model import channel_of, limit_sides
+from abhv_mc.topics.formatting import count_of, percent, shown_value
 from abhv_mc.topics.missed_requirements import limit_words
 from abhv_mc.topics.section import FigureText, Fold
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import count_of, percent, shown_value
 
 _LISTED = 10
 _PANELS = 6

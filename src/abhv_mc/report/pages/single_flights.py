@@ -20,8 +20,8 @@ from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
+from abhv_mc.topics.formatting import shown_value
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.words import shown_value
 
 
 def write_nominal_report(
@@ -99,8 +99,8 @@ def make_explained_figure(explanation: Explanation) -> Figure:
         f"{name}\N{NO-BREAK SPACE}{shown_value(name, explanation.samples[name], explanation.known)}"
         for name in explanation.causes[:_IN_TITLE]
     ]
-    more = len(explanation.causes) - len(names)
-    listed = ", ".join(names) + (f" and {more} more" if more else "") or "no dispersions"
+    unlisted = len(explanation.causes) - len(names)
+    listed = ", ".join(names) + (f" and {unlisted} more" if unlisted else "") or "no dispersions"
     heading = f"Flight {explanation.flight} of {controller_label(explanation.controller)} {explanation.failure.words}"
     title = f"{heading}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
     ends = explanation.block.end_time[1:]

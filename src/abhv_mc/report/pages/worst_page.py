@@ -11,10 +11,10 @@ from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
+from abhv_mc.topics.formatting import percent, shown_value
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent, shown_value
 
 
 def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
@@ -33,7 +33,7 @@ def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(result.controller)}: {metric.phrase}"
     items: tuple[Item, ...] = (*_answers(result), *pictures, _range_table(result), flights)
-    return Answer(title, "Worst-case search", Section("Answer", items), _draw(result))
+    return Answer(title, "Worst-case search", Section("Summary", items), _draw(result))
 
 
 def _draw(result: WorstFound) -> Iterator[Drawn]:
