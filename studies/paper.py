@@ -59,9 +59,9 @@ TEXT = """
 # Comparison with the figures of Zhu and Shen (2014)
 
 The paper prints neither its tables nor the formula of its S manoeuvre, and shows its flights only as figures.
-`studies/paper_vehicle.py` therefore searched for vehicles of the class that reproduce Figures 3 to 11 with Table 1
-and the LQR weights as printed, and found {number}. The paper supports a conclusion only if it holds for all of them.
-`studies/paper.py` writes this page.
+`studies/paper_vehicle.py` therefore searched for vehicles that reproduce Figures 3 to 11 with Table 1 and the LQR
+weights as printed, and found {number}. A conclusion is supported if it holds for all of them. `studies/paper.py`
+writes this page.
 
 - `configs/control/tlc.yaml` is Table 1, with the paper's differentiators of 0.3 and 1.5 rad/s;
   `configs/control/lqr.yaml` has the printed weights.
@@ -83,8 +83,7 @@ last column is the distance by which the farthest of {flights} flights under the
 
 With dispersions, TLC exceeds an axis most in {furthest_tlc}, LQR in {furthest_lqr}.
 
-Figure 2: the track ends {south} south of the initial parallel (paper: 5 km). The latitude at the start is not
-printed: the axis runs from 29.27 to 29.33 deg, ours starts at 29.3.
+Figure 2: the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
