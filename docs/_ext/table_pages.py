@@ -12,13 +12,13 @@ from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.plant.parameters import PARAMETERS
 
 _EXIT_CODES = {
-    ExitCode.DONE: "done",
-    ExitCode.FAILED: "done, but a requirement or a verification failed. Of a requirement only FAIL counts, and only "
-    "for its own `controllers:` (by default the first of the campaign)",
-    ExitCode.BAD_INPUT: "bad input: the message names file, line and column, what was found and what was expected. "
-    "Nothing was written, nothing was flown",
-    ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights could not be computed. What was flown is kept; "
-    "the same command resumes",
+    ExitCode.DONE: "success",
+    ExitCode.FAILED: "a requirement or a verification failed. A requirement counts only if its verdict is FAIL, and "
+    "only for its own `controllers:` (by default the first of the campaign)",
+    ExitCode.BAD_INPUT: "bad input: the message names file, line and column, the value found and the value expected. "
+    "No file was written and no flight was run",
+    ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights failed to run. Completed flights are kept; run "
+    "the same command to resume",
     ExitCode.DEFECT: "a defect of the program, with a traceback; please report it",
 }
 
