@@ -27,7 +27,7 @@ from unittest import mock
 import numpy as np
 
 from abhv_mc.execution import runner
-from abhv_mc.execution.attest import sign
+from abhv_mc.execution.attestation import sign
 from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.requests import Request
 from abhv_mc.simulators.vehicle_simulator import make_engine

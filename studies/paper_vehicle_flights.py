@@ -14,7 +14,11 @@ from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
 from paper_vehicle_sides import excesses, measure
 
 from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
-from abhv_mc.control.design.design_model import guidance_rates, make_environment, make_places
+from abhv_mc.control.design.design_model import (
+    guidance_rates,
+    make_environment,
+    make_environment_points,
+)
 from abhv_mc.control.design.guidance_trim import trim_along
 from abhv_mc.control.design.lqr_design import Nominal, attitude_model_rates
 from abhv_mc.control.design.profile import make_profile, ramp_times
@@ -47,7 +51,7 @@ NODES = np.arange(-3.0, 21.1, 3.0)  # deg, of GHAME's tables
 PERIOD = 2 * TICK  # s, of recorded samples
 _STILL = BASE_MISSION.make_earth()._replace(rotation_rate=0.0)
 _LATITUDES = np.deg2rad(np.linspace(29.2, 29.4, 5))
-_PLACES = make_places(_STILL, np.full(5, 20e3), _LATITUDES)
+_PLACES = make_environment_points(_STILL, np.full(5, 20e3), _LATITUDES)
 _AROUND = make_environment(_STILL, 20e3, BASE_MISSION.start.latitude)
 CONTROLLERS = {law: read_controller(ROOT / f"configs/control/{law}.yaml") for law in LAWS}
 SHOWN = (

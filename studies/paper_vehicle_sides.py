@@ -245,7 +245,7 @@ def excesses(traits: dict[str, float], inner: float = 0.0) -> Floats:
 
 def table(traits: dict[str, dict[str, float]]) -> Iterator[str]:
     """Yield the rows of a Markdown table with each trait of each vehicle and its side."""
-    yield "| trait | side | " + " | ".join(traits) + " |"
+    yield "| trait | limits | " + " | ".join(traits) + " |"
     yield "|" + "---|" * (2 + len(traits))
     for name, side in SIDES.items():
         cells = [f"{vehicle_traits[name]:.3g}" for vehicle_traits in traits.values()]

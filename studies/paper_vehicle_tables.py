@@ -10,7 +10,7 @@ WORDS = {"angle_of_attack": "angle of attack", "sideslip": "sideslip", "bank": "
 
 def figures(judged: dict[str, Any]) -> Iterator[str]:
     """Yield a row for each axis: the paper's interval, ranges of flights, and misses."""
-    yield "| figure | the data end within | ours | | dispersed beyond it, TLC / LQR |"
+    yield "| figure | ends of the data | abhv | | dispersed beyond the axis, TLC / LQR |"
     yield "|" + "---|" * 5
     for axis, end in zip(AXES, judged["ends"], strict=True):
         intervals = " and ".join(
@@ -22,7 +22,7 @@ def figures(judged: dict[str, Any]) -> Iterator[str]:
         )
         label = f"{axis.figure} {axis.label}" + (", mirrored" if end["mirrored"] else "")
         range_text = f"{end['low']:.5g} to {end['high']:.5g}"
-        yield f"| {label} | {intervals} | {range_text} | {', '.join(out) or 'in'} | {beyond} |"
+        yield f"| {label} | {intervals} | {range_text} | {', '.join(out) or 'inside'} | {beyond} |"
 
 
 def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
@@ -53,10 +53,14 @@ def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str
     The percentages are for the whole flight, and without the ramps.
     """
     surfaces = ("aileron", "rudder", "elevator")
-    heads = [f"{label}, TLC closer in %" for label in WORDS.values()] + [
+    heads = [f"{label}, TLC better in %" for label in WORDS.values()] + [
         f"{s}, rms deg, TLC / LQR" for s in surfaces
     ]
-    yield "| member | ends in | worst | disk margin, TLC / LQR | lost | " + " | ".join(heads) + " |"
+    yield (
+        "| member | ends inside | worst end | disk margin, TLC / LQR | early terminations | "
+        + " | ".join(heads)
+        + " |"
+    )
     yield "|" + "---|" * (5 + len(heads))
     for member in members:
         member_claim = judged[member["name"]]

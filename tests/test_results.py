@@ -1,4 +1,4 @@
-"""The package as a notebook uses it: campaigns and results as pandas; worst, rare, tune and compare."""
+"""Python interface: campaigns, results as pandas tables, searches, tuning and comparison."""
 
 import pydoc
 import re
@@ -151,7 +151,7 @@ def test_other_dispersions(flown):
 
 
 def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypatch, flown):
-    """The tables were called changed by a run, and another file of the same name was flown."""
+    """Regression: a run was reported as a change of the tables, and ran a file of the same name."""
     (tmp_path / "there").mkdir()
     monkeypatch.chdir(tmp_path)
     shutil.copytree(flown[1].folder, "out")

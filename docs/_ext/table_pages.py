@@ -54,7 +54,7 @@ before, has 0.
 {_signals(MARGIN_VALUES)}
 ## Of your own
 
-[Metrics of your own](../user-laws.md#metrics-of-your-own) are declared in the campaign and are metrics like any other.
+[Metrics of your own](../user-laws.md#custom-metrics) are declared in the campaign and are metrics like any other.
 """
 
 

@@ -235,7 +235,7 @@ def simulate(
     InputError
         If the table is invalid.
     """
-    from abhv_mc.execution.in_memory import simulate_table
+    from abhv_mc.execution.table_simulation import simulate_table
 
     path = find_input(os.fspath(campaign), "campaign")
     return simulate_table(read_campaign(path), inputs, controllers, channels)

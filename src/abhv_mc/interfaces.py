@@ -165,8 +165,9 @@ class Executor(Protocol):
     An executor must promise:
 
     - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's ``Engine.fly``
-      computes it, or raises. Each process that computes signs its block with :func:`abhv_mc.execution.attest.sign`, so
-      that a worker with other code is rejected by name; :func:`abhv_mc.execution.worker.compute` does both.
+      computes it, or raises. Each process that computes signs its block with
+      :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is rejected by name;
+      :func:`abhv_mc.execution.worker.compute` does both.
     - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one block each. Blocks
       may finish in any order: no result depends on it.
     - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise ``FlightLostError``.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.campaign.file.requirement_set import RequirementSource
     from abhv_mc.folder.flown_campaign import FlownCampaign
-    from abhv_mc.report.numbers.judged import Judgement
+    from abhv_mc.report.numbers.judgement_record import Judgement
     from abhv_mc.topics.topic import Models
 
 _AXES = {
@@ -127,7 +127,7 @@ class Results:
     @property
     def summary(self) -> list[str]:
         """Summary of the campaign as sentences, as in the report."""
-        from abhv_mc.report.numbers.judged import judgement_lead
+        from abhv_mc.report.numbers.judgement_record import judgement_lead
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
         first = judgement_lead(self.judgement, self._models.names.folder)

@@ -20,8 +20,8 @@ from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.csv_table import csv_text
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.channel_curves import band_names, channel_curves
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
-from abhv_mc.report.pages.interactive import band_names, channel_curves
 from abhv_mc.report.pages.page import make_environment
 from abhv_mc.topics.plain import plain
 from abhv_mc.user_code.child import run_in_thread

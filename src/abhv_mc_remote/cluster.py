@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import sign
-from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
+from abhv_mc.execution.attestation import sign
+from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.execution.retry import (
     FlightLostError,
     UnusableError,
@@ -185,7 +185,7 @@ class Cluster:
     def _attempt(self, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self._engine, time_limit(min(len(parameters), AT_ONCE), self._limit)
+        engine, limit = self._engine, time_limit(min(len(parameters), BATCH_FLIGHTS), self._limit)
         source = engine.source if engine.checked else ""
         if engine.close is not None:
             future = self._client.submit(

@@ -133,7 +133,7 @@ def test_other_commands_recognize_the_folder_of_a_search(abhv_mc, campaign):
     search = ("worst", campaign, "--metric", METRIC, "--flights", 160, "-o")
     assert abhv_mc(*search, "out")[0] == 0
     code, _, err = abhv_mc("run", campaign, "-o", "out", "--no-report")
-    assert code == 2 and "a search's flights" in err
+    assert code == 2 and "flights of a search" in err
     assert abhv_mc("run", campaign, "-o", "flown", "--no-report")[0] in (0, 1)
     code, _, err = abhv_mc(*search, "flown")
     assert code == 2 and "a campaign's flights" in err

@@ -1,4 +1,4 @@
-"""One vehicle, mission and reference for the tests of this folder."""
+"""Vehicle, mission and reference of the tests in this folder."""
 
 from pathlib import Path
 

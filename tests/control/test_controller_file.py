@@ -1,4 +1,4 @@
-"""Controller files: refused where wrong, warned where the loops are not separated."""
+"""Controller files: errors with location, and warnings about loops that are not separated."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_the_shipped_weights_are_the_papers() -> None:
 
 
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
-def test_written_and_read_again_it_is_the_same(name: str, tmp_path: Path) -> None:
+def test_a_controller_survives_writing_and_reading(name: str, tmp_path: Path) -> None:
     controller = read_controller(CONFIGS / f"{name}.yaml")
     write_document(tmp_path / "again.yaml", controller.model_dump(mode="json"))
     assert read_controller(tmp_path / "again.yaml") == controller
@@ -37,17 +37,17 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
     schedule = (
         "{over_time: [{time: 0 s, bandwidth: 0.1 rad/s}, {time: 9 s, bandwidth: 0.05 rad/s}]}"
     )
-    for bandwidth, words in (
+    for bandwidth, fragment in (
         ("2 rad/s", "attitude.bank (2 rad/s) is not below that of rates.roll_rate (1.2 rad/s)"),
         (schedule, "velocity.heading (0.08 rad/s) is not below that of attitude.bank (0.05 rad/s)"),
     ):
         path.write_text(TLC.replace(bank.format("0.3 rad/s"), bank.format(bandwidth)))
         (warning,) = read_controller(path).warnings()
-        assert words in warning
+        assert fragment in warning
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
+    ("old", "new", "line", "fragment"),
     [
         ("law: tlc", "law: pid", 5, "one of tlc, lqr"),
         ("law: tlc", "law: lqr", None, "guidance"),
@@ -58,14 +58,14 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
         ("0.2 rad/s}\n\n", "{over_time: [{time: 0 s, bandwidth: 1 rad/s}]}}\n\n", 15, "at least 2"),
     ],
 )
-def test_a_bad_file_is_refused_in_its_place(
-    tmp_path: Path, old: str, new: str, line: int | None, words: str
+def test_errors_give_their_location(
+    tmp_path: Path, old: str, new: str, line: int | None, fragment: str
 ) -> None:
     path = tmp_path / "tlc.yaml"
     assert old in TLC
     path.write_text(TLC.replace(old, new, 1))
     with pytest.raises(InputError) as caught:
         read_controller(path)
-    assert words in str(caught.value)
+    assert fragment in str(caught.value)
     if line:
         assert caught.value.line == line

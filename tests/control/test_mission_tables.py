@@ -1,4 +1,4 @@
-"""Tables that a mission names: soundings in any units and order, and tables that end within the flight."""
+"""Tables of a mission: soundings in any units and order, and tables that end within the flight."""
 
 import numpy as np
 import pytest
@@ -34,8 +34,8 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
         "PRES   HGHT   TEMP   DRCT   SKNT\n hPa     m      C    deg   knot\n"
         "--------------------------------\n850.0  1500    10.0    90     20\n500.0  5600   -20.0   180     40\n"
     )
-    own = {"altitude": "HGHT", "pressure": "PRES", "temperature": "TEMP"}
-    table = read(tmp_path, text, DENSITIES, **own)
+    headers = {"altitude": "HGHT", "pressure": "PRES", "temperature": "TEMP"}
+    table = read(tmp_path, text, DENSITIES, **headers)
     for (altitude, factor), pressure, kelvin in zip(
         table, (85e3, 50e3), (283.15, 253.15), strict=True
     ):
@@ -47,7 +47,7 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "choices", "place", "words"),
+    ("text", "choices", "location", "fragment"),
     [
         ("altitude_m,wind_north_mps\n0,1\n9,1\n", WIND, (1, None), "wind_speed and wind_direction"),
         ("altitude,density_factor\n0,1\n9,1\n", DENSITIES, (1, 1), "'altitude' without a unit"),
@@ -58,20 +58,24 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
         ("altitude_m,density_factor\n" + "".join(f"{i},1\n" for i in range(10_001)), DENSITIES, (None, None), "10001"),
     ],
 )  # fmt: skip
-def test_a_table_that_makes_no_sense_is_rejected(tmp_path, text, choices, place, words):
+def test_an_invalid_table_is_rejected(tmp_path, text, choices, location, fragment):
     with pytest.raises(InputError) as caught:
         read(tmp_path, text, choices)
-    assert (caught.value.line, caught.value.column) == place
-    assert words in f"{caught.value.found} {caught.value.expected}"
+    assert (caught.value.line, caught.value.column) == location
+    assert fragment in f"{caught.value.found} {caught.value.expected}"
 
 
-def test_a_table_that_ends_within_the_flight_is_warned_of(tmp_path, repository):
+def test_a_table_that_ends_within_the_flight_causes_a_warning(tmp_path, repository):
     altitude = np.array([20e3, 21e3])
     table = np.array([[0.0, 5.0], [40e3, 5.0]])
     assert not find_air_warnings(tmp_path / "a.csv", table, altitude)
-    for factor, words in ((1e-3, "altitudes in km?"), (0.5, "beyond its ends"), (1 / 0.3048, "")):
+    for factor, fragment in (
+        (1e-3, "altitudes in km?"),
+        (0.5, "beyond its ends"),
+        (1 / 0.3048, ""),
+    ):
         warnings = find_air_warnings(tmp_path / "a.csv", table * [factor, 1.0], altitude)
-        assert bool(warnings) == bool(words) and words in "".join(warnings)
+        assert bool(warnings) == bool(fragment) and fragment in "".join(warnings)
     lines = "".join(f"{i},5,5\n" for i in range(41))
     (tmp_path / "wind.csv").write_text(f"altitude_m,wind_north_mps,wind_east_mps\n{lines}")
     mission = (repository / "configs/mission/level.yaml").read_text()

@@ -87,12 +87,12 @@ def test_files_named_in_code_exist() -> None:
 
 def test_every_equation_and_interface_has_a_function() -> None:
     page = text_of(ROOT / "docs/explanation/theory.md")
-    seams = (
+    interfaces = (
         text_of(ROOT / "docs/explanation/architecture.md")
-        .split("## Names at the seams")[1]
+        .split("## Names at the interfaces")[1]
         .split("\n## ")[0]
     )
-    names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", seams)]
+    names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", interfaces)]
     names = [name for name in names if not name.endswith((".parquet", ".json"))]
     names += re.findall(r"`(abhv_mc\.[\w.]+)`", page)
     assert len(names) > 25

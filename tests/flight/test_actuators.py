@@ -19,7 +19,7 @@ SURFACES, RATES = slice(s.AILERON, s.ELEVATOR + 1), slice(s.AILERON_RATE, s.ELEV
 
 
 def move(position, rate, command, bandwidth, damping, fastest, low, high):
-    """Position and rate a tick later, limits step by step."""
+    """Return position and rate one tick later, with the limits applied at each step."""
     for _ in range(FINE):
         pull = bandwidth**2 * (command - position) - 2.0 * damping * bandwidth * rate
         rate = np.clip(rate + DT * pull, -fastest, fastest)
@@ -37,23 +37,23 @@ def plan():
 
 def test_rate_limits_and_stops_are_followed(plan):
     generator, rows = np.random.default_rng(4), nominal_parameters(16)
-    constants, felt = plan.vehicle.constants, {}
+    constants, dispersed = plan.vehicle.constants, {}
     for name in ("bandwidth", "damping", "deflection_limit", "rate_limit"):
         rows[:, PARAMETER_INDEX[f"actuator.{name}"]] *= generator.uniform(0.7, 1.3, 16)
         nominal = getattr(constants, f"surface_{name.removeprefix('deflection_')}")
-        felt[name] = nominal * rows[:, PARAMETER_INDEX[f"actuator.{name}"], None, None]
+        dispersed[name] = nominal * rows[:, PARAMETER_INDEX[f"actuator.{name}"], None, None]
     block = fly(plan, rows, record_every=1, keep_states=True)
-    at, rate = block.states[:, :, SURFACES], block.states[:, :, RATES]
+    position, rate = block.states[:, :, SURFACES], block.states[:, :, RATES]
     columns = [CHANNEL_INDEX[f"{name}_command_deg"] for name in ("aileron", "rudder", "elevator")]
     command = np.radians(block.history[:, :-1, columns].astype(np.float64))
-    limit, fastest = felt["deflection_limit"], felt["rate_limit"]
-    lags = felt["bandwidth"], felt["damping"]
-    expected = move(at[:, :-1], rate[:, :-1], command, *lags, fastest, -limit, limit)
+    limit, fastest = dispersed["deflection_limit"], dispersed["rate_limit"]
+    lags = dispersed["bandwidth"], dispersed["damping"]
+    expected = move(position[:, :-1], rate[:, :-1], command, *lags, fastest, -limit, limit)
     assert (np.abs(rate[:, 1:]) == fastest).sum() > 30  # at the rate limit,
-    assert (np.abs(at[:, 1:]) == limit).sum() > 10  # and at a stop
-    assert (np.abs(at[:, 1:]) <= limit).all() and (np.abs(rate[:, 1:]) <= fastest).all()
+    assert (np.abs(position[:, 1:]) == limit).sum() > 10  # and at a stop
+    assert (np.abs(position[:, 1:]) <= limit).all() and (np.abs(rate[:, 1:]) <= fastest).all()
     # commands are recorded in single precision, and Euler's steps of 5 us err by 2e-5 rad
-    assert at[:, 1:] == pytest.approx(expected[0], abs=1e-4)
+    assert position[:, 1:] == pytest.approx(expected[0], abs=1e-4)
     assert rate[:, 1:] == pytest.approx(expected[1], abs=0.02)
 
 
@@ -64,7 +64,7 @@ def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
     )
     soft = dataclasses.replace(plan, vehicle=plan.vehicle._replace(constants=constants))
 
-    def flown(steps):
+    def simulate(steps):
         timing = plan.timing._replace(step=0.01 / steps, steps_per_tick=steps, ticks=15)
         block = fly(
             dataclasses.replace(soft, timing=timing),
@@ -74,8 +74,10 @@ def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
         )
         return block.states[0]
 
-    exact = flown(16)
-    errors = np.array([np.abs(flown(steps) - exact)[:, s.ROLL_RATE].max() for steps in (1, 2, 4)])
+    exact = simulate(16)
+    errors = np.array(
+        [np.abs(simulate(steps) - exact)[:, s.ROLL_RATE].max() for steps in (1, 2, 4)]
+    )
     assert (errors[:-1] / errors[1:] > 12.0).all()
 
 
@@ -99,8 +101,8 @@ def law(time, reference):
 HALF = ", ".join(f'"flap_{i}": step' for i in range(0, COUNT, 2))
 
 
-def make_plan(folder, given=HALF, how=""):
-    """Of a law that commands half of sixteen effectors itself."""
+def make_plan(folder, commands=HALF, how=""):
+    """Plan of a law that commands half of sixteen effectors directly."""
     effectors = {}
     for i, (low, high, fastest, bandwidth) in enumerate(
         np.column_stack([LOW, HIGH, FASTEST, BANDWIDTH]).tolist()
@@ -110,12 +112,12 @@ def make_plan(folder, given=HALF, how=""):
             "bandwidth": f"{bandwidth} rad/s",
             "damping": float(DAMPING[i]),
         }
-        moves = dict(zip(("aileron", "rudder", "elevator"), MIX[i].tolist(), strict=True))
-        moves |= {"limits": [f"{low} deg", f"{high} deg"]} | (
+        keys = dict(zip(("aileron", "rudder", "elevator"), MIX[i].tolist(), strict=True))
+        keys |= {"limits": [f"{low} deg", f"{high} deg"]} | (
             {"ideal": True} if i == IDEAL else lags
         )
-        effectors[f"flap_{i}"] = moves
-    law = write_law(folder, LAW.format(given=given, how=how))
+        effectors[f"flap_{i}"] = keys
+    law = write_law(folder, LAW.format(given=commands, how=how))
     return short_plan(60, law, "level", {"base": "ghame_x", "effectors": effectors})
 
 
@@ -125,32 +127,35 @@ def sixteen(tmp_path_factory):
 
 
 def positions(plan, ticks, parameters):
-    """Deflections [tick, flight, effector] at ticks."""
+    """Return the deflections [tick, flight, effector] at the given ticks."""
     first = s.variable_row("effector_0")
-    kept, rows = None, []
+    saved, rows = None, []
     for tick in ticks:
-        kept = fly_until(plan, parameters, tick, kept)
-        rows.append(kept.rows[:, first : first + COUNT].copy())
+        saved = fly_until(plan, parameters, tick, saved)
+        rows.append(saved.rows[:, first : first + COUNT].copy())
     return np.array(rows)
 
 
 def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen) -> None:
     low, high, fastest = np.radians([LOW, HIGH, 0.8 * FASTEST])
-    at, rate = np.clip(MIX[:, 2] * sixteen.initial_state[s.ELEVATOR], low, high), np.zeros(COUNT)
+    position, rate = (
+        np.clip(MIX[:, 2] * sixteen.initial_state[s.ELEVATOR], low, high),
+        np.zeros(COUNT),
+    )
     expected = []
     for tick in range(60):
         command = MIX @ [0.01, 0.02, sixteen.reference[tick, REFERENCE.index("elevator")]]
         command[::2] = 0.0 if tick < 5 else 0.2 if tick < 30 else -0.3
         command = np.clip(command, low, high)
-        at, rate = move(at, rate, command, 1.2 * BANDWIDTH, DAMPING, fastest, low, high)
-        at[IDEAL], rate[IDEAL] = command[IDEAL], 0.0
-        expected.append(at)
+        position, rate = move(position, rate, command, 1.2 * BANDWIDTH, DAMPING, fastest, low, high)
+        position[IDEAL], rate[IDEAL] = command[IDEAL], 0.0
+        expected.append(position)
     ticks = np.array([6, 12, 30, 36, 60])
-    found = positions(
+    simulated = positions(
         sixteen, ticks.tolist(), rows_of({"actuator.bandwidth": 1.2, "actuator.rate_limit": 0.8})
     )[:, 0]
     # rad; a stop met within a step of the brute force costs most
-    assert np.abs(found - np.array(expected)[ticks - 1]).max() < 2e-4
+    assert np.abs(simulated - np.array(expected)[ticks - 1]).max() < 2e-4
 
 
 def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
@@ -163,10 +168,12 @@ def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
     parameters = rows_of(
         *({f"failure.effector_14.{name}": x for name, x in case.items()} for case in cases)
     )
-    at = positions(sixteen, [10, 11, 20, 60], parameters)[:, :, 14]
-    assert np.ptp(at[:, 1]) < 1e-12 < np.ptp(at[:, 0])
-    assert at[2, 2] - at[0, 2] == pytest.approx(0.1 * np.radians(FASTEST[14]) * 0.1, rel=1e-3)
-    assert at[:, 3] == pytest.approx(0.4 * at[:, 0], rel=1e-12)
+    deflection = positions(sixteen, [10, 11, 20, 60], parameters)[:, :, 14]
+    assert np.ptp(deflection[:, 1]) < 1e-12 < np.ptp(deflection[:, 0])
+    assert deflection[2, 2] - deflection[0, 2] == pytest.approx(
+        0.1 * np.radians(FASTEST[14]) * 0.1, rel=1e-3
+    )
+    assert deflection[:, 3] == pytest.approx(0.4 * deflection[:, 0], rel=1e-12)
 
 
 def test_a_law_in_plain_python_commands_the_same(tmp_path, sixteen) -> None:
@@ -177,8 +184,8 @@ def test_a_law_in_plain_python_commands_the_same(tmp_path, sixteen) -> None:
 
 
 def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_path) -> None:
-    given = '"flap_2": 0.1, "flap_4": 1e300 * 1e300 - 1e300 * 1e300 if time > 0.1 else step'
-    plan = make_plan(tmp_path, given, "(compiled=False)")
+    commands = '"flap_2": 0.1, "flap_4": 1e300 * 1e300 - 1e300 * 1e300 if time > 0.1 else step'
+    plan = make_plan(tmp_path, commands, "(compiled=False)")
     block = fly(plan, nominal_parameters(1))
     assert block.outcome[0] == Outcome.NOT_FINITE
     assert "effector flap_4 at 0.11 s" in describe_end(

@@ -1,4 +1,4 @@
-"""The tables of what is recorded, counted and limited, and declared metrics against numpy on the recorded channels."""
+"""Tables of channels, metrics and limits, and declared metrics against numpy on recorded channels."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from short_flights import short_plan
 
 from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, SOURCES, SURFACES
-from abhv_mc.flight.compile_metrics import compile_metrics, known_sources
+from abhv_mc.flight.compile_metrics import compile_metrics, source_rows
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, TAKES_LIMIT, pack_metrics, unpack_metrics
 from abhv_mc.flight.outcome import LAW_LOST, LIMITS, SENTENCES, Outcome
@@ -28,10 +28,10 @@ TICKS = 800
 
 
 def repeat(metric):
-    """A metric of the program as a campaign would declare it (an infinite value is that of no tick at all)."""
-    words = {"of": metric.of, "statistic": metric.statistic.word, "settled": metric.settled}
-    words |= {"limit": metric.limit} if metric.statistic in TAKES_LIMIT else {}
-    return words | ({"empty": metric.empty} if math.isfinite(metric.empty) else {})
+    """Return a built-in metric as a campaign file declares it; infinite empty values are omitted."""
+    entry = {"of": metric.of, "statistic": metric.statistic.word, "settled": metric.settled}
+    entry |= {"limit": metric.limit} if metric.statistic in TAKES_LIMIT else {}
+    return entry | ({"empty": metric.empty} if math.isfinite(metric.empty) else {})
 
 
 def declare(plan, **entries):
@@ -45,7 +45,7 @@ def declare(plan, **entries):
 
 @pytest.fixture(scope="module")
 def plan():
-    """The first 8 s of the S: the bank steps at once, so that 5 s are not settled."""
+    """Plan of the first 8 s of the S manoeuvre: the bank steps at the start, so 5 s are not settled."""
     return short_plan(TICKS, "lqr_retuned_ghame_x")
 
 
@@ -136,21 +136,25 @@ IN_EXPRESSIONS |= {"min": lambda *x: reduce(np.minimum, x), "max": lambda *x: re
 
 
 def expected(entry, channels, settled):
-    """Python reads the expression, numpy makes the statistic of what counts; not a number where nothing does."""
+    """Evaluate the expression in Python and the statistic in numpy; NaN if no tick counts."""
     x = eval(entry["of"], IN_EXPRESSIONS, channels)  # noqa: S307
     t = 0.01 * np.arange(len(x))
     start, end = (
         float(entry.get(name, default).removesuffix(" s"))
         for name, default in (("from", "0"), ("to", "inf"))
     )
-    counts = (
+    is_counted = (
         (t > start - 1e-9) & (t < end + 1e-9) & (settled[: len(t)] | (not entry.get("settled")))
     )
     limit = entry.get("limit", entry.get("share", 0.0))
-    return STATISTICS[entry["statistic"]](x[counts], t[counts], limit) if counts.any() else np.nan
+    return (
+        STATISTICS[entry["statistic"]](x[is_counted], t[is_counted], limit)
+        if is_counted.any()
+        else np.nan
+    )
 
 
-def test_every_statistic_is_what_numpy_makes_of_the_channels(plan, parameters):
+def test_every_statistic_agrees_with_numpy(plan, parameters):
     block = fly(declare(plan, **ENTRIES), parameters, 1)
     ended = block.outcome != Outcome.OK
     assert 0 < ended.sum() < len(ended)
@@ -159,22 +163,22 @@ def test_every_statistic_is_what_numpy_makes_of_the_channels(plan, parameters):
     for flight, history in enumerate(block.history.astype(np.float64)):
         flown = history[np.isfinite(history[:, CHANNEL_INDEX["altitude_m"]])]
         channels = {name: flown[:, i] for name, i in CHANNEL_INDEX.items()}
-        for (name, entry), found in zip(
+        for (name, entry), value in zip(
             ENTRIES.items(), block.metrics[flight, len(METRICS) :], strict=True
         ):
-            want = expected(entry, channels, settled)
-            near = 2 if name == "turns" else 0  # of noise that float32 rounds away
-            assert np.isclose(found, want, rtol=2e-5, atol=2e-4 + near, equal_nan=True), (
+            reference = expected(entry, channels, settled)
+            slack = 2 if name == "turns" else 0  # turns of noise that float32 rounds away
+            assert np.isclose(value, reference, rtol=2e-5, atol=2e-4 + slack, equal_nan=True), (
                 flight,
                 name,
-                found,
-                want,
+                value,
+                reference,
             )
 
 
 def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, parameters):
     counted = compile_metrics(
-        METRICS, known_sources(NO_SOURCES)
+        METRICS, source_rows(NO_SOURCES)
     )  # in the lean loop, and the repeated ones not
     assert (
         counted.lean.place.tolist() == list(range(len(METRICS))) and not counted.programs.place.size
@@ -183,27 +187,29 @@ def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, para
     entries |= {
         f"own_way_of_{name}": {"of": f"{name}_deg", "statistic": "travel"} for name in SURFACES
     }
-    declared, plain = fly(declare(plan, **entries), parameters), fly(plan, parameters)
-    assert np.array_equal(declared.metrics[:, : len(METRICS)], plain.metrics)
+    declared, builtin = fly(declare(plan, **entries), parameters), fly(plan, parameters)
+    assert np.array_equal(declared.metrics[:, : len(METRICS)], builtin.metrics)
     for i, metric in enumerate(METRICS):
-        found, known = declared.metrics[:, len(METRICS) + i], plain.metrics[:, i]
-        assert np.array_equal(found, known), metric.name
+        repeated, original = declared.metrics[:, len(METRICS) + i], builtin.metrics[:, i]
+        assert np.array_equal(repeated, original), metric.name
     for i, name in enumerate(SURFACES):
-        found = declared.metrics[:, 2 * len(METRICS) + i]
-        assert np.array_equal(found, plain.metrics[:, METRIC_INDEX[f"{name}_travel_deg"]]), name
+        repeated = declared.metrics[:, 2 * len(METRICS) + i]
+        assert np.array_equal(repeated, builtin.metrics[:, METRIC_INDEX[f"{name}_travel_deg"]]), (
+            name
+        )
 
 
 def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, parameters):
-    """GHAME-X names no nose radius: its heat flux was above no limit for 0 s, and the requirement passed."""
+    """GHAME-X has no nose radius: its NaN heat flux was above the limit for 0 s and passed."""
     entries = {}
-    for i, of in enumerate(
+    for i, source in enumerate(
         ("stagnation_heat_flux_w_m2", "sqrt(pitch_rate_dps)", "max(0, sqrt(pitch_rate_dps))")
     ):
         for statistic in Statistic:
             limit = {"limit": 1.0} if statistic in TAKES_LIMIT else {}
             limit |= {"share": 0.5} if statistic == Statistic.QUANTILE else {}
             entries[f"m{i}_{statistic.word}"] = {
-                "of": of,
+                "of": source,
                 "statistic": statistic.word,
                 "empty": 0.0,
                 **limit,
@@ -221,34 +227,37 @@ def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, paramet
     assert np.isfinite(fly(declare(plan, **before), parameters[2:4]).metrics[:, -1]).all()
 
 
-def test_many_flights_with_quantiles_are_as_few():
-    """They are flown in groups, so that the ticks that are kept do not grow with the flights."""
+def test_quantiles_do_not_depend_on_the_number_of_flights():
+    """Flights are simulated in groups, so that the memory for ticks does not grow with their number."""
     entry = {"of": "pitch_rate_dps", "statistic": "quantile", "share": 0.025}
-    made, rows = declare(short_plan(50, "lqr_retuned_ghame_x"), low=entry), nominal_parameters(600)
+    changed, rows = (
+        declare(short_plan(50, "lqr_retuned_ghame_x"), low=entry),
+        nominal_parameters(600),
+    )
     rows[:, PARAMETER_INDEX["aero.lift"]] = np.linspace(0.9, 1.1, 600)
-    block = fly(made, rows)
+    block = fly(changed, rows)
     assert (
-        np.array_equal(block.metrics[500:], fly(made, rows[500:]).metrics)
+        np.array_equal(block.metrics[500:], fly(changed, rows[500:]).metrics)
         and len(set(block.metrics[:, -1])) > 500
     )
 
 
 def test_records_come_back_from_their_text(plan):
-    made = declare(plan, **ENTRIES)
-    again = unpack_metrics(made.declared)
-    assert [repr(metric) for metric in again] == [
-        repr(metric) for metric in made.metrics[len(METRICS) :]
+    changed = declare(plan, **ENTRIES)
+    restored = unpack_metrics(changed.declared)
+    assert [repr(metric) for metric in restored] == [
+        repr(metric) for metric in changed.metrics[len(METRICS) :]
     ]
-    assert {metric.bad for metric in again if metric.statistic.word == "min"} == {"low"}
+    assert {metric.bad for metric in restored if metric.statistic.word == "min"} == {"low"}
 
 
 def test_tables_name_everything_once_and_every_source_has_a_row():
     for table in (CHANNELS, tuple(SOURCES.values()), METRICS, REFERENCE_CHANNELS):
         assert len({signal.name for signal in table}) == len(table)
     assert set(SENTENCES) == set(Outcome)
-    lost = {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED, *LAW_LOST}
-    lost |= {Outcome.STATE_LIMIT}  # of custom states, which have no row of their own in LIMITS
-    # OK: the mission's own end by condition
-    assert {limit.outcome for limit in LIMITS} == set(Outcome) - lost
+    without_limit = {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED, *LAW_LOST}
+    without_limit |= {Outcome.STATE_LIMIT}  # of custom states, which are not in LIMITS
+    # OK stands for the end condition of the mission.
+    assert {limit.outcome for limit in LIMITS} == set(Outcome) - without_limit
     for entry in (*SOURCES.values(), *LIMITS):
         assert s.X <= find_row(entry.source) < Z_ROWS

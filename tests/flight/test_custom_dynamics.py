@@ -1,4 +1,4 @@
-"""Custom dynamics against integrations and eigenvalues of their own, and what is rejected before anything runs."""
+"""Custom dynamics against independent integrations and eigenvalues, and rejected inputs."""
 
 import math
 from dataclasses import replace
@@ -82,7 +82,7 @@ LAW = "lqr"
 def write_vehicle(
     folder: Path, function: str = MODE, keys: str = MODE_KEYS, limits: str = ""
 ) -> Path:
-    """The shipped vehicle with a user's dynamics."""
+    """Write the shipped vehicle with custom dynamics and return its path."""
     (folder / "own.py").write_text(function, encoding="utf-8")
     start = "limits: # a flight ends outside\n"
     return change_vehicle(folder, (start, keys + start + limits), name="abhv")
@@ -96,13 +96,13 @@ def plan_of(vehicle: Path, seconds: float = 10.0, mission: str = "s_manoeuvre", 
 
 
 def at_step(plan, step: float):
-    """The same plan and control rate with another step of the integrator."""
+    """Return the plan with another integrator step at the same control rate."""
     steps = round(plan.timing.tick / step)
     return replace(plan, timing=Timing(plan.timing.tick / steps, steps, plan.timing.ticks))
 
 
 def at_rate(plan, rate: float):
-    """The same plan with its reference and gains held between the ticks of a faster control."""
+    """Return the plan at a higher control rate, with reference and gains held between its ticks."""
     factor = round(rate * plan.timing.tick)
     rows = {
         name: np.repeat(getattr(plan, name), factor, axis=0)[
@@ -115,12 +115,12 @@ def at_rate(plan, rate: float):
 
 
 def states_of(plan, ticks: int, **initial: float):
-    kept = fly_until(plan, parameters_of(plan, **initial), ticks)
-    return kept.rows[0, s.CUSTOM_STATE : s.CUSTOM_STATE + plan.vehicle.foreign.states]
+    saved = fly_until(plan, parameters_of(plan, **initial), ticks)
+    return saved.rows[0, s.CUSTOM_STATE : s.CUSTOM_STATE + plan.vehicle.foreign.states]
 
 
 def parameters_of(plan, **initial: float):
-    """Nominal rows with starts of custom states."""
+    """Return a nominal row with settings and initial values of custom states."""
     code = plan.vehicle_code
     names = [*(setting.name for setting in code.settings), *(start.name for start in code.starts)]
     values = dict(
@@ -140,7 +140,7 @@ def slosh(tmp_path_factory):
     return write_vehicle(tmp_path_factory.mktemp("slosh"), SLOSH, SLOSH_KEYS)
 
 
-def test_states_follow_an_integration_of_their_own(mode):
+def test_states_follow_an_independent_integration(mode):
     plan = at_rate(plan_of(mode), 2000.0)
     block = fly(plan, parameters_of(plan, initial__mode=0.01), 1, keep_states=True)
     x, t = block.states[0], block.times
@@ -150,15 +150,17 @@ def test_states_follow_an_integration_of_their_own(mode):
     alpha = np.arctan2(x[:, s.W], x[:, s.U])
     drive = CubicSpline(t, EXCITATION * load * (alpha + x[:, s.ELEVATOR]))
 
-    def rates(at, y):
-        return y[1], drive(at) - 2.0 * DAMPING * FREQUENCY * y[1] - FREQUENCY**2 * y[0]
+    def rates(time, y):
+        return y[1], drive(time) - 2.0 * DAMPING * FREQUENCY * y[1] - FREQUENCY**2 * y[0]
 
     names = [channel.name for channel in plan.channels]
     flown = block.history[0][:, [names.index("state.mode"), names.index("state.mode_rate")]]
     start = [plan.initial_state[s.N_STATES] + 0.01, 0.0]
-    own = solve_ivp(rates, (0.0, t[-1]), start, "DOP853", t, rtol=1e-11, atol=1e-14).y.T
-    np.testing.assert_allclose(flown, own, rtol=0.0, atol=1e-6 * np.abs(own).max(axis=0).min())
-    assert np.abs(own[:, 0]).max() > 0.009
+    integrated = solve_ivp(rates, (0.0, t[-1]), start, "DOP853", t, rtol=1e-11, atol=1e-14).y.T
+    np.testing.assert_allclose(
+        flown, integrated, rtol=0.0, atol=1e-6 * np.abs(integrated).max(axis=0).min()
+    )
+    assert np.abs(integrated[:, 0]).max() > 0.009
 
 
 @pytest.mark.parametrize("kind", ["mode", "slosh"])
@@ -174,10 +176,10 @@ def test_order_of_the_method(kind, request):
 
 def test_start_is_an_equilibrium_of_all_states(mode):
     plan = plan_of(mode, mission="level")
-    held = replace(plan, law="recorded", gains=np.zeros((len(plan.gains), 8)), lean=False)
-    held.gains[:, :4] = plan.initial_state[[s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA]]
-    kept = fly_until(held, nominal_parameters(), 1)
-    moved = kept.rows[0, s.CUSTOM_STATE : s.CUSTOM_STATE + 2]
+    fixed = replace(plan, law="recorded", gains=np.zeros((len(plan.gains), 8)), lean=False)
+    fixed.gains[:, :4] = plan.initial_state[[s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA]]
+    saved = fly_until(fixed, nominal_parameters(), 1)
+    moved = saved.rows[0, s.CUSTOM_STATE : s.CUSTOM_STATE + 2]
     start = plan.initial_state[s.N_STATES :]
     assert start[0] > 1e-4
     assert start[1] == pytest.approx(0.0, abs=1e-15)
@@ -188,7 +190,7 @@ def test_start_is_an_equilibrium_of_all_states(mode):
     assert abs(plan.initial_state[s.ELEVATOR] - rigid[s.ELEVATOR]) > 1e-6
 
 
-def test_flights_are_the_same_abreast_and_alone(mode):
+def test_flights_do_not_depend_on_their_lanes(mode):
     plan = plan_of(mode, 3.0)
     rows = np.repeat(parameters_of(plan), 40, axis=0)
     rows[:, len(PARAMETERS)] *= np.linspace(0.9, 1.1, 40)
@@ -196,10 +198,10 @@ def test_flights_are_the_same_abreast_and_alone(mode):
     assert np.array_equal(abreast.history[7], alone.history[0], equal_nan=True)
     assert np.array_equal(abreast.metrics[7], alone.metrics[0], equal_nan=True)
     assert not np.array_equal(abreast.metrics[7], abreast.metrics[8])
-    # A flight that waits in memory for its turn is the same, too.
-    kept = fly_until(plan, rows[7:8], 150)
-    later = fly(plan, rows[7:8], 10, start=kept).history[0, 15:]
-    assert np.array_equal(later, alone.history[0, 15:], equal_nan=True)
+    # A flight that continues from saved memory is the same, too.
+    saved = fly_until(plan, rows[7:8], 150)
+    continued = fly(plan, rows[7:8], 10, start=saved).history[0, 15:]
+    assert np.array_equal(continued, alone.history[0, 15:], equal_nan=True)
 
 
 def test_a_state_past_its_limit_ends_the_flight(tmp_path):
@@ -210,16 +212,16 @@ def test_a_state_past_its_limit_ends_the_flight(tmp_path):
 
 def test_linear_model_has_the_mode(mode):
     plan = plan_of(mode, 3.0)
-    found = flown_points(plan, parameters_of(plan), 1.0)
-    linear = linearize(plan, found.points)
+    trajectory = flown_points(plan, parameters_of(plan), 1.0)
+    linear = linearize(plan, trajectory.points)
     names = plant_states(plan.vehicle)
     assert names[-2:] == ("state.mode", "state.mode_rate")
-    x = found.points
+    x = trajectory.points
     density = atmosphere(float(x.path[0, 0]))[0]
     q_bar = 0.5 * density * x.path[0, 1] ** 2
     load = q_bar * AREA / x.mass[0]
     A = linear.plant_A[0]
-    # The mode's own rows and what it does to flight path and pitch, written down.
+    # Analytic rows of the mode and its effect on flight path and pitch.
     np.testing.assert_allclose(A[11, 10:], [-(FREQUENCY**2), -2 * DAMPING * FREQUENCY], rtol=1e-7)
     np.testing.assert_allclose(A[11, 4], EXCITATION * load, rtol=1e-6)
     np.testing.assert_allclose(linear.plant_B[0][11, 2], EXCITATION * load, rtol=1e-6)
@@ -231,8 +233,8 @@ def test_linear_model_has_the_mode(mode):
     # The sampled model is the exponential of the continuous one: the mode's eigenvalue is there.
     poles = np.log(np.linalg.eigvals(linear.A[0]).astype(complex)) / plan.timing.tick
     coupled = np.linalg.eigvals(A)
-    near = coupled[np.abs(coupled - 1j * FREQUENCY).argmin()]
-    assert np.abs(poles - near).min() < 1e-6
+    bending_pole = coupled[np.abs(coupled - 1j * FREQUENCY).argmin()]
+    assert np.abs(poles - bending_pole).min() < 1e-6
 
 
 def test_linear_model_predicts_a_small_disturbance(mode):
@@ -267,12 +269,12 @@ ERRORS = {
 
 @pytest.mark.parametrize("case", ERRORS)
 def test_a_wrong_function_is_rejected_with_its_line(tmp_path, case):
-    old, new, words = ERRORS[case]
+    old, new, fragment = ERRORS[case]
     assert old in MODE
     vehicle = write_vehicle(tmp_path, MODE.replace(old, new))
     with pytest.raises(InputError) as caught:
         make_flight_plan("level", str(vehicle), LAW)
-    assert words in str(caught.value)
+    assert fragment in str(caught.value)
     assert caught.value.file == str(tmp_path / "own.py") or Path(caught.value.file).name == "own.py"
     assert caught.value.line is not None
 
@@ -300,15 +302,15 @@ def test_a_step_too_long_for_the_states_is_rejected(tmp_path):
         make_flight_plan("level", str(write_vehicle(tmp_path, keys=keys(250.0))), LAW)
 
 
-def test_a_mode_decays_as_its_damping_says(tmp_path):
+def test_a_mode_decays_with_its_damping(tmp_path):
     keys = MODE_KEYS.replace("excitation: 0.05", "excitation: 0.0").replace(
         "damping: 0.01", "damping: 0.02"
     )
     plan = at_step(plan_of(write_vehicle(tmp_path, keys=keys), 2.0, "level"), 1e-3)
     w, zeta = FREQUENCY, 0.02
     wd = w * math.sqrt(1.0 - zeta**2)
-    at = states_of(plan, 200, initial__mode=0.01)[0]
-    own = (
+    amplitude = states_of(plan, 200, initial__mode=0.01)[0]
+    analytic = (
         0.01 * math.exp(-zeta * w * 2.0) * (math.cos(wd * 2.0) + zeta * w / wd * math.sin(wd * 2.0))
     )
-    assert at == pytest.approx(own, abs=1e-8)
+    assert amplitude == pytest.approx(analytic, abs=1e-8)

@@ -1,4 +1,4 @@
-"""Effectors that a user's law commands by name: counted and refused in campaigns, and less effective by their share."""
+"""Effectors commanded by name by a custom law: usage metrics, rejected inputs and loss of effectiveness."""
 
 import numpy as np
 import pytest
@@ -29,8 +29,8 @@ DRIVEN = {name: mix | MOVING for name, mix in MIXED.items()}
 
 
 def write_own_law(folder, effectors="", aileron="0.0", compiled=False):
-    given = f", effectors={{{effectors}}}" if effectors else ""
-    return write_law(folder, LAW.format(aileron=aileron, effectors=given, compiled=compiled))
+    argument = f", effectors={{{effectors}}}" if effectors else ""
+    return write_law(folder, LAW.format(aileron=aileron, effectors=argument, compiled=compiled))
 
 
 def campaign_of(folder, effectors, controllers=None, **entries):
@@ -45,13 +45,13 @@ def campaign_of(folder, effectors, controllers=None, **entries):
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("commands", "fragment"),
     [('"flop": 0.1', "flop"), ('**{"left": 0.1}', "other effectors")],
     ids=["unknown", "no names"],
 )
-def test_effectors_that_there_are_not_are_refused(tmp_path, given: str, words: str) -> None:
-    law = write_own_law(tmp_path, given, compiled=True)
-    with pytest.raises(InputError, match=words):
+def test_unknown_effectors_are_rejected(tmp_path, commands: str, fragment: str) -> None:
+    law = write_own_law(tmp_path, commands, compiled=True)
+    with pytest.raises(InputError, match=fragment):
         short_plan(5, law, "level", {"base": "ghame_x", "effectors": DRIVEN})
 
 
@@ -70,7 +70,7 @@ def test_laws_limit_their_commands_to_what_the_effectors_can_do(law: str) -> Non
     assert np.abs(aileron).max() == pytest.approx(1.0, rel=1e-5)
 
 
-def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themselves(
+def test_failures_of_axes_are_rejected_if_effectors_have_actuators(
     tmp_path,
 ) -> None:
     weak = {"control.right_effectiveness": {"distribution": "uniform", "half_width": "20 %"}}
@@ -84,7 +84,7 @@ def test_a_campaign_with_failures_of_axes_is_refused_where_effectors_move_themse
         campaign_of(tmp_path, DRIVEN, dispersions=failing).simulator.make_plans(["tlc"])
 
 
-def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted(tmp_path) -> None:
+def test_all_laws_of_a_campaign_share_the_actuators_and_their_usage_metrics(tmp_path) -> None:
     entries = {
         "requirements": [{"metric": "left_max_deg", "below": 30, "probability": 0.5}],
         "keep": {"histories": {"channels": ["right_command_deg", "altitude_m", "left_deg"]}},
@@ -102,10 +102,10 @@ def test_all_laws_of_a_campaign_fly_one_list_of_actuators_whose_usage_is_counted
             m.name for m in campaign.measured
         ] and "left" in plan.effectors
         block = fly(cut(plan, 60), nominal_parameters(1), 1)
-        at = [channel.name for channel in plan.channels].index("left_deg")
-        place = [metric.name for metric in plan.metrics].index("left_max_deg")
-        assert block.metrics[0, place] == pytest.approx(
-            np.abs(block.history[0, :, at]).max(), rel=1e-6
+        channel_index = [channel.name for channel in plan.channels].index("left_deg")
+        metric_index = [metric.name for metric in plan.metrics].index("left_max_deg")
+        assert block.metrics[0, metric_index] == pytest.approx(
+            np.abs(block.history[0, :, channel_index]).max(), rel=1e-6
         )
 
 
@@ -130,7 +130,7 @@ def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, 
         terms[:] = [
             term | ({"scale": 0.0} if term.get("times") == "aileron" else {}) for term in terms
         ]
-    flaps, given = {}, []
+    flaps, commands = {}, []
     for i, (side, limit) in enumerate(effectors):
         mix = {"aileron": side, "elevator": 1} if side else {"aileron": 1}
         flaps[f"flap_{i}"] = (
@@ -140,18 +140,18 @@ def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, 
         aerodynamics["rolling_moment"].append(
             {"table": "roll_aileron", "times": f"flap_{i}", "scale": share}
         )
-        given.append(f'"flap_{i}": {{0}} * {side or 1} + reference.elevator * {abs(side)}')
+        commands.append(f'"flap_{i}": {{0}} * {side or 1} + reference.elevator * {abs(side)}')
     vehicle = {"base": "ghame_x", "effectors": flaps, "aerodynamics": aerodynamics}
     ks = (1.0, 0.8, 0.5, 0.2)
     cases = [{"control.aileron_effectiveness": k} for k in ks]
     cases += [
         {f"control.effector_{i}_effectiveness": k for i in range(len(effectors))} for k in ks[1:]
     ]
-    for by in ("axes", "effectors"):
+    for kind in ("axes", "effectors"):
         rates = []
         for aileron in ("0.0", "0.2967"):
-            named = "" if by == "axes" else ", ".join(given).format(aileron)
-            law = write_own_law(tmp_path, named, aileron if by == "axes" else "0.0")
+            named = "" if kind == "axes" else ", ".join(commands).format(aileron)
+            law = write_own_law(tmp_path, named, aileron if kind == "axes" else "0.0")
             block = fly(short_plan(5, law, "level", vehicle), rows_of(*cases), 1, keep_states=True)
             rates.append(block.states[:, 5, s.ROLL_RATE])
         felt = rates[1] - rates[0]

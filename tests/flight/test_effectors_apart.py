@@ -1,7 +1,7 @@
-"""A vehicle of effectors flown a second time, by equations that share nothing with the package.
+"""Flights of a vehicle with effectors against an independent simulation.
 
-Inertial Cartesian coordinates and direction cosines in double precision, all flights side by side; the law, commanded
-once a tick, moves two elevons and a flap by name and the rudder, which the aerodynamics name themselves, as an axis.
+It uses inertial Cartesian coordinates and direction cosines in double precision. The law commands
+two elevons and a flap by name, and the rudder, which the aerodynamics use directly, as an axis.
 """
 
 import inspect
@@ -130,28 +130,35 @@ def value(name, nominal=1.0):
     return np.array([case.get(name, nominal) for case in CASES])
 
 
-def felt_coefficients(alpha, beta, hats, positions):
-    """With what the axes' dispersions change: of the aileron, the pair's own part; of the flap and rudder none."""
+def dispersed_coefficients(alpha, beta, hats, positions):
+    """Return the dispersed coefficients.
 
-    def of(left, right, sideslip=beta):
+    Dispersions of the aileron act on the antisymmetric deflection of the elevons, not on the flap or
+    the rudder.
+    """
+
+    def evaluate(left, right, sideslip=beta):
         c = coefficients(Air(alpha, sideslip), Controls(left, right, *positions[2:]), Rates(*hats))
         return np.array([c.CL, c.CD, c.CY, c.Cl, c.Cm, c.Cn])
 
     left, right = positions[:2]
-    part = 0.5 * (right - left)  # of the pair, what goes with the aileron
+    share = 0.5 * (right - left)  # antisymmetric deflection
     k = value("control.aileron_effectiveness") - 1.0
-    left, right = value("control.effector_0_effectiveness") * (left - k * part), right + k * part
-    whole = of(left, right)
-    # Less all of the aileron's part, and without sideslip.
-    none, still = of(positions[0] + part, positions[1] - part), of(left, right, 0.0 * beta)
-    whole[3] += (value("aero.rolling_moment.aileron") - 1.0) * (whole[3] - none[3])
+    left, right = value("control.effector_0_effectiveness") * (left - k * share), right + k * share
+    total = evaluate(left, right)
+    # Without the antisymmetric deflection, and without sideslip.
+    without_aileron, without_sideslip = (
+        evaluate(positions[0] + share, positions[1] - share),
+        evaluate(left, right, 0.0 * beta),
+    )
+    total[3] += (value("aero.rolling_moment.aileron") - 1.0) * (total[3] - without_aileron[3])
     sideslip = value("aero.rolling_moment.sideslip") - 1.0
-    whole[3] += sideslip * (whole[3] - still[3]) * (sideslip != 0.0)
-    return whole
+    total[3] += sideslip * (total[3] - without_sideslip[3]) * (sideslip != 0.0)
+    return total
 
 
 class Flights:
-    """All cases from the plan's start: positions and velocities [3, flight], attitudes [3, 3, flight]."""
+    """State of all cases: positions and velocities [3, flight], attitudes [3, 3, flight]."""
 
     def __init__(self, plan):
         self.plan, self.world = plan, World()
@@ -162,8 +169,8 @@ class Flights:
         v = body @ x[s.U : s.W + 1] + np.cross(self.world.omega, r)
         positions = np.clip(MIX[:, 2] * x[s.ELEVATOR], -LIMIT, LIMIT)
         moving = np.column_stack([[*positions, x[s.ETA]], np.zeros(5)]).ravel()
-        one = np.concatenate([r, v, body.ravel(), x[s.ROLL_RATE : s.YAW_RATE + 1], moving])
-        self.x = np.tile(one[:, None], (1, len(CASES)))
+        row = np.concatenate([r, v, body.ravel(), x[s.ROLL_RATE : s.YAW_RATE + 1], moving])
+        self.x = np.tile(row[:, None], (1, len(CASES)))
         self.mass = 1400.0 * value("mass.total")
         inertia = np.array([[300.0, 0.0, 60.0], [0.0, 5000.0, 0.0], [60.0, 0.0, 5200.0]])
         self.J = np.repeat(inertia[:, :, None], len(CASES), axis=2)
@@ -171,12 +178,12 @@ class Flights:
         self.inverse = np.moveaxis(np.linalg.inv(np.moveaxis(self.J, 2, 0)), 0, 2)
 
     def axes(self, r):
-        """North, east, down as rows [3, 3, flight], and the geodetic altitude."""
+        """Return north, east and down as rows [3, 3, flight], and the geodetic altitude."""
         lat, h = self.world.geodetic(r)
         return local_axes(lat, np.arctan2(r[1], r[0])), h
 
     def relative(self, x):
-        """Velocity relative to the Earth, Earth-centred axes."""
+        """Return the velocity relative to the Earth, Earth-centred axes."""
         return x[3:6] - np.cross(self.world.omega, x[:3].T).T
 
     def rate(self, x, command):
@@ -189,7 +196,7 @@ class Flights:
         p, q, r = omega - np.einsum("jif,j->if", body, self.world.omega)
         hats = p * 2.0 / (2.0 * speed), q * 3.0 / (2.0 * speed), r * 2.0 / (2.0 * speed)
         density = Atmosphere(h).density * value("atmosphere.density")
-        c = felt_coefficients(alpha, beta, hats, x[18:26:2])
+        c = dispersed_coefficients(alpha, beta, hats, x[18:26:2])
         for i, name in ((0, "aero.lift"), (1, "aero.drag"), (4, "aero.pitching_moment")):
             c[i] *= value(name)
         pressure = 0.5 * density * speed**2 * 3.0
@@ -208,24 +215,26 @@ class Flights:
         turning = np.array(
             [[zero, -omega[2], omega[1]], [omega[2], zero, -omega[0]], [-omega[1], omega[0], zero]]
         )
-        found = np.empty_like(x)
-        found[:3], found[3:6] = (
+        derivative = np.empty_like(x)
+        derivative[:3], derivative[3:6] = (
             x[3:6],
             self.world.gravity(x[:3]) + np.einsum("ijf,jf->if", body, force) / self.mass,
         )
-        found[6:15] = np.einsum("ijf,jkf->ikf", body, turning).reshape(9, -1)
-        found[15:18] = np.einsum("ijf,jf->if", self.inverse, moment - np.cross(omega, spin, axis=0))
+        derivative[6:15] = np.einsum("ijf,jkf->ikf", body, turning).reshape(9, -1)
+        derivative[15:18] = np.einsum(
+            "ijf,jf->if", self.inverse, moment - np.cross(omega, spin, axis=0)
+        )
         bandwidth = BANDWIDTH[:, None] * np.where(
             np.arange(5)[:, None] < 4, value("actuator.bandwidth"), 1.0
         )
-        found[18::2] = x[19::2]
-        found[19::2] = (
+        derivative[18::2] = x[19::2]
+        derivative[19::2] = (
             bandwidth**2 * (command - x[18::2]) - 2.0 * DAMPING[:, None] * bandwidth * x[19::2]
         )
-        return found
+        return derivative
 
     def command(self, x, tick):
-        """Left, right, flap, rudder and throttle."""
+        """Return the commands of left, right, flap, rudder and throttle."""
         axes, h = self.axes(x[:3])
         relative = self.relative(x)
         north, east, down = np.einsum("ijf,jf->if", axes, relative)
@@ -237,16 +246,22 @@ class Flights:
         ahead = np.cos(alpha) * to_down[0] + np.sin(alpha) * to_down[2]
         level = np.cos(beta) * to_down[1] - np.sin(beta) * ahead
         bank = np.arctan2(level, np.cos(alpha) * to_down[2] - np.sin(alpha) * to_down[0])
-        seen = np.array([h, v, np.arcsin(-down / v), alpha, beta, bank, *x[15:18]])
-        commands = [law(Seen(*row), Row(*self.plan.reference[tick])) for row in seen.T.tolist()]
-        asked = np.array([[*command.effectors.values(), command.rudder] for command in commands]).T
+        measurements = np.array([h, v, np.arcsin(-down / v), alpha, beta, bank, *x[15:18]])
+        commands = [
+            law(Seen(*row), Row(*self.plan.reference[tick])) for row in measurements.T.tolist()
+        ]
+        deflections = np.array(
+            [[*command.effectors.values(), command.rudder] for command in commands]
+        ).T
         stuck = tick * 0.01 >= value("failure.effector_2.stuck_time", np.inf) - 1e-9
-        asked[2] = np.where(stuck, value("failure.effector_2.stuck_at", 0.0), asked[2])
-        asked = np.clip(asked, -LIMIT[:, None], LIMIT[:, None])
-        return np.vstack([asked, np.clip([command.throttle for command in commands], 0.0, 1.0)])
+        deflections[2] = np.where(stuck, value("failure.effector_2.stuck_at", 0.0), deflections[2])
+        deflections = np.clip(deflections, -LIMIT[:, None], LIMIT[:, None])
+        return np.vstack(
+            [deflections, np.clip([command.throttle for command in commands], 0.0, 1.0)]
+        )
 
     def fly(self, ticks):
-        """Altitude, angles and rates [quantity, flight] at the last tick."""
+        """Return the state [row, flight] at the last tick."""
         x, step = self.x, 0.01 / STEPS
         for tick in range(ticks):
             command = self.command(x, tick)
@@ -271,17 +286,17 @@ def test_the_flights_are_those_of_an_independent_integration(plan, ticks) -> Non
     plan = cut(plan, ticks)
     block = fly(plan, rows_of(*CASES), ticks, keep_states=True)
     assert (block.outcome == 0).all()
-    apart, ours = Flights(plan), block.states[:, -1].T
-    x = apart.fly(ticks)
-    h = apart.axes(x[:3])[1]
+    independent, ours = Flights(plan), block.states[:, -1].T
+    x = independent.fly(ticks)
+    h = independent.axes(x[:3])[1]
     assert np.abs(h - ours[s.ALTITUDE]).max() < 2e-3  # m
     body = x[6:15].reshape(3, 3, -1)
-    u, v, w = np.einsum("jif,jf->if", body, apart.relative(x))
-    for one, other in ((w / u, ours[s.W] / ours[s.U]), (v / u, ours[s.V] / ours[s.U])):
-        assert np.degrees(np.abs(np.arctan(one) - np.arctan(other))).max() < 2e-3  # deg
+    u, v, w = np.einsum("jif,jf->if", body, independent.relative(x))
+    for expected, simulated in ((w / u, ours[s.W] / ours[s.U]), (v / u, ours[s.V] / ours[s.U])):
+        assert np.degrees(np.abs(np.arctan(expected) - np.arctan(simulated))).max() < 2e-3  # deg
     assert np.degrees(np.abs(x[15:18] - ours[s.ROLL_RATE : s.YAW_RATE + 1])).max() < 2e-3
-    shown = np.linalg.pinv(MIX) @ x[18:26:2]
-    assert np.degrees(np.abs(shown - ours[s.AILERON : s.ELEVATOR + 1])).max() < 2e-3
+    axes = np.linalg.pinv(MIX) @ x[18:26:2]
+    assert np.degrees(np.abs(axes - ours[s.AILERON : s.ELEVATOR + 1])).max() < 2e-3
 
 
 def test_a_law_of_effectors_has_the_usage_of_the_axes_that_they_make(plan) -> None:
@@ -292,10 +307,10 @@ def test_a_law_of_effectors_has_the_usage_of_the_axes_that_they_make(plan) -> No
         for i, channel in enumerate(plan.channels)
     }
     names = {metric.name: i for i, metric in enumerate(plan.metrics)}
-    at = np.array(
+    deflections = np.array(
         [channels[f"{name}_deg"] for name in ("left", "right", "flap", "rudder_effector")]
     )
-    axes = np.linalg.pinv(MIX) @ at
+    axes = np.linalg.pinv(MIX) @ deflections
     for name, deflection in zip(("aileron", "rudder", "elevator"), axes, strict=True):
         np.testing.assert_allclose(channels[f"{name}_deg"], deflection, atol=1e-5)
         rms = np.sqrt(np.mean((deflection - deflection[0]) ** 2))
@@ -303,18 +318,18 @@ def test_a_law_of_effectors_has_the_usage_of_the_axes_that_they_make(plan) -> No
             rms, rel=1e-4, abs=1e-9
         )
     assert block.metrics[0, METRIC_INDEX["aileron_rms_deg"]] > 0.1
-    asked = np.array(
+    commands = np.array(
         [channels[f"{name}_command_deg"] for name in ("left", "right", "flap", "rudder_effector")]
     )
     np.testing.assert_allclose(
-        channels["elevator_command_deg"], (np.linalg.pinv(MIX) @ asked)[2], atol=1e-5
+        channels["elevator_command_deg"], (np.linalg.pinv(MIX) @ commands)[2], atol=1e-5
     )
-    for name, row in (("left", at[0]), ("flap", at[2])):
-        found = {
+    for name, row in (("left", deflections[0]), ("flap", deflections[2])):
+        usage = {
             end: block.metrics[0, names[f"{name}_{end}"]]
             for end in ("rms_deg", "max_deg", "travel_deg")
         }
-        assert found["rms_deg"] == pytest.approx(np.sqrt(np.mean(row**2)), rel=1e-5)
-        assert found["max_deg"] == pytest.approx(np.abs(row).max(), rel=1e-5)
-        assert found["travel_deg"] == pytest.approx(np.abs(np.diff(row)).sum(), rel=1e-4)
+        assert usage["rms_deg"] == pytest.approx(np.sqrt(np.mean(row**2)), rel=1e-5)
+        assert usage["max_deg"] == pytest.approx(np.abs(row).max(), rel=1e-5)
+        assert usage["travel_deg"] == pytest.approx(np.abs(np.diff(row)).sum(), rel=1e-4)
     assert block.metrics[0, names["flap_saturation_s"]] == 0.0

@@ -1,4 +1,4 @@
-"""Extremes over every tick that the kernel keeps are those of whole histories, to the bit."""
+"""Extremes over every tick, bit for bit against complete histories."""
 
 import dataclasses
 
@@ -21,12 +21,12 @@ FLIGHTS = 2 * LANES + 5
 
 @pytest.fixture(scope="module")
 def plans():
-    """Some flights end on the way."""
-    made = {name: short_plan(TICKS, name) for name in ("tlc", "lqr")}
+    """Plans whose altitude limit ends some flights early."""
+    plans = {name: short_plan(TICKS, name) for name in ("tlc", "lqr")}
     tight = {"altitude_max": 20_001.5}
     return {
         name: dataclasses.replace(plan, limits=plan.limits._replace(**tight))
-        for name, plan in made.items()
+        for name, plan in plans.items()
     }
 
 
@@ -47,7 +47,7 @@ def dispersed():
 
 
 @pytest.fixture(scope="module")
-def whole(plans, dispersed):
+def histories(plans, dispersed):
     """Every channel at every tick."""
     return {law: fly(plan, dispersed, 1) for law, plan in plans.items()}
 
@@ -58,19 +58,19 @@ ALL, SOME = (LANES, slice(None)), pytest.param((1, slice(4, 9)), marks=pytest.ma
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
 @pytest.mark.parametrize("every", [1, 7, 20, 300, TICKS + 1])
 @pytest.mark.parametrize("flown", [ALL, SOME], ids=["abreast", "alone"])
-def test_extremes_are_those_of_whole_histories(plans, dispersed, whole, law, every, flown):
-    (lanes, rows), whole = flown, whole[law]
-    ends = np.unique(whole.end_time)
-    assert (whole.outcome == Outcome.NOT_FINITE).any()
-    assert ((ends > 0.1) & (ends < 6.0)).any() and (whole.outcome == Outcome.OK).any()
+def test_extremes_equal_those_of_complete_histories(plans, dispersed, histories, law, every, flown):
+    (lanes, rows), histories = flown, histories[law]
+    ends = np.unique(histories.end_time)
+    assert (histories.outcome == Outcome.NOT_FINITE).any()
+    assert ((ends > 0.1) & (ends < 6.0)).any() and (histories.outcome == Outcome.OK).any()
     for channels in (tuple(range(len(CHANNELS))), (11, 3, 3, 0)):
         recording = Recording(every, channels, extremes=True)
-        found = fly(plans[law], dispersed[rows], recording, lanes=lanes)
-        history = whole.history[rows][:, :, channels]
-        np.testing.assert_array_equal(found.history, history[:, ::every])
-        for side, extreme in ((found.low, np.fmin), (found.high, np.fmax)):
+        extremes = fly(plans[law], dispersed[rows], recording, lanes=lanes)
+        history = histories.history[rows][:, :, channels]
+        np.testing.assert_array_equal(extremes.history, history[:, ::every])
+        for side, extreme in ((extremes.low, np.fmin), (extremes.high, np.fmax)):
             expected = around(history, every, extreme)
             assert side.dtype == np.float32
             assert side.tobytes() == expected.tobytes()  # -0 and 0 are one
         for name in ("outcome", "end_time", "metrics"):
-            assert getattr(found, name).tobytes() == getattr(whole, name)[rows].tobytes()
+            assert getattr(extremes, name).tobytes() == getattr(histories, name)[rows].tobytes()

@@ -31,11 +31,11 @@ def _channel(block, flight: int, name: str):
     return block.history[flight, :, CHANNEL_INDEX[name]].astype(np.float64)
 
 
-def _same(block, one: int, other: int) -> bool:
+def _same(block, first: int, second: int) -> bool:
     skip = METRIC_INDEX["engine_failed_s"]
     metrics = np.delete(block.metrics, skip, axis=1)
-    return np.array_equal(metrics[one], metrics[other]) and np.array_equal(
-        block.states[one], block.states[other], equal_nan=True
+    return np.array_equal(metrics[first], metrics[second]) and np.array_equal(
+        block.states[first], block.states[second], equal_nan=True
     )
 
 
@@ -82,28 +82,28 @@ _EQUAL = [
 ]
 
 
-@pytest.mark.parametrize(("failed", "whole"), _EQUAL, ids=lambda case: next(iter(case)))
-def test_failed_from_the_start_it_equals_the_parameter_of_the_whole_flight(
-    plan, failed: dict[str, float], whole: dict[str, float]
+@pytest.mark.parametrize(("failed", "equivalent"), _EQUAL, ids=lambda case: next(iter(case)))
+def test_a_failure_from_the_start_equals_the_parameter_for_the_flight(
+    plan, failed: dict[str, float], equivalent: dict[str, float]
 ):
-    block = _fly(plan, failed, whole, {})
+    block = _fly(plan, failed, equivalent, {})
     assert _same(block, 0, 1)
     assert not _same(block, 0, 2)
 
 
-def test_a_surface_sticks_where_it_is_or_is_driven_where_it_is_told(plan):
-    told = np.deg2rad(3.0)
+def test_a_surface_sticks_at_its_position_or_is_driven_to_a_given_one(plan):
+    target = np.deg2rad(3.0)
     block = _fly(
         plan,
         {"failure.elevator.stuck_time": 1.0},
-        {"failure.elevator.stuck_time": 1.0, "failure.elevator.stuck_at": told},
+        {"failure.elevator.stuck_time": 1.0, "failure.elevator.stuck_at": target},
     )
     elevator = block.states[:, :, s.ELEVATOR]
-    here = elevator[0, 100]
-    assert np.all(elevator[0, 100:] == here)
+    position = elevator[0, 100]
+    assert np.all(elevator[0, 100:] == position)
     assert np.all(block.states[0, 101:, s.ELEVATOR_RATE] == 0.0)
-    assert elevator[1, 100] == here
-    assert elevator[1, 140] == pytest.approx(told, abs=1e-4)  # 50 rad/s: settled after 0.4 s
+    assert elevator[1, 100] == position
+    assert elevator[1, 140] == pytest.approx(target, abs=1e-4)  # 50 rad/s: settled after 0.4 s
     command = _channel(block, 0, "elevator_command_deg")
     assert np.ptp(command[100:]) > 0.01  # what the law asks for is still recorded
 
@@ -266,12 +266,12 @@ def test_an_engine_out_takes_its_share_and_turns_the_vehicle(several):
     lost = 1.0 - lag / 0.01 * (1.0 - np.exp(-0.01 / lag))
     vehicle = several.vehicle
     fixed = evaluate_fixed(vehicle, make_variables(vehicle, mass=vehicle.constants.mass_start))
-    whole = thrust[0, 0]
+    total = thrust[0, 0]
     for flight, share, y, z in ((1, 0.4, -0.6, -0.1), (2, 0.2, 0.0, 0.4)):
-        assert thrust[flight, 0] == pytest.approx(whole * (1.0 - share * lost), rel=1e-6)
+        assert thrust[flight, 0] == pytest.approx(total * (1.0 - share * lost), rel=1e-6)
         change = (block.states[flight, 1] - block.states[0, 1])[s.ROLL_RATE : s.YAW_RATE + 1] / 0.01
         line = vehicle.constants.thrust_offset_z - fixed["center_of_gravity_z"][0]
-        force = -whole * share * lost
+        force = -total * share * lost
         pitch, yaw = (
             (line + z) * force / fixed["inertia_yy"][0],
             -y * force / fixed["inertia_zz"][0],
@@ -281,7 +281,9 @@ def test_an_engine_out_takes_its_share_and_turns_the_vehicle(several):
 
 
 def test_all_engines_out_is_the_engine_out(several):
-    each = {f"failure.engine_{i}.time": 0.3 for i in range(3)}
-    block = _fly(several, each, {"failure.engine.time": 0.3}, {"failure.engine_3.time": 0.3}, {})
+    failures = {f"failure.engine_{i}.time": 0.3 for i in range(3)}
+    block = _fly(
+        several, failures, {"failure.engine.time": 0.3}, {"failure.engine_3.time": 0.3}, {}
+    )
     assert np.abs(block.states[0] - block.states[1]).max() < 1e-9
     assert np.array_equal(block.states[2], block.states[3])  # there are three

@@ -1,6 +1,6 @@
-"""A flight does not depend on how it is flown: alone, abreast, in which order, beside what, lean or full, in Python.
+"""Independence of a flight from lanes, order, neighbours, the lean kernel and compilation.
 
-What compiled code relies on is checked where Python enters: types, shapes, order and alignment.
+Types, shapes, order and alignment that compiled code relies on are checked before it is called.
 """
 
 import os
@@ -43,7 +43,7 @@ NEVER_NEGATIVE = ("_noise", "turbulence", "delay", "gust_start")
 
 @pytest.fixture(scope="module")
 def plans():
-    """Plans of two controllers over the first 3 s of the S manoeuvre: the bank steps at once."""
+    """Plans of two controllers over the first 3 s of the S manoeuvre, with its step in bank."""
     return {name: short_plan(300, name, vehicle="ghame_x_coupled") for name in ("tlc", "lqr")}
 
 
@@ -91,20 +91,22 @@ def test_packing_does_not_matter(plans, dispersed, law):
 def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
     healthy = fly(plans["tlc"], dispersed, record_every=50, keep_states=True)
     name, value = broken
-    others = dispersed.copy()
-    others[[0, 5, 15], PARAMETER_INDEX[name]] = value
-    beside = fly(plans["tlc"], others, record_every=50, keep_states=True)
+    changed = dispersed.copy()
+    changed[[0, 5, 15], PARAMETER_INDEX[name]] = value
+    neighbours = fly(plans["tlc"], changed, record_every=50, keep_states=True)
     ends = Outcome.FUEL_OUT if name == "mass.total" else Outcome.NOT_FINITE
-    assert (beside.outcome[[0, 5, 15]] == ends).all()
-    assert (beside.end_time[[0, 5, 15]] < 0.1).all()
+    assert (neighbours.outcome[[0, 5, 15]] == ends).all()
+    assert (neighbours.end_time[[0, 5, 15]] < 0.1).all()
     first = {
         "atmosphere.density": "dynamic pressure of the air (dynamic_pressure_pa) at 0 s",
         "aero.lift": "at 0",
     }
-    assert first.get(name, "") in describe_end(plans["tlc"], others[:1], ends)
-    kept = np.setdiff1d(np.arange(FLIGHTS), [0, 5, 15])
-    for part in ("outcome", "end_time", "metrics", "history", "states"):
-        np.testing.assert_array_equal(*(getattr(block, part)[kept] for block in (healthy, beside)))
+    assert first.get(name, "") in describe_end(plans["tlc"], changed[:1], ends)
+    healthy_rows = np.setdiff1d(np.arange(FLIGHTS), [0, 5, 15])
+    for field in ("outcome", "end_time", "metrics", "history", "states"):
+        np.testing.assert_array_equal(
+            *(getattr(block, field)[healthy_rows] for block in (healthy, neighbours))
+        )
 
 
 def test_a_flight_does_not_see_the_one_before_it(plans, dispersed):
@@ -139,9 +141,9 @@ def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
     )
     for law, plan in short.items():
         compiled = fly(plan, dispersed, record_every=1, keep_states=True)
-        plain = np.load(tmp_path / f"{law}.npz")
-        for part, flown in plain.items():
-            assert np.array_equal(flown, getattr(compiled, part)), part
+        interpreted = np.load(tmp_path / f"{law}.npz")
+        for field, values in interpreted.items():
+            assert np.array_equal(values, getattr(compiled, field)), field
 
 
 @pytest.mark.thorough
@@ -185,26 +187,26 @@ def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["f16_gust", "failures", "wind_and_air_data", "wind_and_sensors"])
-def test_what_a_lean_flight_does_not_know_is_flown_whole(name, repository):
+def test_campaigns_with_wind_sensors_or_failures_use_the_full_kernel(name, repository):
     for plan in campaign_plans(name, repository)[1]:
         assert not plan.lean
 
 
-def test_a_lean_flight_refuses_what_it_does_not_know(plans):
+def test_a_lean_flight_rejects_dispersed_wind(plans):
     lean = plans["tlc"].lean_for(["aero.lift"])
     with pytest.raises(ValueError, match="lean"):
         flying.fly(lean, rows_of({"wind.north": 10.0}))
 
 
 def misaligned(array):
-    """The same numbers from the second byte of a buffer on."""
+    """Return a copy that starts at the second byte of its buffer."""
     buffer = bytearray(array.nbytes + 1)
     buffer[1:] = np.ascontiguousarray(array).tobytes()
     return np.frombuffer(buffer, array.dtype, array.size, 1).reshape(array.shape)
 
 
 def spread_out(array):
-    """Every other number of an array of twice the length: not contiguous."""
+    """Return a copy that is not contiguous: every other element of an array of twice the length."""
     return np.repeat(array, 2, axis=-1)[..., ::2]
 
 
@@ -213,13 +215,13 @@ def test_the_kernel_gets_only_arrays_it_can_rely_on(plans, change):
     plan = plans["tlc"]
     tables = plan.vehicle.tables._replace(data=change(plan.vehicle.tables.data))
     changed = replace(plan, vehicle=plan.vehicle._replace(tables=tables), gains=change(plan.gains))
-    made = make_kernel_plan(changed, nominal_parameters(), Recording(0))
-    for array, whole in (
-        (made.vehicle.tables.data, plan.vehicle.tables.data),
-        (made.gains, plan.gains),
+    kernel_plan = make_kernel_plan(changed, nominal_parameters(), Recording(0))
+    for array, original in (
+        (kernel_plan.vehicle.tables.data, plan.vehicle.tables.data),
+        (kernel_plan.gains, plan.gains),
     ):
         assert array.flags.aligned and array.flags.c_contiguous and array.flags.writeable
-        assert np.array_equal(array, whole)
+        assert np.array_equal(array, original)
 
 
 @pytest.mark.parametrize(
@@ -238,7 +240,7 @@ def test_the_kernel_gets_only_arrays_it_can_rely_on(plans, change):
         ({}, "parameters has the shape"),
     ],
 )
-def test_wrong_types_and_shapes_are_refused(plans, change, sentence):
+def test_wrong_types_and_shapes_are_rejected(plans, change, sentence):
     parameters = nominal_parameters() if change else nominal_parameters()[:, 1:]
     with pytest.raises(ValueError, match=sentence):
         fly(replace(plans["tlc"], **change), parameters)

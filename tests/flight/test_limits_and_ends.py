@@ -52,13 +52,13 @@ def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
 def test_a_channel_ends_the_flight_at_the_first_tick_beyond(
     plan: FlightPlan, name: str, outcome: Outcome, channel: str, scale: float
 ) -> None:
-    whole = np.abs(
+    size = np.abs(
         fly(plan, nominal_parameters(), 1).history[0, :, CHANNEL_INDEX[channel]].astype(np.float64)
     )
-    limit = 0.5 * (whole[0] + whole.max())
+    limit = 0.5 * (size[0] + size.max())
     _, ended, last = _ended(_limited(plan, **{name: float(limit * scale)}))
     assert ended is outcome
-    assert last == np.argmax(whole > limit) > 0
+    assert last == np.argmax(size > limit) > 0
 
 
 def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
@@ -112,14 +112,14 @@ def _loads(vehicle: dict[str, Any], mission: dict[str, Any]) -> LoadBounds:
 
 def test_the_tighter_limit_of_vehicle_and_mission_holds() -> None:
     vehicle = {"dynamic_pressure": "95 kPa", "load_factor": 4, "oscillation": "2 deg"}
-    found = _loads(vehicle, {"load_factor": 5, "bank": "80 deg", "oscillation": {"bank": "1 deg"}})
-    assert found == LoadBounds(95e3, 4.0, math.inf, *np.radians([80.0, 1.0, 2.0, 2.0]).tolist())
-    for wrong, words in (
+    loads = _loads(vehicle, {"load_factor": 5, "bank": "80 deg", "oscillation": {"bank": "1 deg"}})
+    assert loads == LoadBounds(95e3, 4.0, math.inf, *np.radians([80.0, 1.0, 2.0, 2.0]).tolist())
+    for limits, pattern in (
         ({"heat_flux": "1 MW/m2"}, "nose radius"),
         ({"load_factor": 0}, "greater than 0"),
     ):
-        with pytest.raises(InputError, match=words):
-            _loads({}, wrong)
+        with pytest.raises(InputError, match=pattern):
+            _loads({}, limits)
 
 
 def test_the_speed_is_limited_by_the_mission_or_to_twice_its_reference(plan: FlightPlan) -> None:

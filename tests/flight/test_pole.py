@@ -22,9 +22,9 @@ CONFIGS = shipped_configs()
 
 
 def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
-    """From 1.1 km to 0.8 km of the pole and on: its meridian and its course turn by a right angle within seconds."""
+    """Pass the pole at 0.8 km, where meridian and course turn by a right angle within seconds."""
     velocity = (700.0, 700.0, -1000.0)  # ft/s
-    wanted = np.array(fly_sphere(World(), 0.0, velocity, latitude=89.99))[:, 1:7]
+    expected = np.array(fly_sphere(World(), 0.0, velocity, latitude=89.99))[:, 1:7]
     vehicle = load_vehicle(CONFIGS / "vehicle" / "nesc" / "sphere.yaml")
     start = make_start(
         0.0,
@@ -40,24 +40,24 @@ def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
     )
     assert np.degrees(motion.latitude).max() > 89.992
     assert (
-        np.abs(motion.altitude / FT - wanted[:, 0]).max() < 5e-3
+        np.abs(motion.altitude / FT - expected[:, 0]).max() < 5e-3
     )  # as at the equator: constants of the air
-    metres = np.radians(90.0 - wanted[:, 2]) * 6.4e6  # from the pole
-    turned = (np.degrees(motion.longitude) - wanted[:, 1] + 180.0) % 360.0 - 180.0
+    metres = np.radians(90.0 - expected[:, 2]) * 6.4e6  # from the pole
+    turned = (np.degrees(motion.longitude) - expected[:, 1] + 180.0) % 360.0 - 180.0
     assert np.abs(np.radians(turned) * metres).max() < 1e-3
-    assert np.abs(np.degrees(motion.latitude) - wanted[:, 2]).max() < 1e-8
-    assert np.abs(motion.velocity_ned / FT - wanted[:, 3:6]).max() < 1e-3
+    assert np.abs(np.degrees(motion.latitude) - expected[:, 2]).max() < 1e-8
+    assert np.abs(motion.velocity_ned / FT - expected[:, 3:6]).max() < 1e-3
 
 
 def plan_from(heading: float, latitude: float, longitude: float = 0.0) -> FlightPlan:
-    """Level flight for 20 s from there, in degrees."""
-    place = {"heading": heading, "latitude": latitude, "longitude": longitude}
-    start = {f"start.{name}": f"{value} deg" for name, value in place.items()}
+    """Return the plan of 20 s of level flight; angles in degrees."""
+    angles = {"heading": heading, "latitude": latitude, "longitude": longitude}
+    start = {f"start.{name}": f"{value} deg" for name, value in angles.items()}
     return make_flight_plan({"base": "level", "duration": "20 s", **start}, "ghame_x")
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_flight_over_the_pole_ends_with_an_outcome_of_its_own(sign: int) -> None:
+def test_a_flight_over_the_pole_ends_at_the_pole_limit(sign: int) -> None:
     plan = plan_from(0.0 if sign > 0 else 180.0, sign * 89.9)
     block = fly(plan, nominal_parameters(), 100, keep_states=True)
     assert block.outcome.tolist() == [Outcome.POLE_LIMIT]
@@ -70,12 +70,13 @@ def test_a_mission_starts_up_to_89_99_deg() -> None:
 
 
 def test_the_date_line_changes_longitude_alone() -> None:
-    here, there = (plan_from(90.0, 10.0, longitude) for longitude in (0.0, 179.9))
+    greenwich, date_line = (plan_from(90.0, 10.0, longitude) for longitude in (0.0, 179.9))
     states = [
-        fly(plan, nominal_parameters(), 100, keep_states=True).states[0] for plan in (here, there)
+        fly(plan, nominal_parameters(), 100, keep_states=True).states[0]
+        for plan in (greenwich, date_line)
     ]
-    rest = [i for i in range(s.N_STATES) if i != s.LONGITUDE]
-    assert np.array_equal(states[0][:, rest], states[1][:, rest])
+    other_states = [i for i in range(s.N_STATES) if i != s.LONGITUDE]
+    assert np.array_equal(states[0][:, other_states], states[1][:, other_states])
     turned = states[1][:, s.LONGITUDE] - states[0][:, s.LONGITUDE] - math.radians(179.9)
     assert states[1][-1, s.LONGITUDE] < -3.0
     assert np.abs((turned + 1.0) % math.tau - 1.0).max() < 1e-12

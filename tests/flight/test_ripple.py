@@ -1,4 +1,4 @@
-"""Ripples against numpy: of the definition on made-up signals, and of recorded flights."""
+"""Ripple metrics against a numpy implementation of their definition, on signals and flights."""
 
 from itertools import pairwise
 
@@ -25,7 +25,10 @@ TICK = 0.01  # s
 
 
 def farthest_points(stretch) -> list[int]:
-    """Tick of each side's farthest point: sides of the mean since the beginning, ended by half of it on the other."""
+    """Return the tick of the farthest point on each side of the mean since the start.
+
+    A side ends when the signal has gone half as far on the other side.
+    """
     mean, points, begin, way = np.cumsum(stretch) / np.arange(1, stretch.size + 1), [], 0, 0.0
     while begin < stretch.size:
         rising = way * (stretch - mean)[begin:]
@@ -42,18 +45,18 @@ def farthest_points(stretch) -> list[int]:
 
 
 def expected_ripple(error, settled) -> tuple[float, list[float]]:
-    """Size of the largest cycle of three sides, by definition, and the frequency of each cycle of that size."""
+    """Return the size of the largest cycle and the frequency of each cycle of that size."""
     starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
     stops = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
-    found = [(0.0, 0.0)]
+    cycles = [(0.0, 0.0)]
     for start, stop in zip(starts, stops, strict=True):
         points = farthest_points(error[start:stop])
         swings = np.abs(np.diff(error[start:stop][points]))
-        for i, (one, other) in enumerate(pairwise(swings.tolist())):
-            if min(one, other) >= 0.5 * max(one, other):
-                found.append((max(one, other), 1.0 / (TICK * (points[i + 2] - points[i]))))
-    largest = max(found)[0]
-    return largest, [frequency for size, frequency in found if size >= (1.0 - 1e-12) * largest]
+        for i, (first, second) in enumerate(pairwise(swings.tolist())):
+            if min(first, second) >= 0.5 * max(first, second):
+                cycles.append((max(first, second), 1.0 / (TICK * (points[i + 2] - points[i]))))
+    largest = max(cycles)[0]
+    return largest, [frequency for size, frequency in cycles if size >= (1.0 - 1e-12) * largest]
 
 
 def follow(error, settled) -> tuple[float, float]:
@@ -83,7 +86,7 @@ def zigzag(generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_it_is_the_definition_on_any_signal(seed: int) -> None:
+def test_ripple_follows_its_definition_on_random_signals(seed: int) -> None:
     generator = np.random.default_rng(seed)
     signals = (
         zigzag(generator),
@@ -99,7 +102,7 @@ def test_it_is_the_definition_on_any_signal(seed: int) -> None:
             expected_ripple(error, settled),
         )
         assert size == pytest.approx(largest, rel=1e-12)
-        assert any(frequency == pytest.approx(each, rel=1e-12) for each in frequencies)
+        assert any(frequency == pytest.approx(candidate, rel=1e-12) for candidate in frequencies)
 
 
 TIME = np.arange(0.0, 60.0, TICK)
@@ -128,11 +131,11 @@ def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
                 row[:, CHANNEL_INDEX[f"{angle}_deg"]]
                 - row[:, CHANNEL_INDEX[f"{angle}_command_deg"]]
             )
-            wanted, frequencies = expected_ripple(error, settled)  # histories are float32
+            expected_size, frequencies = expected_ripple(error, settled)  # histories are float32
             assert metrics[METRIC_INDEX[f"{angle}_ripple_deg"]] == pytest.approx(
-                wanted, abs=2e-5, rel=1e-5
+                expected_size, abs=2e-5, rel=1e-5
             )
             frequency = metrics[METRIC_INDEX[f"{angle}_cycle_hz"]]
-            assert any(frequency == pytest.approx(each, rel=0.05) for each in frequencies)
+            assert any(frequency == pytest.approx(candidate, rel=0.05) for candidate in frequencies)
     if name == "lqr":  # it cycles in angle of attack, which nobody sees in its rms
         assert block.metrics[0, METRIC_INDEX["angle_of_attack_ripple_deg"]] > 5.0

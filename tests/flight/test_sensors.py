@@ -1,4 +1,4 @@
-"""Errors of sensors: lag, scale, bias, noise, sampling and delay, one after another, of all that a law may measure."""
+"""Sensor errors of all measurements: lag, scale, bias, noise, sampling and delay."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def law(measured, reference):
 
 
 def lanes_with(**errors):
-    """The memory of a lane with parameters of sensors."""
+    """Return the memory of one lane with sensor parameters."""
     Z = np.zeros((Z_ROWS, 1))
     for name in SCALED_SENSORS:
         Z[s.parameter_row(f"sensor.{name}_scale")] = 1.0
@@ -35,8 +35,8 @@ def lanes_with(**errors):
 
 
 def measure(Z, name, truth):
-    """What the sensor of a quantity makes of its true values [tick]."""
-    row, found = s.MEASURED + ALL_SENSORS.index(name), []
+    """Return the measured values [tick] of a quantity from its true values."""
+    row, measured = s.MEASURED + ALL_SENSORS.index(name), []
     active = sensors.active_sensor_errors(Z, 1)
     for tick, value in enumerate(truth):
         Z[s.MEASURED : s.MEASURED + s.N_SEEN] = 0.0
@@ -45,8 +45,8 @@ def measure(Z, name, truth):
             sensors.lag_and_scale(Z, 1, DT, tick)
         sensors.add_biases(Z, 1)
         sensors.sense(Z, 1, active, DT, tick)
-        found.append(Z[row, 0])
-    return np.array(found)
+        measured.append(Z[row, 0])
+    return np.array(measured)
 
 
 def test_the_names_are_those_that_a_law_measures():
@@ -59,28 +59,28 @@ def test_a_lag_is_the_first_order_answer_to_what_changes_steadily_between_ticks(
     truth = 20e3 + 3.0 * np.sin(2.0 * time) + np.where(time > 1.0, 50.0 * (time - 1.0), 0.0)
     fine = np.linspace(0.0, time[-1], 100 * 299 + 1)
     _, late, _ = lsim(([1.0], [lag, 1.0]), np.interp(fine, time, truth) - truth[0], fine)
-    found = measure(lanes_with(altitude_lag=lag), "altitude", truth)
-    np.testing.assert_allclose(found, truth[0] + late[::100], atol=1e-7)
+    measured = measure(lanes_with(altitude_lag=lag), "altitude", truth)
+    np.testing.assert_allclose(measured, truth[0] + late[::100], atol=1e-7)
 
 
-def test_an_angle_is_late_by_way_of_half_a_turn():
+def test_the_lag_of_an_angle_passes_half_a_turn():
     rate = np.deg2rad(30.0)
     truth = np.deg2rad(170.0) + rate * DT * np.arange(300)
-    found = measure(lanes_with(heading_lag=0.2), "heading", np.angle(np.exp(1j * truth)))
-    behind = np.angle(np.exp(1j * (truth - found)))
+    measured = measure(lanes_with(heading_lag=0.2), "heading", np.angle(np.exp(1j * truth)))
+    behind = np.angle(np.exp(1j * (truth - measured)))
     assert behind[-1] == pytest.approx(0.2 * rate, rel=1e-5)
-    assert np.abs(found).max() <= np.pi and np.ptp(found) > 6.0
+    assert np.abs(measured).max() <= np.pi and np.ptp(measured) > 6.0
 
 
-def test_what_is_sampled_is_scaled_off_and_then_held_and_delayed():
+def test_scale_bias_sampling_and_delay_act_in_this_order():
     truth = 1400.0 + np.arange(40.0)
     errors = {"speed_scale": 1.01, "speed_bias": 5.0, "speed_interval": 0.043, "delay": 0.02}
-    found = measure(lanes_with(**errors), "speed", truth)
+    measured = measure(lanes_with(**errors), "speed", truth)
     sampled = 4 * (np.maximum(np.arange(40) - 2, 0) // 4)
-    np.testing.assert_allclose(found, 1.01 * truth[sampled] + 5.0, rtol=1e-15)
+    np.testing.assert_allclose(measured, 1.01 * truth[sampled] + 5.0, rtol=1e-15)
 
 
-def test_noise_of_what_user_laws_measure_besides_is_random_numbers_of_their_own():
+def test_noise_of_the_additional_measurements_has_separate_random_numbers():
     both = {"altitude_noise": 2.0, "noise_seed": 0.3}
     alone = measure(lanes_with(**both), "altitude", np.zeros(4000))
     np.testing.assert_array_equal(
@@ -108,7 +108,7 @@ SEEN = {  # in which channel of an eastbound flight with 30 m/s of tail wind, an
 
 
 @pytest.mark.parametrize("name", MORE_SENSORS)
-def test_a_user_law_sees_what_it_measures_besides_and_its_errors(tmp_path, name):
+def test_a_custom_law_receives_additional_measurements_with_their_errors(tmp_path, name):
     plan = short_plan(30, write_law(tmp_path, WATCH.format(name=name)), "level")
     wind = {"wind.east": 30.0}
     block = fly(
@@ -119,17 +119,17 @@ def test_a_user_law_sees_what_it_measures_besides_and_its_errors(tmp_path, name)
         1,
     )
     history = block.history.astype(float)
-    true, biased, held = np.deg2rad(history[:, :, CHANNEL_INDEX["bank_command_deg"]])
+    true, biased, sampled = np.deg2rad(history[:, :, CHANNEL_INDEX["bank_command_deg"]])
     if name in SEEN:
-        at = {channel: history[0, 20, i] for channel, i in CHANNEL_INDEX.items()}
-        at["angle_of_attack_deg"] *= 1.0 - 30.0 / at["speed_mps"]  # to the ground
-        at["angle_of_attack_deg"] += at["flight_path_angle_deg"]
-        at["speed_mps"] -= 30.0
-        channel, allowed = SEEN[name]
-        seen = true[20] if name in SCALED_SENSORS else np.rad2deg(true[20])
-        assert seen == pytest.approx(at[channel], abs=allowed)
+        expected = {channel: history[0, 20, i] for channel, i in CHANNEL_INDEX.items()}
+        expected["angle_of_attack_deg"] *= 1.0 - 30.0 / expected["speed_mps"]  # to the ground
+        expected["angle_of_attack_deg"] += expected["flight_path_angle_deg"]
+        expected["speed_mps"] -= 30.0
+        channel, tolerance = SEEN[name]
+        measured = true[20] if name in SCALED_SENSORS else np.rad2deg(true[20])
+        assert measured == pytest.approx(expected[channel], abs=tolerance)
     np.testing.assert_allclose(biased - true, 0.25, rtol=1e-3)  # histories are in single precision
-    assert np.ptp(held[:30]) == 0.0 and held[0] == true[0]
+    assert np.ptp(sampled[:30]) == 0.0 and sampled[0] == true[0]
     if name in SCALED_SENSORS:
         block = fly(plan, rows_of(wind | {f"sensor.{name}_scale": 1.1}), 1)
         scaled = np.deg2rad(block.history[0, :, CHANNEL_INDEX["bank_command_deg"]])

@@ -1,4 +1,4 @@
-"""What a flight senses and meets: air data, delays, fuel, engines that relight, gusts, turbulence, another density."""
+"""Air data, delays, fuel, engine relight, gusts, turbulence and density profiles."""
 
 from dataclasses import replace
 
@@ -44,34 +44,34 @@ def test_with_air_data_a_uniform_crosswind_is_felt_as_still_air():
     )
 
 
-def test_the_speed_that_is_held_is_that_to_the_air_where_it_is_measured():
+def test_with_a_measured_airspeed_the_airspeed_is_controlled():
     mission = {**LEVEL, "sensing": {"airspeed": "air"}}
     flown = abhv_mc.fly(mission, "ghame_x", dispersions={"wind.east": -5.0}, every=100)
     assert flown["speed_measured_mps"].iloc[0] == pytest.approx(1405.0)
     assert flown["speed_mps"].iloc[-1] < 1399.5
 
 
-def test_fuel_that_is_burnt_ends_a_flight_and_a_mission_may_let_it_fly_on():
+def test_an_empty_tank_ends_a_flight_unless_the_mission_allows_gliding():
     dry = {"base": "ghame_x", "mass.start": "1050 kg", "mass.empty": "1049.5 kg"}
-    found = [
+    flights = [
         abhv_mc.fly(LEVEL | {"limits": {"fuel_out": on}}, dry, every=100) for on in (True, False)
     ]
-    assert found[0].attrs["outcome"] == "fuel_out" and 0.1 < found[0].attrs["end_time_s"] < 5.0
-    assert found[1].attrs["end_time_s"] > 10.0 and (found[1]["thrust_n"].iloc[6:] == 0.0).all()
-    assert any("fuel lasts" in words for words in found[0].attrs["warnings"])
+    assert flights[0].attrs["outcome"] == "fuel_out" and 0.1 < flights[0].attrs["end_time_s"] < 5.0
+    assert flights[1].attrs["end_time_s"] > 10.0 and (flights[1]["thrust_n"].iloc[6:] == 0.0).all()
+    assert any("fuel" in warning for warning in flights[0].attrs["warnings"])
 
 
 def test_without_an_empty_mass_the_engine_runs_and_the_mass_stays():
-    """It flew with its engine off, and nothing said so."""
+    """Regression test: the vehicle flew with its engine off, without a warning."""
     flown = abhv_mc.fly(LEVEL, {"base": "ghame_x", "mass.empty": None}, every=100)
     assert flown.attrs["outcome"] == "ok" and flown["mass_kg"].nunique() == 1
-    found = flown.attrs["metrics"]
-    assert found["fuel_used_kg"] == 0.0 and found["equivalence_ratio_min"] > 0.9
-    assert found["speed_error_max_mps"] < 1.0  # with its engine off it loses 20 m/s a second
-    assert any("burns no fuel" in words for words in flown.attrs["warnings"])
+    metrics = flown.attrs["metrics"]
+    assert metrics["fuel_used_kg"] == 0.0 and metrics["equivalence_ratio_min"] > 0.9
+    assert metrics["speed_error_max_mps"] < 1.0  # with its engine off it loses 20 m/s a second
+    assert any("burns no fuel" in warning for warning in flown.attrs["warnings"])
 
 
-def test_late_measurements_are_refused_beyond_what_is_remembered():
+def test_sensor_delays_beyond_the_memory_are_rejected():
     with pytest.raises(InputError, match=r"300 ms.*0 to 250 ms"):
         abhv_mc.fly(LEVEL, "ghame_x", dispersions={"sensor.delay": "300 ms"})
     assert (
@@ -125,10 +125,10 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
         rows[:, PARAMETER_INDEX[f"wind.{name}"]] = value
     rows[:, PARAMETER_INDEX["wind.turbulence_right"]] = 0.5
     rows[:, PARAMETER_INDEX["wind.turbulence_seed"]] = (np.arange(40) + 0.5) / 40
-    gusts, kept = [], None
+    gusts, saved = [], None
     for tick in range(1000, 6000, 250):
-        kept = fly_until(plan, rows, tick, kept)
-        gusts.append(kept.rows[:, s.GUST_P : s.GUST_R + 1].copy())
+        saved = fly_until(plan, rows, tick, saved)
+        gusts.append(saved.rows[:, s.GUST_P : s.GUST_R + 1].copy())
     gusts = np.array(gusts)
     span, sigma, length, speed = plan.vehicle.constants.span, 0.3, 200.0, 1400.0
     omega = np.geomspace(1e-2, 3e4, 200_000)
@@ -143,28 +143,28 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
         / lag(4.0)
     )
     q, r = ((omega / speed) ** 2 * vertical / lag(b) for b in (4.0, 3.0))
-    expected = np.sqrt([np.trapezoid(each, omega) for each in (p, q, 0.25 * r)])
+    expected = np.sqrt([np.trapezoid(spectrum, omega) for spectrum in (p, q, 0.25 * r)])
     # The tick holds a gust over 14 m: what is faster than that is not there.
     np.testing.assert_allclose(gusts[..., 0].std(), expected[0], rtol=0.06)
     assert (gusts[..., 1:].std(axis=(0, 1)) < 1.05 * expected[1:]).all()
 
 
 def test_neighbours_do_not_matter(plan):
-    """Beside turbulence and errors of sensors, each flight is the one that it is alone, bit for bit."""
+    """Next to flights with turbulence and sensor errors, each flight is bit-identical to one alone."""
     rough = {
         "wind.turbulence": 3.0,
         "sensor.bank_noise": 0.01,
         "sensor.altitude_bias": 3.0,
         "sensor.delay": 0.03,
     }
-    more = {
+    sensor_errors = {
         "sensor.speed_lag": 0.1,
         "sensor.mach_noise": 0.1,
         "sensor.yaw_interval": 0.5,
         "sensor.altitude_scale": 1.1,
     }
-    together = fly(plan, rows_of({}, rough, more))
-    for i, case in enumerate(({}, rough, more)):
+    together = fly(plan, rows_of({}, rough, sensor_errors))
+    for i, case in enumerate(({}, rough, sensor_errors)):
         assert np.array_equal(fly(plan, rows_of(case)).metrics[0], together.metrics[i])
 
 
@@ -207,13 +207,13 @@ def test_the_wind_of_ten_thousand_levels_is_that_of_two():
     ends = np.array([[0.0, -20.0, 5.0, 1.1], [40e3, 60.0, 5.0, 0.9]])
     profile = np.column_stack([levels, *(np.interp(levels, ends[:, 0], c) for c in ends[:, 1:].T)])
     few, many = (
-        fly(replace(plan, profile=np.ascontiguousarray(each)), rows_of({}), 1).history[0]
-        for each in (ends, profile)
+        fly(replace(plan, profile=np.ascontiguousarray(table)), rows_of({}), 1).history[0]
+        for table in (ends, profile)
     )
     assert many == pytest.approx(few, rel=1e-6, abs=1e-9, nan_ok=True)
 
 
-def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path):
+def test_a_wind_table_equals_the_wind_parameter(tmp_path):
     (tmp_path / "wind.csv").write_text(
         "altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n"
     )
@@ -232,5 +232,5 @@ def test_a_wind_table_is_the_wind_that_a_parameter_would_make(tmp_path):
         assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-6)
     assert abs(block.history[0, 0, CHANNEL_INDEX["sideslip_deg"]]) > 0.5  # 20 m/s across
     # The controllers know the density: the reference has it.
-    known = make_flight_plan(turn, "ghame_x")
-    assert plan.reference[:, 19] == pytest.approx(1.03 * known.reference[:, 19])
+    nominal = make_flight_plan(turn, "ghame_x")
+    assert plan.reference[:, 19] == pytest.approx(1.03 * nominal.reference[:, 19])

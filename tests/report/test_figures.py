@@ -85,9 +85,9 @@ def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
 
 @pytest.fixture(scope="module")
 def figures(failing):
-    """Every figure of a report by its name."""
-    made = make_figures(Models(failing)).values()
-    return {text.name: figure for part in made for text, figure in part}
+    """Return every figure of a report by its name."""
+    topic_figures = make_figures(Models(failing)).values()
+    return {text.name: figure for pairs in topic_figures for text, figure in pairs}
 
 
 def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
@@ -98,7 +98,7 @@ def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
 
 @pytest.mark.thorough
 def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
-    """Margins are fixed, so this is what holds them."""
+    """Margins are fixed, so that texts of another size would overlap or be cut off."""
     for name, figure in figures.items():
         figure.canvas.draw()
         box = figure.get_tightbbox()
@@ -106,16 +106,16 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
         assert box.x1 <= figure.get_figwidth() + 0.01 and box.y1 <= figure.get_figheight() + 0.01, (
             name
         )
-        shown = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible()]
-        shown += [legend.get_window_extent() for legend in figure.legends]
-        for one, other in combinations(shown, 2):
-            width, height = (min(getattr(one, e), getattr(other, e)) for e in ("x1", "y1"))
-            apart = width - max(one.x0, other.x0), height - max(one.y0, other.y0)
-            assert min(apart) <= 6.0, name  # px of 1440
+        boxes = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible()]
+        boxes += [legend.get_window_extent() for legend in figure.legends]
+        for box_a, box_b in combinations(boxes, 2):
+            width, height = (min(getattr(box_a, e), getattr(box_b, e)) for e in ("x1", "y1"))
+            overlaps = width - max(box_a.x0, box_b.x0), height - max(box_a.y0, box_b.y0)
+            assert min(overlaps) <= 6.0, name  # px of 1440
 
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing):
-    """The band of all flights spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
+    """A band spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
     figures = {
         text.name: figure
         for topic in (ENVELOPES, FLIGHTS)
@@ -141,7 +141,7 @@ def test_failed_flights_keep_the_curve_from_100_percent():
 
 
 def test_the_front_shows_the_result_though_its_error_is_larger_than_the_starts():
-    """A result that keeps a limit which the start breaks lay outside the figure."""
+    """Regression: a result within a limit that the start violates lay outside the figure."""
     usage, error = np.array([1.0, 1.4, 9.0]), np.array([2.0, 7.0, 2.5])
     points = usage, error, np.array([False, True, False])
     figure = plot_front(("usage", "error"), points, np.array([1]), 1)

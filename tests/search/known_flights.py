@@ -9,7 +9,7 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, recording_of
+from abhv_mc.flight.plan import FlightBlock, make_recording
 from abhv_mc.interfaces import Engine
 from abhv_mc_tune.request import TuneRequest
 
@@ -29,7 +29,7 @@ def fly_line(plan, parameters, record_every=None):
     ended = np.full(len(lift), int(Outcome.OK)), np.full(len(lift), 2.0)
     return record(
         FlightBlock(*ended, metrics, history, np.arange(ticks) * 0.1),
-        recording_of(record_every, plan),
+        make_recording(record_every, plan),
     )
 
 

@@ -19,7 +19,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema
-from abhv_mc.report.pages.first_screen import LIMIT_PLACE, chart_rows
+from abhv_mc.report.pages.first_screen import LIMIT_POSITION, chart_rows
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 from abhv_mc.statistics import judge
 from abhv_mc.topics import Topic, register
@@ -74,7 +74,7 @@ def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
         [replace(Models(failing)[VERDICTS].glance[2], cells=cells)], names, names
     )
     assert [bar.edge for bar in bars] == [
-        "0.650 deg, 7.1\u202f% to spare",
+        "0.650 deg, 7.1\u202f% margin",
         "1.57 deg, 124\u202f% over",
         "lost",
     ]
@@ -238,7 +238,7 @@ def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
     models = Models(read_flown(write_campaign(tmp_path / "c", runs=40, requirements=())))
     names = models.names.controllers
     for _, bars in chart_rows(models[VERDICTS].glance, names, names):
-        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_PLACE)
+        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_POSITION)
         assert all(bar.low >= 0.0 and not bar.beyond for bar in bars)
         assert all(bar.edge.startswith("median ") for bar in bars)
 

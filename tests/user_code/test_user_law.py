@@ -185,7 +185,15 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
             np.array([x]) for x in (alpha, 0.0, eta, aileron, rudder, elevator)
         )
         return wrench_at(
-            plan.vehicle, nominal.around, mass, speed, alpha, beta, 3 * [beta], deflections, eta
+            plan.vehicle,
+            nominal.environment,
+            mass,
+            speed,
+            alpha,
+            beta,
+            3 * [beta],
+            deflections,
+            eta,
         )
 
     h, wrench_here = 1e-6, wrench()
@@ -195,7 +203,7 @@ def test_onboard_is_the_nominal_vehicle(make, capsys):
 
     lift = slope(lambda point: point.force, alpha=alpha + h) @ [np.sin(alpha), 0.0, -np.cos(alpha)]
     expected = {
-        "dynamic_pressure": (0.5 * nominal.around.density * speed**2, 1e-5),
+        "dynamic_pressure": (0.5 * nominal.environment.density * speed**2, 1e-5),
         "inertia.yy": (wrench_here.inertia[1, 1], 1e-5),
         "moment_by_elevator.pitch": (
             slope(lambda point: point.moment[1], elevator=elevator + h),

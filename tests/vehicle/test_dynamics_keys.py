@@ -1,4 +1,4 @@
-"""What is wrong with custom dynamics in a vehicle file is said at its place."""
+"""Custom dynamics in a vehicle file: errors with their location, and conversion to SI."""
 
 import re
 
@@ -14,7 +14,7 @@ CASES = {
     "unit": ("mode_1: m\n", "mode_1: mx\n", "unknown unit 'mx'"),
     "start": ("mode_1: m\n", "mode_1: {unit: m, start: 3 kg}\n", "'3 kg', a mass"),
     "word": ("mode_1: m\n", "mode-1: m\n", "the name 'mode-1'"),
-    "taken": ("mode_1: m\n", "altitude: m\n", "'initial.altitude', which is another parameter"),
+    "duplicate": ("mode_1: m\n", "altitude: m\n", "'initial.altitude'"),
     "setting": ("19 rad/s", "19 radd/s", "unknown unit 'radd'"),
     "state of a limit": (LIMIT, f"{LIMIT}  state.mode_9: 5 cm\n", "did you mean 'mode_3'"),
     "unit of a limit": (LIMIT, f"{LIMIT}  state.mode_1: 5 kg\n", "expected a length"),
@@ -23,10 +23,10 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_wrong_is_said_at_its_place(tmp_path, case):
-    old, new, words = CASES[case]
+def test_errors_give_their_location(tmp_path, case):
+    old, new, fragment = CASES[case]
     path = change_vehicle(tmp_path, (old, new), name="flexible")
-    with pytest.raises(InputError, match=re.escape(words)) as caught:
+    with pytest.raises(InputError, match=re.escape(fragment)) as caught:
         read_vehicle_file(path)
     assert re.search(r"vehicle\.yaml:\d+:\d+: ", str(caught.value))
 

@@ -1,4 +1,4 @@
-"""The packed vehicles against formulas written out by hand from the CSV files."""
+"""Packed vehicles against explicit formulas on the CSV files."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ N = 300
 
 
 def look_up(folder, name, *points):
-    """One CSV file at points in its own units, by scipy."""
+    """Interpolate a CSV file by scipy at points in the units of its columns."""
     frame = pd.read_csv(CONFIGS / folder / f"{name}.csv", comment="#")
     grids = [frame[column].unique() for column in frame.columns[:-1]]
     values = frame["value"].to_numpy().reshape([grid.size for grid in grids])
@@ -39,9 +39,9 @@ def draw_state(mach, alpha_deg, seed=3):
 
 
 @pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled"])
-def test_ghame_is_its_deck(name):
+def test_ghame_agrees_with_its_deck(name):
     vehicle = load_vehicle(CONFIGS / f"{name}.yaml")
-    s = draw_state((0.3, 26.0), (-5.0, 23.0))  # beyond the tables too, where they hold
+    s = draw_state((0.3, 26.0), (-5.0, 23.0))  # also beyond the tables, where values are constant
     deg = {
         key: np.degrees(s[key])
         for key in ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
@@ -61,8 +61,8 @@ def test_ghame_is_its_deck(name):
         t("clnb") * beta + t("clnda") * da + t("clndr") * dr + t("clnp") * p + t("clnr") * r,
     ]
     variables = make_variables(vehicle, **s)
-    found = evaluate_coefficients(vehicle, variables)
-    assert found == pytest.approx(np.array(expected), rel=1e-11, abs=1e-14)
+    coefficients = evaluate_coefficients(vehicle, variables)
+    assert coefficients == pytest.approx(np.array(expected), rel=1e-11, abs=1e-14)
     engine = evaluate_fixed(vehicle, variables)
     assert engine["capture_area_ratio"] == pytest.approx(t("ca"), rel=1e-12)
     assert engine["specific_impulse"] == pytest.approx(
@@ -79,8 +79,8 @@ def test_winged_cone_is_the_sum_of_its_surfaces():
     left = np.degrees(-s["aileron"] - s["elevator"])
     rudder = np.degrees(s["rudder"])
 
-    def t(table, *more):
-        return look_up("winged_cone", table, s["mach"], alpha, *more)
+    def t(table, *deflection):
+        return look_up("winged_cone", table, s["mach"], alpha, *deflection)
 
     def surfaces(c):
         return (
@@ -113,12 +113,12 @@ def test_deflections_turn_every_vehicle_the_same_way(name, mach):
     vehicle = load_vehicle(CONFIGS / f"{name}.yaml")
 
     def turn(**deflection):
-        at = {"mach": mach, "angle_of_attack": np.radians(3.0)}
-        moved, rest = (
-            evaluate_coefficients(vehicle, make_variables(vehicle, **at, **d))
+        point = {"mach": mach, "angle_of_attack": np.radians(3.0)}
+        deflected, neutral = (
+            evaluate_coefficients(vehicle, make_variables(vehicle, **point, **d))
             for d in (deflection, {})
         )
-        return dict(zip(COEFFICIENTS, (moved - rest)[:, 0], strict=True))
+        return dict(zip(COEFFICIENTS, (deflected - neutral)[:, 0], strict=True))
 
     assert turn(aileron=0.1)["rolling_moment"] > 0.0  # rolls right
     assert turn(elevator=0.1)["pitching_moment"] < 0.0  # nose down

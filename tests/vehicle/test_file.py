@@ -1,4 +1,4 @@
-"""Vehicle files: packed in SI and radians, refused where wrong, doubted where a number is probably of another unit."""
+"""Vehicle files: packing in SI and radians, errors with location, warnings of implausible numbers."""
 
 import re
 from dataclasses import replace
@@ -101,7 +101,7 @@ def test_terms_scales_and_effectors(write):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "place", "words"),
+    ("old", "new", "location", "fragment"),
     [
         pytest.param("area: 2 m2", "area: 2 m", (2, 19), "an area", id="unit of another dimension"),
         pytest.param("area: 2 m2", "area: 1e-300 m2", (2, 19), "0.000001", id="no size"),
@@ -123,7 +123,7 @@ def test_terms_scales_and_effectors(write):
             "constant: 1000",
             "constant: 30000",
             (24, 12),
-            "is its unit right?",
+            "30000 s",
             id="exhaust velocity",
         ),
         pytest.param(
@@ -151,16 +151,16 @@ def test_terms_scales_and_effectors(write):
         ),
     ],
 )
-def test_refuses_with_the_place(write, old, new, place, words):
+def test_errors_give_their_location(write, old, new, location, fragment):
     assert old in SMALL
     with pytest.raises(InputError) as caught:
         load_vehicle(write(SMALL.replace(old, new)))
-    assert (caught.value.line, caught.value.column) == place, caught.value
-    assert words in str(caught.value)
+    assert (caught.value.line, caught.value.column) == location, caught.value
+    assert fragment in str(caught.value)
 
 
 def with_tables(tables):
-    """SMALL with more lift terms: each table ``name: entry`` under ``tables``."""
+    """Return SMALL with additional lift terms, one per table."""
     text = SMALL.replace(
         "aerodynamics:\n",
         "".join(f"  {name}: {entry}\n" for name, entry in tables) + "aerodynamics:\n",
@@ -168,8 +168,8 @@ def with_tables(tables):
     return text + "".join(f"    - {{table: {name}}}\n" for name, _ in tables)
 
 
-def test_more_tables_than_a_lane_holds_and_more_grids_than_fly_are_refused(write, tmp_path):
-    """Each table on its own Mach grid, as decks come; SMALL itself has three grids."""
+def test_too_many_tables_or_grids_are_rejected(write, tmp_path):
+    """Each table has a different Mach grid; SMALL itself has three grids."""
     with pytest.raises(InputError, match=f"at most {MAX_TABLE_ROWS}"):
         load_vehicle(
             write(with_tables([(f"t{i}", f"{{constant: {i}}}") for i in range(MAX_TABLE_ROWS)]))
@@ -229,18 +229,18 @@ def test_the_demonstrator_is_ghame_at_scale(repository, name):
 
 
 @pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled", "winged_cone"])
-def test_no_shipped_vehicle_is_doubted(repository, name):
+def test_shipped_vehicles_cause_no_warnings(repository, name):
     assert find_vehicle_warnings(load_vehicle(repository / f"configs/vehicle/{name}.yaml")) == []
 
 
-def test_static_instability_in_pitch_is_not_doubted(repository):
-    """The F-16 is unstable on purpose; its file burns no fuel, which is said."""
+def test_static_instability_in_pitch_causes_no_warning(repository):
+    """The F-16 is unstable by design; the only warning is that it burns no fuel."""
     (warning,) = find_vehicle_warnings(load_vehicle(repository / "configs/vehicle/f16.yaml"))
     assert "mass.empty" in warning
 
 
 def _with_drag(repository, change):
-    """ghame_x with another drag [Mach, angle of attack]."""
+    """Return ghame_x with a changed drag table [Mach, angle of attack]."""
     file = read_vehicle_file(repository / "configs/vehicle/ghame_x.yaml")
     (term,) = file.content.aerodynamics.drag
     table = file.tables[term.table]
@@ -250,29 +250,29 @@ def _with_drag(repository, change):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "pattern"),
     [
-        (lambda drag, mach, alpha: drag - 0.05, r"not positive at \d+ of \d+ nodes.* CD is -0.0"),
+        (lambda drag, mach, alpha: drag - 0.05, r"at \d+ of \d+ nodes.* CD is -0.0"),
         (
             lambda drag, mach, alpha: drag + 0.02 * np.cos(alpha * 60.0),
-            r"at Mach [\d.]+ has a minimum at each of .* and .* deg",
+            r"minima, at -?[\d.]+ and -?[\d.]+ deg",
         ),
         (
             lambda drag, mach, alpha: 0.05 * drag,
-            r"lift-to-drag ratio is [\d.]+ at Mach [\d.]+ and .* more than any vehicle",
+            r"lift-to-drag ratio is [\d.]+ at Mach [\d.]+",
         ),
     ],
 )
-def test_an_implausible_drag_is_said(repository, change, words):
+def test_an_implausible_drag_causes_a_warning(repository, change, pattern):
     warnings = find_vehicle_warnings(_with_drag(repository, change))
-    assert any(re.search(words, warning) for warning in warnings), warnings
+    assert any(re.search(pattern, warning) for warning in warnings), warnings
 
 
 @pytest.mark.parametrize(
-    ("coefficient", "times", "factor", "words"),
+    ("coefficient", "times", "factor", "pattern"),
     [
-        ("yawing_moment", "sideslip", 180 / np.pi, "radians for degrees, would make it 0.30"),
-        ("side_force", "sideslip", np.pi / 180, "would make it -0.9"),
+        ("yawing_moment", "sideslip", 180 / np.pi, "would be 0.30"),
+        ("side_force", "sideslip", np.pi / 180, "would be -0.9"),
         (
             "pitching_moment",
             "pitch_rate",
@@ -280,11 +280,11 @@ def test_an_implausible_drag_is_said(repository, change, words):
             "2.81 per unit of pitch rate.*pitching drives itself",
         ),
         ("yawing_moment", "sideslip", -1.0, "-0.30.* statically unstable in yaw"),
-        ("rolling_moment", "roll_rate", 180 / np.pi, "would make it -0.1"),
+        ("rolling_moment", "roll_rate", 180 / np.pi, "would be -0.1"),
     ],
 )
-def test_a_derivative_of_another_unit_or_sign_is_said_with_its_number(
-    repository, coefficient, times, factor, words
+def test_a_derivative_of_another_unit_or_sign_causes_a_warning_with_its_value(
+    repository, coefficient, times, factor, pattern
 ):
     file = read_vehicle_file(repository / "configs/vehicle/ghame_x.yaml")
     terms = [
@@ -293,4 +293,4 @@ def test_a_derivative_of_another_unit_or_sign_is_said_with_its_number(
     scaled = {term.table: file.tables[term.table].scaled(factor) for term in terms}
     vehicle = pack_vehicle(replace(file, tables={**file.tables, **scaled}), PARAMETER_INDEX)
     (warning,) = find_vehicle_warnings(vehicle)
-    assert re.search(words, warning), warning
+    assert re.search(pattern, warning), warning

@@ -1,4 +1,4 @@
-"""Tests that the aerodynamics of the shipped vehicles are those of aircraft."""
+"""Plausibility of the shipped vehicles' aerodynamics."""
 
 from itertools import product
 
@@ -55,19 +55,19 @@ def test_no_sideslip_and_no_deflection_pushes_the_vehicle_forward(name: str) -> 
             rudder=rudder,
             mass=vehicle.constants.mass_start,
         )
-        found = evaluate_coefficients(vehicle, variables)
-        assert (found[2] * np.sin(beta) - found[1] * np.cos(beta) < 0.0).all()
+        coefficients = evaluate_coefficients(vehicle, variables)
+        assert (coefficients[2] * np.sin(beta) - coefficients[1] * np.cos(beta) < 0.0).all()
 
 
 @pytest.mark.parametrize(("bank", "ratio", "thrust"), [(0.0, 4.29, 0.223), (50.0, 3.61, 0.408)])
 def test_trim_of_the_default_vehicle(bank: float, ratio: float, thrust: float) -> None:
-    """L/D and thrust over weight in the S of the paper."""
+    """Compare L/D and thrust over weight with those in the S manoeuvre of the paper."""
     vehicle = load("abhv")
     still = WGS84._replace(rotation_rate=0.0)
     point = FlightPoint(20e3, 1400.0, np.deg2rad(bank), latitude=np.deg2rad(29.3))
-    found: TrimPoint = trim(vehicle, still, point)
-    assert not found.fault
-    assert found.lift / found.drag == pytest.approx(ratio, abs=0.01)
+    point_trim: TrimPoint = trim(vehicle, still, point)
+    assert not point_trim.fault
+    assert point_trim.lift / point_trim.drag == pytest.approx(ratio, abs=0.01)
     weight = vehicle.constants.mass_start * GRAVITY
-    assert found.thrust / weight == pytest.approx(thrust, abs=0.002)
+    assert point_trim.thrust / weight == pytest.approx(thrust, abs=0.002)
     assert vehicle.constants.mass_start / vehicle.constants.area == pytest.approx(393.0, abs=0.1)

@@ -1,3 +1,5 @@
+"""Table files: axes and units, matrices, and errors with their location."""
+
 import numpy as np
 import pytest
 
@@ -69,7 +71,7 @@ MATRIX = "mach\\alpha_deg;-1;0;2\n4;1;2;3\n6;4;5;6\n"
         "alpha [deg]\\mach,4,6\n-1,1,4\n0,2,5\n2,3,6\n",
     ],
 )
-def test_shuffled_rows_and_matrices_are_the_tidy_table(tmp_path, text):
+def test_shuffled_rows_and_matrices_equal_the_tidy_table(tmp_path, text):
     table, expected = read(tmp_path, text), read(tmp_path, GOOD)
     if VARIABLES[table.axes[0].variable] == "mach":
         assert table.values.tolist() == expected.values.tolist()
@@ -90,16 +92,14 @@ def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "column", "words"),
+    ("text", "line", "column", "fragment"),
     [
-        pytest.param(
-            GOOD.replace("6,0,5\n", ""), 6, None, "no row for mach 6, alpha_deg 0", id="hole"
-        ),
+        pytest.param(GOOD.replace("6,0,5\n", ""), 6, None, "mach 6, alpha_deg 0", id="hole"),
         pytest.param(
             GOOD.replace("4,2,3", "4,-2,3"),
             5,
             None,
-            "no row for mach 4, alpha_deg 2",
+            "mach 4, alpha_deg 2",
             id="other points",
         ),
         pytest.param("mach\\alpha_deg,-1,0\n4,1\n", 2, None, "2 cells", id="short row of a matrix"),
@@ -109,17 +109,13 @@ def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
         pytest.param(
             "a\nmach\\alpha_deg,-1,0\n4,1,2\n", 1, None, "'name = number'", id="block without value"
         ),
-        pytest.param(
-            GOOD.replace("4,2,3", "4,0,3"), 4, None, "a second time", id="duplicate point"
-        ),
+        pytest.param(GOOD.replace("4,2,3", "4,0,3"), 4, None, "duplicate", id="duplicate point"),
         pytest.param(GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'", id="nan"),
         pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
         pytest.param(
             GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"
         ),
-        pytest.param(
-            GOOD.replace("alpha_deg", "alpha"), 1, 6, "without a unit", id="angle without unit"
-        ),
+        pytest.param(GOOD.replace("alpha_deg", "alpha"), 1, 6, "unit", id="angle without unit"),
         pytest.param(
             GOOD.replace("value", "mach"), 1, 16, "a second column of mach", id="axis twice"
         ),
@@ -141,14 +137,14 @@ def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
             id="rad as deg",
         ),
         pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach 1200", id="speed as mach"),
-        pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "over 10 m only", id="km as metres"),
+        pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "over 10 m", id="km as metres"),
         pytest.param(GOOD, 1, None, "no column 'delta'", id="a description of no column"),
         pytest.param(b"mach,value\n4,\xff\n", None, None, "utf-8", id="bytes"),
     ],
 )
-def test_refuses_with_the_place(tmp_path, text, line, column, words):
+def test_errors_give_their_location(tmp_path, text, line, column, fragment):
     with pytest.raises(InputError) as caught:
-        read(tmp_path, text, {"delta": "elevator deg"} if "delta" in words else {})
+        read(tmp_path, text, {"delta": "elevator deg"} if "delta" in fragment else {})
     assert (caught.value.line, caught.value.column) == (line, column)
-    assert words in f"{caught.value.found} {caught.value.expected}"
+    assert fragment in f"{caught.value.found} {caught.value.expected}"
     assert caught.value.file.endswith("table.csv")

@@ -167,7 +167,7 @@ def print_judgement(folder: Path, manifest: "Manifest", folder_name: str) -> Non
 
     ``folder_name`` is the path or address that the user gave.
     """
-    from abhv_mc.report.numbers.judged import judgement_lead, read_judgement
+    from abhv_mc.report.numbers.judgement_record import judgement_lead, read_judgement
 
     if (summary := read_judgement(folder, manifest)) is not None:
         say(*judgement_lead(summary, shlex.quote(folder_name)).sentences, sep="\n")
@@ -282,9 +282,9 @@ def flights(
     independent draws. After an interruption, run the same command to resume. The exit codes are
     those of 'run'.
     """
-    from abhv_mc.execution.adopt import adopt_tables
+    from abhv_mc.execution.table_import import import_tables
 
-    result = adopt_tables(tables, find_input(campaign, "campaign"), out, fresh)
+    result = import_tables(tables, find_input(campaign, "campaign"), out, fresh)
     finish(result, no_report, json, out or result.folder, junit, can_rerun=False)
 
 

@@ -21,7 +21,7 @@ from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from abhv_mc.execution.estimate import Estimate
-    from abhv_mc.report.numbers.planned import PassChance, Planned
+    from abhv_mc.report.numbers.pass_chances import PassChance, Planned
 
 
 def new(
@@ -200,7 +200,7 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.campaign.file.unknowns import unknowns_hint
     from abhv_mc.execution.estimate import estimate_campaign
-    from abhv_mc.report.numbers.planned import plan_campaign
+    from abhv_mc.report.numbers.pass_chances import plan_campaign
 
     plans: dict[str, Planned | None] = {}
     hints: dict[str, str] = {}

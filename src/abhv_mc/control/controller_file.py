@@ -1,4 +1,7 @@
-"""Controller files: the gains and limits of TLC and LQR. The defaults are the paper's (Zhu and Shen 2014)."""
+"""Controller files with the gains and limits of TLC and LQR.
+
+Defaults are those of Zhu and Shen 2014.
+"""
 
 from operator import attrgetter
 from pathlib import Path
@@ -52,27 +55,29 @@ class PressurePoint(StrictModel):
 
 
 class Schedule(StrictModel):
-    """A bandwidth that changes: linear between points, held outside."""
+    """Scheduled bandwidth, linear between points and constant outside."""
 
     over_time: list[TimePoint] | None = Field(
         None, min_length=2, description="points by rising time"
     )
     over_dynamic_pressure: list[PressurePoint] | None = Field(
-        None, min_length=2, description="points by rising dynamic pressure; in place of over_time"
+        None, min_length=2, description="points by rising dynamic pressure; instead of over_time"
     )
 
     @model_validator(mode="after")
     def _check(self) -> "Schedule":
         if (self.over_time is None) == (self.over_dynamic_pressure is None):
-            raise Refusal("both or none of the two", "over_time or over_dynamic_pressure")
+            raise Refusal(
+                "both or neither of over_time and over_dynamic_pressure", "exactly one of them"
+            )
         key = "over_time" if self.over_time is not None else "over_dynamic_pressure"
         for i, (left, right) in enumerate(zip(self.points()[:-1], self.points()[1:], strict=True)):
             if right[0] <= left[0]:
-                raise Refusal(f"{right[0]:g} after {left[0]:g}", "points that rise", (key, i + 1))
+                raise Refusal(f"{right[0]:g} after {left[0]:g}", "rising points", (key, i + 1))
         return self
 
     def points(self) -> list[tuple[float, float]]:
-        """(time or dynamic pressure, bandwidth), SI."""
+        """Return the points (time or dynamic pressure, bandwidth), SI."""
         if self.over_time is not None:
             return [(point.time, point.bandwidth) for point in self.over_time]
         return [
@@ -85,7 +90,7 @@ def _bandwidth_kind(value: Any) -> str:
 
 
 class Channel(StrictModel):
-    """Second-order PD spectrum of one channel, equation (20)."""
+    """Second-order PD spectrum of one channel, equation (20) of Zhu and Shen 2014."""
 
     damping: Annotated[float, Positive] = Field(description="damping ratio zeta of the closed loop")
     bandwidth: Annotated[
@@ -94,14 +99,14 @@ class Channel(StrictModel):
     ] = Field(description="natural frequency of the closed loop, fixed or scheduled")
 
     def bandwidths(self) -> list[float]:
-        """All points of the bandwidth, rad/s."""
+        """Return the bandwidth at all points, rad/s."""
         if isinstance(self.bandwidth, Schedule):
             return [bandwidth for _, bandwidth in self.bandwidth.points()]
         return [self.bandwidth]
 
 
 class VelocityLoop(StrictModel):
-    """Sub-loop 2."""
+    """Poles of sub-loop 2, the velocity."""
 
     flight_path_angle: Channel = Field(description="poles of the flight path angle's error")
     heading: Channel = Field(description="poles of the heading's error")
@@ -109,7 +114,7 @@ class VelocityLoop(StrictModel):
 
 
 class AttitudeLoop(StrictModel):
-    """Sub-loop 3."""
+    """Poles of sub-loop 3, the attitude."""
 
     angle_of_attack: Channel = Field(description="poles of the angle of attack's error")
     sideslip: Channel = Field(description="poles of the sideslip's error")
@@ -117,7 +122,7 @@ class AttitudeLoop(StrictModel):
 
 
 class RateLoop(StrictModel):
-    """Sub-loop 4, body axes forward, right, down."""
+    """Poles of sub-loop 4, the body rates; axes forward, right, down."""
 
     roll_rate: Channel = Field(description="poles of the roll rate's error")
     pitch_rate: Channel = Field(description="poles of the pitch rate's error")
@@ -136,14 +141,14 @@ class Differentiators(StrictModel):
 
 
 class CommandLimits(StrictModel):
-    """Limits of the guidance's commands; those of the surfaces and the engine are the vehicle's."""
+    """Limits of the guidance commands; those of surfaces and engine are in the vehicle file."""
 
     angle_of_attack: AngleRange = Field(
         (-0.017453292519943295, 0.20943951023931956),
-        description="least and greatest that is commanded",
+        description="least and greatest commanded angle of attack",
     )
     bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(
-        1.2217304763960306, description="greatest that is commanded, to either side"
+        1.2217304763960306, description="greatest commanded bank, to either side"
     )
 
 
@@ -172,26 +177,26 @@ class TlcController(ControllerModel):
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 
     def warnings(self) -> list[str]:
-        """Sentences on outer loops that are not slower than the inner loop that they rely on."""
-        found = []
+        """Return a sentence for each outer loop that is not slower than its inner loop."""
+        warnings = []
         for outer, inner in _OUTER_AND_INNER:
-            slow, fast = (
+            outer_bandwidth, inner_bandwidth = (
                 max(attrgetter(outer)(self).bandwidths()),
                 min(attrgetter(inner)(self).bandwidths()),
             )
-            if slow >= fast:
-                found.append(
-                    f"the bandwidth of {outer} ({slow:g} rad/s) is not below that of {inner} ({fast:g} rad/s): "
-                    "the loops' time scales are not separated"
+            if outer_bandwidth >= inner_bandwidth:
+                warnings.append(
+                    f"the bandwidth of {outer} ({outer_bandwidth:g} rad/s) is not below that of {inner} "
+                    f"({inner_bandwidth:g} rad/s): the time scales of the loops are not separated"
                 )
-        return found
+        return warnings
 
 
 class Weights(StrictModel, Generic[States, Inputs]):
     """Weights of a regulator."""
 
-    states: States = Field(description="Q, by the deviation that is weighted")
-    inputs: Inputs = Field(description="R, by the input that is weighted")
+    states: States = Field(description="diagonal of Q, by the weighted deviation")
+    inputs: Inputs = Field(description="diagonal of R, by the weighted input")
 
 
 class GuidanceStates(StrictModel):
@@ -283,11 +288,14 @@ CONTROLLERS: dict[str, type[Controller]] = {
 
 
 class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]]):
-    """Any controller file."""
+    """Controller file of any kind."""
 
 
 def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
-    """Read and check a controller file; a user law is not run. Raises InputError."""
+    """Read and check a controller file, without running a custom law.
+
+    Raise InputError if it is invalid.
+    """
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
     if not isinstance(law, str) or law not in CONTROLLERS:
@@ -296,5 +304,5 @@ def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
 
 
 def read_controller(path: str | Path) -> Controller:
-    """Read and check a controller file. Raises :class:`abhv_mc.io.documents.InputError`."""
+    """Read and check a controller file. Raise InputError if it is invalid."""
     return read_controller_document(path)[1]

@@ -1,4 +1,4 @@
-"""Controller files that name code of the user's own, and which files that code consists of."""
+"""Controller files of custom control laws, and the lists of their source files."""
 
 import contextlib
 import os
@@ -16,61 +16,62 @@ from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
 _PERIOD = (
-    "control ticks after which the law does the same again, for margins: checked; 0 has them found"
+    "period of the law in control ticks, which is verified for stability margins; 0: determined"
 )
 _FILES = (
-    "data and modules beside the law that it reads: names, patterns such as tables/*.csv, folders"
+    "data files and modules that the law reads: names, patterns such as tables/*.csv, or folders"
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class ControllerModel(StrictModel):
-    """A controller file."""
+    """Base of controller files."""
 
     def warnings(self) -> list[str]:
-        """Sentences on what the file alone shows."""
+        """Return sentences on implausible values in the file."""
         return []
 
 
 class PythonController(ControllerModel):
-    """A user law in a Python file."""
+    """Custom control law in a Python file."""
 
     law: Literal["python"] = Field(description="the control law")
-    file: File = Field(description="the law, see abhv_mc.extend")
+    file: File = Field(description="Python file of the law, see abhv_mc.extend")
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
-        {}, description="of the file's class Settings; with units where the file says so"
+        {}, description="values of the file's class Settings, with units if the file declares them"
     )
     commands: dict[str, Any] = Field(
         {},
-        description="of the file's class Commands: a value, or values from times on, as {0 s: 100 m, 5 s: 130 m}",
+        description="values of the file's class Commands, constant or from times on, "
+        "such as {0 s: 100 m, 5 s: 130 m}",
     )
     around: File | None = Field(
         None,
-        description="controller file of TLC or LQR whose measurement the file's function filters; its rate counts",
+        description="controller file of TLC or LQR whose measurement the function filters, at its rate",
     )
 
     @model_validator(mode="after")
     def _check(self) -> "PythonController":
         for key in ("rate", "period", "commands"):
             if self.around is not None and key in self.model_fields_set:
-                raise Refusal(f"'{key}' of a filter", "that of the controller around it", (key,))
+                raise Refusal(f"'{key}' of a filter", f"no '{key}', as 'around' has one", (key,))
         find_files(self)
         return self
 
 
 class CController(ControllerModel):
-    """A user law in C, by the interface of abhv_law.h."""
+    """Custom control law in C, with the interface of abhv_law.h."""
 
     law: Literal["c"] = Field(description="the control law")
-    library: File | None = Field(None, description="the law as a shared library")
+    library: File | None = Field(None, description="shared library of the law")
     sources: tuple[File, ...] = Field(
-        (), description="the law's C sources, in place of a library: built by cc"
+        (), description="C sources of the law, compiled by cc, instead of a library"
     )
     flags: tuple[str, ...] = Field(
-        ("-O2",), description="what cc is given besides -ffp-contract=off"
+        ("-O2",), description="flags of cc in addition to -ffp-contract=off"
     )
     design: File | None = Field(
         None, description="gains: a Python file with design(), or a CSV file over time"
@@ -79,44 +80,42 @@ class CController(ControllerModel):
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
-        {}, description="numbers or lists of numbers, with units: the struct abhv_settings"
+        {}, description="members of the struct abhv_settings: numbers or lists, with units"
     )
     units: dict[str, str] = Field(
         {},
-        description="SI units of settings, as {bank_limit: rad}: these are refused without a unit, or in another",
+        description="SI units of settings, such as {bank_limit: rad}, which require a unit of this dimension",
     )
     effectors: tuple[str, ...] = Field(
         (),
         max_length=MAX_ACTUATORS,
-        description="the vehicle's effectors that it commands, in their order in the struct",
+        description="effectors of the vehicle that it commands, in the order of the struct",
     )
     onboard: bool = Field(
         False,
-        description="whether measured->onboard is the nominal vehicle, as laws in Python see it",
+        description="whether measured->onboard provides the nominal vehicle, as for laws in Python",
     )
 
     @model_validator(mode="after")
     def _check(self) -> "CController":
         if (self.library is None) == (not self.sources):
-            raise Refusal("both or none of the two", "library or sources")
+            raise Refusal("both or neither of library and sources", "exactly one of them")
         for name, unit in self.units.items():
             if name not in self.settings:
                 raise Refusal(f"a unit of '{name}'", one_of(self.settings, name), ("units", name))
-            with _placed("units", name):
+            with _located("units", name):
                 if parse_unit(unit)[0] != 1.0:
-                    raise Refusal(
-                        f"'{unit}'", "a unit of SI, in which the struct holds it, such as rad"
-                    )
+                    raise Refusal(f"'{unit}'", "the SI unit of the struct's member, such as rad")
         for name, value in self.settings.items():
             if not _NAME.fullmatch(name):
-                raise Refusal(f"the setting '{name}'", "a name that C allows", ("settings", name))
+                raise Refusal(f"the setting '{name}'", "an identifier of C", ("settings", name))
             parse_numbers(value, ("settings", name), self.units.get(name))
         find_files(self)
         return self
 
     @property
     def layout(self) -> "Layout":
-        """Name and length of each setting, 0 for a number by itself, in the file's order."""
+        """Name and length of each setting, in the file's order; 0 for a single number."""
         return [
             (name, len(value) if isinstance(value, list) else 0)
             for name, value in self.settings.items()
@@ -124,7 +123,7 @@ class CController(ControllerModel):
 
     @property
     def numbers(self) -> list[float]:
-        """The settings one after another, SI."""
+        """All settings as one list, SI."""
         return [
             n
             for name, value in self.settings.items()
@@ -133,19 +132,19 @@ class CController(ControllerModel):
 
 
 class FmuController(ControllerModel):
-    """A user law as a Functional Mock-up Unit for co-simulation."""
+    """Custom control law as a Functional Mock-up Unit for co-simulation."""
 
     law: Literal["fmu"] = Field(description="the control law")
     file: File = Field(description="the FMU, of FMI 2.0 or 3.0")
     inputs: dict[str, bool | float | str] = Field(
-        description="its inputs: measured.NAME, reference.NAME, onboard.NAME, gains.NAME or time; or a constant, "
-        "such as true, 3 or 20 deg"
+        description="source of each input: measured.NAME, reference.NAME, onboard.NAME, gains.NAME, time, or a "
+        "constant such as true, 3 or 20 deg"
     )
     outputs: dict[str, str] = Field(
-        description="the command's fields, such as elevator, or the vehicle's effectors, and the outputs that give them"
+        description="output for each field of the command, such as elevator, or effector of the vehicle"
     )
     params: dict[str, Any] = Field(
-        {}, description="start values of its parameters, with units where it has them"
+        {}, description="start values of its parameters, with units if they have units"
     )
     design: File | None = Field(
         None, description="gains: a Python file with design(), or a CSV file over time"
@@ -157,14 +156,14 @@ class FmuController(ControllerModel):
     @model_validator(mode="after")
     def _check(self) -> "FmuController":
         for name, value in self.starts.items():
-            with _placed("inputs" if name in self.constants else "params", name):
+            with _located("inputs" if name in self.constants else "params", name):
                 parse_any(value)
         find_files(self)
         return self
 
     @property
     def wired(self) -> dict[str, str]:
-        """The inputs that have a source."""
+        """Inputs with a source other than a constant."""
         return {
             name: source
             for name, source in self.inputs.items()
@@ -173,12 +172,12 @@ class FmuController(ControllerModel):
 
     @property
     def constants(self) -> tuple[str, ...]:
-        """The inputs that keep a value."""
+        """Inputs with a constant value."""
         return tuple(name for name in self.inputs if name not in self.wired)
 
     @property
     def starts(self) -> dict[str, Any]:
-        """Start values of parameters and constant inputs; what is true is 1."""
+        """Start values of parameters and constant inputs, with 1 for true."""
         values = self.params | {name: self.inputs[name] for name in self.constants}
         return {
             name: float(value) if isinstance(value, bool) else value
@@ -187,11 +186,14 @@ class FmuController(ControllerModel):
 
 
 def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
-    """A number or a list of them in SI, of the dimension of ``unit``, or of any or none. Raises Refusal."""
+    """Parse a number or a list of numbers to SI, with the dimension of ``unit`` if given.
+
+    Raise Refusal if a number is invalid.
+    """
     items = value if isinstance(value, list) else [value]
     numbers = []
     for i, item in enumerate(items):
-        with _placed(*keys, *([i] if isinstance(value, list) else [])):
+        with _located(*keys, *([i] if isinstance(value, list) else [])):
             numbers.append(parse_any(item) if unit is None else parse_in_unit(item, unit))
     if not numbers:
         raise Refusal("an empty list", "at least one number", keys)
@@ -199,37 +201,41 @@ def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = No
 
 
 @contextlib.contextmanager
-def _placed(*keys: str | int) -> Iterator[None]:
-    """Refusals inside are about what stands at ``keys``."""
+def _located(*keys: str | int) -> Iterator[None]:
+    """Set the location of each Refusal raised inside the context to ``keys``."""
     try:
         yield
     except Refusal as refusal:
         raise Refusal(refusal.found, refusal.expected, keys) from None
 
 
-Layout = list[tuple[str, int]]  # of settings: name and length, 0 for a number by itself
+Layout = list[tuple[str, int]]  # name and length of settings, 0 for a single number
 UserController = PythonController | CController | FmuController
 USER_LAWS = ("python", "c", "fmu")
+# Keys of controller files with paths relative to the file's folder.
 NAMING_KEYS = (
     "file",
     "library",
     "design",
     "sources",
     "around",
-)  # of controller files: paths from the file's own folder
+)
 
 
 def find_files(law: UserController) -> dict[str, Path]:
-    """Every file of a law, itself first, by its name from the folder that holds them all. Raises Refusal."""
+    """Return every file of a law, the main file first, by its path in their common folder.
+
+    Raise Refusal if a file is missing.
+    """
     if isinstance(law, CController):
-        named = [law.library] if law.library is not None else list(law.sources)
+        law_files = [law.library] if law.library is not None else list(law.sources)
     else:
-        named = [law.file]
-    beside = expand(named[0].parent, law.files)
+        law_files = [law.file]
+    further_files = expand(law_files[0].parent, law.files)
     design = getattr(law, "design", None)
     paths = [
         Path(os.path.abspath(path))  # noqa: PTH100
-        for path in (*named, *([design] if design is not None else []), *beside)
+        for path in (*law_files, *([design] if design is not None else []), *further_files)
     ]
     root = Path(os.path.commonpath([path.parent for path in paths]))
     return {path.relative_to(root).as_posix(): path for path in paths}
@@ -238,26 +244,26 @@ def find_files(law: UserController) -> dict[str, Path]:
 def expand(
     folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
 ) -> list[Path]:
-    """Return the files that entries of ``files`` name in a folder. Raises Refusal."""
-    found: dict[Path, None] = {}
+    """Return the files that entries of ``files`` name in a folder. Raise Refusal if there are none."""
+    files: dict[Path, None] = {}
     for i, pattern in enumerate(patterns):
         if pattern in empty_folders:
             continue
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
-            raise Refusal(
-                f"'{pattern}'", "a plain path to a file or folder beside it", ("files", i)
-            )
+            raise Refusal(f"'{pattern}'", "a relative path inside the law's folder", ("files", i))
         inside = "**/*" if (folder / pattern).is_dir() else ""
         paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
-        files = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
-        if not files:
+        matches = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
+        if not matches:
             raise Refusal(
-                f"'{pattern}', which names no file beside it", "files beside it", ("files", i)
+                f"'{pattern}', which matches no file",
+                "existing files in the law's folder",
+                ("files", i),
             )
-        for path in files:
+        for path in matches:
             if not path.resolve().is_relative_to(folder.resolve()):
-                found_words = f"'{pattern}', which leads out of its folder to {path.resolve()}"
-                raise Refusal(found_words, "a file beside it", ("files", i))
-            found[path] = None
-    return list(found)
+                problem = f"'{pattern}', a link out of its folder to {path.resolve()}"
+                raise Refusal(problem, "a file in the law's folder", ("files", i))
+            files[path] = None
+    return list(files)

@@ -1,4 +1,4 @@
-"""The mission file: where a flight starts, what it is asked to fly, and where it ends."""
+"""Model of the mission file: start, manoeuvres, environment and end conditions of a flight."""
 
 import math
 from pathlib import Path
@@ -32,8 +32,8 @@ from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.vehicle.shared_keys import LoadLimits, Positive, Rising, SensingKeys
 
 _NORTHMOST = math.radians(89.99001)
-_KIND = "the kind of manoeuvre"
-_LENGTH = "how long it takes"
+_KIND = "kind of manoeuvre"
+_LENGTH = "duration of the manoeuvre"
 GravitationalParameter = Annotated[
     float,
     BeforeValidator(lambda value: parse_in_unit(value, "m3/s2")),
@@ -43,10 +43,10 @@ GravitationalParameter = Annotated[
 
 
 class Start(StrictModel):
-    """The start: trimmed for steady flight, straight and level unless a bank or a flight path angle is given.
+    """Start of a flight, trimmed, straight and level unless a bank or flight path angle is given.
 
-    The reference begins along the flight path angle and keeps it until a manoeuvre changes it; a bank is the
-    vehicle's alone, such as that which the first manoeuvre asks for at once.
+    The reference starts along the flight path angle and keeps it until a manoeuvre changes it. The
+    bank applies to the vehicle only, such as the bank that the first manoeuvre needs immediately.
     """
 
     altitude: Length = Field(description="geodetic altitude")
@@ -57,74 +57,74 @@ class Start(StrictModel):
     )
     longitude: Angle = Field(0.0, description="positive to the east")
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
-        0.0, description="of a start in a climb or a descent"
+        0.0, description="flight path angle of a start in a climb or descent"
     )
     bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(
-        0.0, description="about the velocity, positive to the right"
+        0.0, description="bank about the velocity, positive to the right"
     )
 
 
 class Level(StrictModel):
-    """Straight and level."""
+    """Straight and level flight."""
 
     kind: Literal["level"] = Field(description=_KIND)
 
 
 class Phase(StrictModel):
-    """What a manoeuvre of a mission may say besides."""
+    """Manoeuvre with an optional name."""
 
     name: str | None = Field(
-        None, description="by which 'phase' of a campaign's metric means its window"
+        None, description="name by which 'phase' of a campaign's metric refers to its window"
     )
 
 
 class Climb(Phase):
-    """Another altitude, and another speed if wanted; smooth: rate and acceleration begin and end at zero."""
+    """Smooth change of altitude and speed; rate and acceleration are zero at both ends."""
 
     kind: Literal["climb"] = Field(description=_KIND)
-    altitude_change: Length = Field(description="positive upwards")
+    altitude_change: Length = Field(description="change of altitude, positive upwards")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
-    speed_change: Speed = Field(0.0, description="over the same time")
+    speed_change: Speed = Field(0.0, description="change of speed over the same time")
 
 
 class PullUp(Phase):
-    """Another flight path angle, held afterwards; smooth."""
+    """Smooth change of the flight path angle, which is kept afterwards."""
 
     kind: Literal["pull_up"] = Field(description=_KIND)
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
-        description="at its end, positive upwards"
+        description="flight path angle at its end, positive upwards"
     )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class Turn(Phase):
-    """Another heading; smooth. Positive to the right."""
+    """Smooth change of the heading, positive to the right."""
 
     kind: Literal["turn"] = Field(description=_KIND)
-    heading_change: Angle = Field(description="positive to the right")
+    heading_change: Angle = Field(description="change of heading, positive to the right")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class SManoeuvre(Phase):
-    """The track moved sideways by ``offset``, original heading at the end.
+    """Lateral displacement of the track by ``offset``, with the original heading at the end.
 
-    The lateral acceleration goes as ``c |c|^(sharpness - 1)`` with ``c = cos(pi t / length)`` and is established, and
-    left at the end, over ``bank_time``. Without the last two keys ``y = offset / 2 (1 - cos(pi t / length))``, and
-    the acceleration steps at both ends.
+    The lateral acceleration is proportional to ``c |c|^(sharpness - 1)`` with
+    ``c = cos(pi t / length)``, ramped over ``bank_time`` at both ends. Without these two keys
+    ``y = offset / 2 (1 - cos(pi t / length))``, and the acceleration has steps at both ends.
     """
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
     offset: Length = Field(
-        description="positive to the left of the start's heading (to the north, flying east)"
+        description="displacement, positive to the left of the initial heading (north if flying east)"
     )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
         0.0,
-        description="in which the bank is established, and left at the end; at most half the length",
+        description="time of the ramp of the bank at both ends; at most half the length",
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
-        description="exponent of the acceleration: the larger, the longer the flight between the turns is straight",
+        description="exponent of the acceleration; a larger one makes the flight straight for longer between the turns",
     )
 
     @model_validator(mode="after")
@@ -138,36 +138,34 @@ class SManoeuvre(Phase):
         return self
 
     def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
-        """Speed (m/s) and acceleration (m/s2) to the left at times (s) since its beginning."""
+        """Return speed (m/s) and acceleration (m/s2) to the left at times (s) since its start."""
         return s_shape(since, self.offset, self.length, self.bank_time, self.sharpness)
 
 
 class WaypointTurn(StrictModel):
     """One heading change among several."""
 
-    at: Annotated[Time, Field(ge=0.0)] = Field(
-        description="when it begins, counted from start_time"
-    )
-    heading_change: Angle = Field(description="positive to the right")
+    at: Annotated[Time, Field(ge=0.0)] = Field(description="time of its start after start_time")
+    heading_change: Angle = Field(description="change of heading, positive to the right")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
 
 class Waypoints(StrictModel):
-    """Several heading changes; where they overlap, they add."""
+    """Several heading changes, which are added if they overlap."""
 
     kind: Literal["waypoints"] = Field(description=_KIND)
     turns: list[WaypointTurn] = Field(min_length=1, description="the heading changes")
 
 
 class Recorded(StrictModel):
-    """A trajectory from a CSV file with the columns time_s, altitude_m, speed_mps, heading_deg."""
+    """Trajectory from a CSV file with the columns time_s, altitude_m, speed_mps, heading_deg."""
 
     kind: Literal["recorded"] = Field(description=_KIND)
-    file: File = Field(description="the CSV file, relative to this file")
+    file: File = Field(description="CSV file, relative to this file")
 
 
 class LevelPhase(Phase):
-    """Nothing for a while: the flight path angle and the heading are held."""
+    """Flight with constant flight path angle and heading."""
 
     kind: Literal["level"] = Field(description=_KIND)
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
@@ -177,11 +175,11 @@ InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(disc
 
 
 class Phases(StrictModel):
-    """Manoeuvres one after another: each begins where the last one ends, and what the last one leaves is held."""
+    """Sequence of manoeuvres; each starts at the end of the previous one, with its final values."""
 
     kind: Literal["phases"] = Field(description=_KIND)
     phases: Annotated[tuple[InPhases, ...], Field(min_length=1)] = Field(
-        description="the manoeuvres in their order"
+        description="manoeuvres in order"
     )
 
 
@@ -192,21 +190,19 @@ Manoeuvre = Annotated[
 
 
 class MissionLimits(LoadLimits):
-    """A flight ends outside."""
+    """Limits that end a flight."""
 
     altitude: Annotated[tuple[Length, Length], Rising] = Field(
-        (10e3, 40e3), description="lowest and highest"
+        (10e3, 40e3), description="lowest and highest altitude"
     )
     speed: Annotated[Speed, Positive] | None = Field(
-        None, description="greatest; left out: twice the largest speed of the reference"
+        None, description="greatest speed; left out: twice the largest speed of the reference"
     )
-    fuel_out: bool = Field(
-        True, description="whether a flight ends where its fuel is burnt; false: it flies on"
-    )
+    fuel_out: bool = Field(True, description="whether a flight ends when its fuel is burnt")
 
 
 class End(StrictModel):
-    """The mission is done, before its duration, where any of these holds."""
+    """Conditions, any of which completes the mission before its duration."""
 
     altitude_above: Length | None = Field(None, description="done where the altitude is above it")
     altitude_below: Length | None = Field(None, description="done where the altitude is below it")
@@ -229,36 +225,37 @@ class End(StrictModel):
     mass_below: Mass | None = Field(None, description="done where the mass is below it")
 
     def range_of(self, name: str) -> tuple[float, float]:
-        """The range of a quantity within which the flight goes on."""
+        """Return the range of a quantity within which the flight continues."""
         low, high = getattr(self, f"{name}_below", None), getattr(self, f"{name}_above", None)
         return -math.inf if low is None else low, math.inf if high is None else high
 
 
 class AirTable(StrictModel):
-    """A table of levels, such as a sounding; its heads give units."""
+    """Table over altitude, such as a sounding, with units in its header."""
 
-    file: File = Field(description="the table, relative to this file")
+    file: File = Field(description="CSV file, relative to this file")
     columns: dict[str, str] = Field(
-        {}, description="heads of the table by name, such as {altitude: HGHT}"
+        {}, description="headers of the table's columns, such as {altitude: HGHT}"
     )
 
 
 class WindTable(AirTable):
     """Wind of the nominal flight over altitude.
 
-    Columns wind_north and wind_east (where it blows towards), or wind_speed and wind_direction (where from).
+    Columns are wind_north and wind_east (velocity of the air), or wind_speed and wind_direction
+    (direction from which it blows).
     """
 
 
 class DensityTable(AirTable):
-    """Nominal density over altitude, which controllers know.
+    """Nominal density over altitude, on which controllers are designed.
 
-    Columns density_factor (on the standard atmosphere), density, or pressure and temperature.
+    Columns are density_factor (on the standard atmosphere), density, or pressure and temperature.
     """
 
 
 class EarthNumbers(StrictModel):
-    """The Earth as numbers; what is left out is WGS-84's."""
+    """Constants of the Earth, by default those of WGS-84."""
 
     equatorial_radius: Annotated[Length, Positive] = Field(
         WGS84.equatorial_radius, description="equatorial radius of the ellipsoid"
@@ -274,7 +271,7 @@ class EarthNumbers(StrictModel):
         WGS84.j2, description="second zonal harmonic; 0: a central field"
     )
     rotation_rate: AngularRate = Field(
-        WGS84.rotation_rate, description="angular rate of the Earth; 0 rad/s: it does not turn"
+        WGS84.rotation_rate, description="angular rate of the Earth; 0 rad/s: no rotation"
     )
 
 
@@ -282,33 +279,37 @@ _BY_NAME = Discriminator(lambda value: "name" if isinstance(value, str) else "gi
 
 
 class Mission(StrictModel):
-    """What a flight is asked to do."""
+    """Mission of a flight."""
 
     name: str = Field(description="name of the mission")
-    start: Start = Field(description="where and how fast a flight starts")
+    start: Start = Field(description="position, speed and attitude at the start")
     duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = Field(
-        60.0, description="how long a flight lasts"
+        60.0, description="duration of a flight"
     )
-    start_time: Annotated[Time, Field(ge=0.0)] = Field(0.0, description="when the manoeuvre begins")
-    manoeuvre: Manoeuvre = Field(description="what is flown")
-    limits: MissionLimits = Field(MissionLimits(), description="a flight ends outside")
+    start_time: Annotated[Time, Field(ge=0.0)] = Field(
+        0.0, description="time at which the manoeuvre starts"
+    )
+    manoeuvre: Manoeuvre = Field(description="manoeuvre or sequence of manoeuvres")
+    limits: MissionLimits = Field(MissionLimits(), description="limits that end a flight")
     earth: Annotated[
         Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("given")],
         _BY_NAME,
-    ] = Field("wgs84", description="wgs84, or numbers of its own")
+    ] = Field("wgs84", description="wgs84, or other constants")
     end: End = Field(End(), description="conditions that end a flight before its duration")
     wind: Annotated[
         Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME
     ] = Field(
         "none",
-        description="of the nominal flight, added to wind.north and so on; nominal controls know none",
+        description="wind of the nominal flight, to which wind.north and so on are added; nominal "
+        "controls are computed without wind",
     )
     density: Annotated[
         Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")],
         _BY_NAME,
     ] = Field("standard", description="density of the nominal air")
     sensing: SensingKeys = Field(
-        SensingKeys(), description="what instruments measure; left out: what the vehicle's do"
+        SensingKeys(),
+        description="quantities that instruments measure; left out: those of the vehicle",
     )
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
         0.01, description="time step of the integrator"
@@ -320,23 +321,25 @@ class Mission(StrictModel):
         if not low <= self.start.altitude <= high:
             raise Refusal(
                 f"{self.start.altitude:g} m",
-                f"an altitude in the limits, {low:g}..{high:g} m",
+                f"an altitude within the limits, {low:g} to {high:g} m",
                 ("start", "altitude"),
             )
         altitude, speed = self.start.altitude, self.start.speed
         names: set[str] = set()
-        for place, _, manoeuvre in self.moves():
+        for key, _, manoeuvre in self.list_manoeuvres():
             name = getattr(manoeuvre, "name", None)
             if name in names:
-                raise Refusal(f"'{name}' twice", "a name for each phase", (*place, "name"))
+                raise Refusal(f"duplicate name '{name}'", "another name", (*key, "name"))
             names |= {name} if name is not None else set()
             if isinstance(manoeuvre, SManoeuvre):
-                sideways = abs(manoeuvre.lateral_motion(np.array([0.5 * manoeuvre.length]))[0][0])
-                if sideways > 0.5 * speed:
+                lateral_speed = abs(
+                    manoeuvre.lateral_motion(np.array([0.5 * manoeuvre.length]))[0][0]
+                )
+                if lateral_speed > 0.5 * speed:
                     raise Refusal(
-                        f"an S that asks for {sideways:.0f} m/s sideways",
+                        f"an S manoeuvre with a lateral speed of {lateral_speed:.0f} m/s",
                         f"at most half the speed, {0.5 * speed:.0f} m/s",
-                        (*place, "offset"),
+                        (*key, "offset"),
                     )
             if isinstance(manoeuvre, Climb):
                 altitude, speed = (
@@ -346,43 +349,43 @@ class Mission(StrictModel):
                 if not low <= altitude <= high:
                     raise Refusal(
                         f"a climb to {altitude:g} m",
-                        f"an altitude in the limits, {low:g}..{high:g} m",
-                        (*place, "altitude_change"),
+                        f"an altitude within the limits, {low:g} to {high:g} m",
+                        (*key, "altitude_change"),
                     )
                 if speed <= 0.0:
                     raise Refusal(
-                        "a speed of zero or less", "a positive one", (*place, "speed_change")
+                        f"a change to {speed:g} m/s", "a positive speed", (*key, "speed_change")
                     )
         if isinstance(self.manoeuvre, Recorded) and self.start.flight_path_angle:
             raise Refusal(
-                "a flight path angle beside a recorded trajectory",
-                "the recording's own",
+                "a flight path angle in addition to a recorded trajectory",
+                "no flight_path_angle, as the recording determines it",
                 ("start", "flight_path_angle"),
             )
         return self
 
-    def moves(self) -> "list[tuple[tuple[str | int, ...], float, Any]]":
-        """Manoeuvres in their order: place in the file, time at which each begins (s), and itself."""
+    def list_manoeuvres(self) -> "list[tuple[tuple[str | int, ...], float, Any]]":
+        """Return the manoeuvres in order: location in the file, start time (s), manoeuvre."""
         if not isinstance(self.manoeuvre, Phases):
             return [(("manoeuvre",), self.start_time, self.manoeuvre)]
         begin = self.start_time
-        found: list[tuple[tuple[str | int, ...], float, Any]] = []
+        manoeuvres: list[tuple[tuple[str | int, ...], float, Any]] = []
         for i, phase in enumerate(self.manoeuvre.phases):
-            found.append((("manoeuvre", "phases", i), begin, phase))
+            manoeuvres.append((("manoeuvre", "phases", i), begin, phase))
             begin += phase.length
-        return found
+        return manoeuvres
 
     def windows(self) -> dict[str, tuple[float, float]]:
-        """Begin and end (s) of the phases that have names."""
+        """Return start and end (s) of the phases with names."""
         named = [
-            (begin, move)
-            for _, begin, move in self.moves()
-            if getattr(move, "name", None) is not None
+            (begin, manoeuvre)
+            for _, begin, manoeuvre in self.list_manoeuvres()
+            if getattr(manoeuvre, "name", None) is not None
         ]
-        return {move.name: (begin, begin + move.length) for begin, move in named}
+        return {manoeuvre.name: (begin, begin + manoeuvre.length) for begin, manoeuvre in named}
 
     def read_air(self) -> tuple[Floats | None, Floats | None]:
-        """Return the tables of the wind and of the density, None where there is none. Raise InputError."""
+        """Return the tables of wind and density, or None. Raise InputError if one is invalid."""
         wind, density = self.wind, self.density
         return (
             None if isinstance(wind, str) else read_air_table(wind.file, WIND, wind.columns),
@@ -392,11 +395,14 @@ class Mission(StrictModel):
         )
 
     def make_air(self) -> Floats:
-        """Return the nominal air [level, column], see :mod:`abhv_mc.kernel.plant.air_data`. Raise InputError."""
+        """Return the nominal air [level, column], see :mod:`abhv_mc.kernel.plant.air_data`.
+
+        Raise InputError if a table is invalid.
+        """
         return join_air(*self.read_air())
 
     def find_air_warnings(self, altitude: Floats) -> list[str]:
-        """Return warnings of tables of the air that end within a flight's altitudes."""
+        """Return warnings about tables of the air that do not cover a flight's altitudes."""
         return [
             warning
             for key, table in zip((self.wind, self.density), self.read_air(), strict=True)
@@ -405,7 +411,7 @@ class Mission(StrictModel):
         ]
 
     def make_earth(self) -> Earth:
-        """The Earth record of the plant."""
+        """Return the Earth of the mission in the form that the kernel takes."""
         if isinstance(self.earth, str):
             return WGS84
         return Earth(**{name: getattr(self.earth, name) for name in EarthNumbers.model_fields})
@@ -413,7 +419,7 @@ class Mission(StrictModel):
 
 @made_once
 def read_mission(path: str | Path) -> Mission:
-    """Read and check a mission file and what it refers to. Raises :class:`abhv_mc.io.documents.InputError`."""
+    """Read and check a mission file and the files it names. Raise InputError if one is invalid."""
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)

@@ -1,4 +1,4 @@
-"""The CSV tables that a mission names: a recorded trajectory, and the nominal air over altitude."""
+"""Reading of the CSV tables of a mission: recorded trajectory, and nominal air over altitude."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,29 +15,31 @@ _TRAJECTORY = {"time": TIME, "altitude": LENGTH, "speed": SPEED, "heading": ANGL
 
 
 def read_trajectory(path: str | Path, duration: float) -> Floats:
-    """Return time, altitude, speed and unwrapped heading [sample, column] of at least ``duration`` s.
+    """Return time, altitude, speed and unwrapped heading [sample, column].
 
-    Raise InputError.
+    Raise InputError if the table is invalid or shorter than ``duration`` (s).
     """
     table = read_numbers(Path(path), _TRAJECTORY)
     samples = table.values
     table.check_rising("time", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
-        raise table.error(int(row), "speed", f"the speed {samples[row, 2]:g} m/s", "a positive one")
+        problem = f"the speed {samples[row, 2]:g} m/s"
+        raise table.error(int(row), "speed", problem, "a positive speed")
     if len(samples) < 4:
         raise InputError(path, f"{len(samples)} samples", "at least 4")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
-        raise InputError(path, f"times {first:g}..{last:g} s", f"times from 0 to {duration:g} s")
+        problem = f"times from {first:g} to {last:g} s"
+        raise InputError(path, problem, f"times from 0 to {duration:g} s")
     samples[:, 3] = np.unwrap(samples[:, 3])
     return samples
 
 
 AIR = {
-    "wind_north": SPEED,  # that the air blows towards
+    "wind_north": SPEED,  # component of the air's velocity
     "wind_east": SPEED,
     "wind_speed": SPEED,
-    "wind_direction": ANGLE,  # that the air comes from, clockwise from north
+    "wind_direction": ANGLE,  # from which the wind blows, clockwise from north
     "density_factor": FRACTION,  # on the standard atmosphere
     "density": DENSITY,
     "pressure": PRESSURE,
@@ -56,26 +58,27 @@ _KELVIN = {
 def read_air_table(
     path: Path, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str]
 ) -> Floats:
-    """Return altitude and the columns of the first of ``choices`` [level, column], by rising altitude.
+    """Return altitude and the columns of the first available choice [level, column].
 
-    Altitudes may fall, too. Wind is towards north and east, density a factor on the standard atmosphere's. Raise
-    InputError.
+    Altitudes may rise or fall in the file, and rise in the result. Wind is the velocity to the north
+    and east, density a factor on that of the standard atmosphere. Raise InputError if the table is
+    invalid.
     """
     table = read_foreign_table(path)
     columns = table.find(("altitude", *AIR), heads)
     for name, head in heads.items():
         if name not in columns:
-            raise table.error(None, None, f"no column '{head}'", f"the head of '{name}'")
+            raise table.error(None, None, f"no column '{head}'", f"the header of '{name}'")
     names = next((names for names in choices if set(names) <= columns.keys()), None)
     if names is None:
         expected = ", or ".join(" and ".join(choice) for choice in choices)
-        raise table.error(None, None, "a table without what it is read for", expected)
+        raise table.error(None, None, "a table without the required columns", expected)
     factor, offset = 1.0, 0.0
     if "temperature" in names:
         column = columns["temperature"]
         if column.unit not in _KELVIN:
-            found = f"a temperature in '{column.unit}'"
-            raise table.error(None, column.position, found, one_of(_KELVIN))
+            problem = f"a temperature in '{column.unit}'"
+            raise table.error(None, column.position, problem, one_of(_KELVIN))
         factor, offset = _KELVIN[column.unit]
         columns["temperature"] = column._replace(unit="")
     dimensions = {"altitude": LENGTH, **{name: AIR[name] for name in names}}
@@ -92,8 +95,8 @@ def read_air_table(
         if names != DENSITIES[0]:
             values = [values[0] / [atmosphere(height)[0] for height in altitude.tolist()]]
         for row in np.flatnonzero((values[0] <= 0.0) | ~np.isfinite(values[0]))[:1]:
-            found = f"a density of {values[0][row]:g} times the standard atmosphere's"
-            raise numbers.error(int(row), names[0], found, "a factor above zero")
+            problem = f"a density of {values[0][row]:g} times the standard atmosphere's"
+            raise numbers.error(int(row), names[0], problem, "a factor above zero")
     order = np.argsort(altitude)
     return np.column_stack([altitude, *values])[order]
 
@@ -115,17 +118,20 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
 
 
 def join_air(wind: Floats | None, density: Floats | None) -> Floats:
-    """The columns of :mod:`abhv_mc.kernel.plant.air_data` on the altitudes of both tables, exact between them."""
+    """Return the nominal air on the altitudes of both tables, so that it is exact between them.
+
+    The columns are those of :mod:`abhv_mc.kernel.plant.air_data`.
+    """
     if wind is None and density is None:
         return np.empty((0, 4))
     knots = np.unique(
         np.concatenate([table[:, 0] for table in (wind, density) if table is not None])
     )
-    still = np.zeros_like(knots)
+    zeros = np.zeros_like(knots)
     north, east = (
         (np.interp(knots, wind[:, 0], wind[:, i]) for i in (1, 2))
         if wind is not None
-        else (still, still)
+        else (zeros, zeros)
     )
-    factor = np.interp(knots, density[:, 0], density[:, 1]) if density is not None else still + 1.0
+    factor = np.interp(knots, density[:, 0], density[:, 1]) if density is not None else zeros + 1.0
     return np.ascontiguousarray(np.stack([knots, north, east, factor], axis=1))

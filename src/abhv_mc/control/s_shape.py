@@ -1,20 +1,21 @@
-"""The lateral motion of an S: speed and acceleration over its time."""
+"""Lateral motion of an S manoeuvre: speed and acceleration against time."""
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 
-_CELLS = 4096  # of the integral, over half the S
-_SAME_TIME = 1e-9  # s: a tick that close to an end of the S is on it
+_CELLS = 4096  # of the integral, over half the manoeuvre
+_SAME_TIME = 1e-9  # s, tolerance of ticks at the ends of the manoeuvre
 
 
 def s_shape(
     since: Floats, offset: float, length: float, bank_time: float, sharpness: float
 ) -> tuple[Floats, Floats]:
-    """Lateral speed (m/s) and acceleration (m/s2), along the offset (m), at times (s) since the S began; 0 outside.
+    """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start; 0 outside.
 
-    The acceleration goes as ``sign(c) |c|^sharpness``, ``c = cos(pi t / length)``, times a smooth step of order 5 over
-    ``bank_time`` (s) at both ends; without both ``y = offset / 2 (1 - cos(pi t / length))``.
+    They are along ``offset`` (m). The acceleration is proportional to ``sign(c) |c|^sharpness``,
+    ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both ends. If
+    both have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:
@@ -29,23 +30,25 @@ def s_shape(
     at_nodes, at_middles = (
         _growth(x, length, bank_time, sharpness) for x in (nodes, nodes[:-1] + 0.5 * h)
     )
-    gained = np.concatenate(
+    integral = np.concatenate(
         [[0.0], np.cumsum(h / 6.0 * (at_nodes[:-1] + 4.0 * at_middles + at_nodes[1:]))]
     )
     half = (
-        h / 3.0 * (gained[0] + 4.0 * gained[1::2].sum() + 2.0 * gained[2:-1:2].sum() + gained[-1])
+        h
+        / 3.0
+        * (integral[0] + 4.0 * integral[1::2].sum() + 2.0 * integral[2:-1:2].sum() + integral[-1])
     )
-    size = 0.5 * offset / half
+    scale = 0.5 * offset / half
     folded = np.clip(np.minimum(since, length - since), 0.0, 0.5 * length)
-    acceleration = np.where(since < 0.5 * length, size, -size) * _growth(
+    acceleration = np.where(since < 0.5 * length, scale, -scale) * _growth(
         folded, length, bank_time, sharpness
     )
-    speed = size * _between(folded, h, gained, at_nodes)
+    speed = scale * _between(folded, h, integral, at_nodes)
     return np.where(inside, speed, 0.0), np.where(inside, acceleration, 0.0)
 
 
 def _growth(since: Floats, length: float, bank_time: float, sharpness: float) -> Floats:
-    """The acceleration in the first half, at most 1."""
+    """Return the acceleration in the first half, at most 1."""
     x = np.clip(since / bank_time, 0.0, 1.0) if bank_time else 1.0
     return np.cos(np.pi * since / length).clip(0.0) ** sharpness * (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
@@ -53,7 +56,7 @@ def _growth(since: Floats, length: float, bank_time: float, sharpness: float) ->
 
 
 def _between(x: Floats, h: float, values: Floats, slopes: Floats) -> Floats:
-    """The cubic through values and slopes at nodes ``h`` apart from 0."""
+    """Interpolate values and slopes at nodes ``h`` apart, starting at 0, by cubics."""
     i = np.minimum((x / h).astype(np.int64), values.size - 2)
     t = x / h - i
     rise = values[i + 1] - values[i]

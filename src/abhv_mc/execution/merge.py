@@ -1,4 +1,4 @@
-"""Shards of a campaign, or campaigns of one question, as one: joined, and what follows from all flights made there."""
+"""Merge of a campaign's shards, or of campaigns that differ only in their seed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,13 +25,13 @@ def merge_campaign(
     trust_code: bool = False,
     requirements: Path | None = None,
 ) -> RunResult:
-    """Join complete shards, or campaigns of one question with different seeds, in the new folder ``out``, then make
-    what follows from all flights.
+    """Merge complete shards, or campaigns that differ only in their seed, into ``out``.
 
-    The same call goes on with a merge that was interrupted. ``trust_code`` runs a law of the folders that this user has
-    not flown. ``requirements``: the set that judges all flights, needed if the parts have different ones. Raise
-    InputError, before anything is written, if the parts are not all of one campaign or question, run by the same code
-    and plans, each flight once.
+    Then create the envelopes, histories and verdicts of all flights. The same call resumes an
+    interrupted merge. ``trust_code`` permits running a law of the folders that this user has not
+    run before. ``requirements`` is the set for all flights, needed if the parts have different
+    sets. Raise InputError, before files are created, if the parts belong to different campaigns,
+    were run with different code or plans, or share flights.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_poolable(parts)
@@ -41,7 +41,7 @@ def merge_campaign(
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
-    check_user_code(campaign, trust_code)  # flights are flown again for their histories
+    check_user_code(campaign, trust_code)  # histories need flights to be run again
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else pool_campaigns)(folders, out)

@@ -1,1 +1,1 @@
-"""The flight: signals, outcomes, metrics, plans, and the one place that enters the compiled flight."""
+"""Flights of the built-in simulator: signals, outcomes, metrics, plans and their simulation."""

@@ -1,4 +1,4 @@
-"""What the compiled flight takes: plan, parameters and room for results, each array of the type and shape it trusts."""
+"""Arguments of the compiled flight: plan, parameters and result arrays, checked for type and shape."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.compile_metrics import Known, compile_metrics, known_sources
+from abhv_mc.flight.compile_metrics import SourceRow, compile_metrics, source_rows
 from abhv_mc.flight.outcome import LIMITS, Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import dispersable_settings
@@ -41,21 +41,27 @@ _COLUMNS = {  # of the gains and of the settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
-}  # a user law has any
-_FLOWN = 0.5  # verdict of a flight that has met its mission's end: below every limit's code, and OK as a whole number
+}  # a custom law has any number
+# Code of a flight that reached the end of its mission: below the codes of all limits, and OK if
+# truncated to an integer.
+_FLOWN = 0.5
 
 
-class Kept(NamedTuple):
-    """Flights at a control tick, before its measurement: all that the kernel carries from tick to tick."""
+class SavedFlights(NamedTuple):
+    """Memory of flights at a control tick, before its measurement."""
 
     tick: int
     rows: Floats  # [flight, row] rows of the lane memory (abhv_mc.kernel.plant.state), then the observer's
 
 
 def make_results(
-    plan: FlightPlan, flights: int, recording: Recording, keep_states: bool, keep: bool = False
+    plan: FlightPlan,
+    flights: int,
+    recording: Recording,
+    keep_states: bool,
+    save_memory: bool = False,
 ) -> KernelResults:
-    """Room for the results; ``keep``: memories are kept."""
+    """Return empty result arrays. With ``save_memory`` the kernel saves the memory of each flight."""
     samples, channels = recording.count_samples(plan.timing), len(recording.channels)
     bins = (samples if recording.extremes else 0, channels)
     return KernelResults(
@@ -66,7 +72,7 @@ def make_results(
         np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
         np.full(bins, np.inf),
         np.full(bins, -np.inf),
-        np.zeros((flights, SAVED_ROWS if keep else 0)),
+        np.zeros((flights, SAVED_ROWS if save_memory else 0)),
         np.full(
             (
                 sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics),
@@ -79,13 +85,16 @@ def make_results(
 
 
 def make_kernel_plan(
-    plan: FlightPlan, parameters: Floats, recording: Recording, start: Kept | None = None
+    plan: FlightPlan, parameters: Floats, recording: Recording, start: SavedFlights | None = None
 ) -> KernelPlan:
-    """A plan as the kernel takes it, see :func:`conform`. Raises ValueError for an array of the wrong type or shape."""
+    """Return a plan in the form that the kernel takes.
+
+    Raise ValueError if an array has the wrong type or shape.
+    """
     terms = plan.vehicle.build_up.factor.size
-    known = known_sources(plan.user_sources, plan.effectors, plan.custom_states)
+    sources = source_rows(plan.user_sources, plan.effectors, plan.custom_states)
     parameters = add_settings(plan, parameters)
-    made = conform(
+    kernel_plan = conform(
         KernelPlan(
             LAWS[plan.commanding_law],
             plan.vehicle,
@@ -94,7 +103,7 @@ def make_kernel_plan(
             plan.earth,
             plan.timing,
             recording.every,
-            make_observed(plan, [known[plan.channels[i].name] for i in recording.channels]),
+            make_observed(plan, [sources[plan.channels[i].name] for i in recording.channels]),
             np.zeros(terms, np.int64),
             plan.initial_state,
             plan.reference,
@@ -102,7 +111,7 @@ def make_kernel_plan(
             plan.settings,
             plan.profile,
             parameters,
-            compile_metrics(plan.metrics, known),
+            compile_metrics(plan.metrics, sources),
             start.tick if start else 0,
             start.rows if start else np.empty((0, SAVED_ROWS)),
         ),
@@ -111,28 +120,31 @@ def make_kernel_plan(
     )
     gains, settings = _COLUMNS.get(plan.commanding_law, (None, None))
     foreign = plan.vehicle.foreign
-    check_shape(made.initial_state, (N_STATES + foreign.states,), "plan.initial_state")
+    check_shape(kernel_plan.initial_state, (N_STATES + foreign.states,), "plan.initial_state")
     columns = N_PARAMETERS + foreign.settings.size + foreign.states
-    if made.parameters.ndim == 2 and made.parameters.shape[1] > columns:
+    if kernel_plan.parameters.ndim == 2 and kernel_plan.parameters.shape[1] > columns:
         columns += len(dispersable_settings(plan))
-    check_shape(made.parameters, (None, columns), "parameters")
-    check_shape(made.start, (len(made.parameters) if start else 0, SAVED_ROWS), "start")
-    check_shape(made.reference, (None, len(REFERENCE)), "plan.reference")
-    check_shape(made.gains, (None, gains), "plan.gains")
-    check_shape(made.settings, (settings,), "plan.settings")
-    check_shape(made.profile, (None, len(PROFILE)), "plan.profile")
-    rows = min(len(made.reference), len(made.gains))
+    check_shape(kernel_plan.parameters, (None, columns), "parameters")
+    check_shape(
+        kernel_plan.start, (len(kernel_plan.parameters) if start else 0, SAVED_ROWS), "start"
+    )
+    check_shape(kernel_plan.reference, (None, len(REFERENCE)), "plan.reference")
+    check_shape(kernel_plan.gains, (None, gains), "plan.gains")
+    check_shape(kernel_plan.settings, (settings,), "plan.settings")
+    check_shape(kernel_plan.profile, (None, len(PROFILE)), "plan.profile")
+    rows = min(len(kernel_plan.reference), len(kernel_plan.gains))
     if rows <= plan.timing.ticks:
         raise ValueError(
             f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}"
         )
-    return made
+    return kernel_plan
 
 
 def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
-    """Rows [flight, parameter] with the vehicle file's settings, where they have none of their own.
+    """Return the rows [flight, parameter] with the settings and initial states of the vehicle file added.
 
-    Of settings of laws, which follow those, the plan's own are left.
+    Rows that have them already are returned unchanged, except for settings of control laws, which
+    follow them: only those of the plan's own law remain.
     """
     foreign = plan.vehicle.foreign
     nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])
@@ -140,41 +152,46 @@ def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
         return parameters
     if parameters.shape[1] == N_PARAMETERS:
         return np.hstack([parameters, np.tile(nominal, (len(parameters), 1))])
-    known, first = plan.law_parameters.tolist(), N_PARAMETERS + nominal.size
-    if parameters.shape[1] != first + len(known):
+    law_parameters, first = plan.law_parameters.tolist(), N_PARAMETERS + nominal.size
+    if parameters.shape[1] != first + len(law_parameters):
         return parameters
-    own = [first + known.index(f"law.{name}") for name in dispersable_settings(plan)]
-    return np.ascontiguousarray(parameters[:, [*range(first), *own]])
+    law_columns = [
+        first + law_parameters.index(f"law.{name}") for name in dispersable_settings(plan)
+    ]
+    return np.ascontiguousarray(parameters[:, [*range(first), *law_columns]])
 
 
-def make_observed(plan: FlightPlan, recorded: Sequence[Known]) -> Observed:
-    """What a flight observes at each tick: its limits, and what it records."""
+def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
+    """Return what a flight observes at each tick: its limits and its recorded channels."""
     limits = plan.limits
     bounded = [
         limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))
     ]  # perhaps none
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
-    greatest = plan.vehicle.foreign.state_limit  # of custom states, which come first
-    limited = np.flatnonzero(np.isfinite(greatest))
-    own, number = greatest[limited], float(Outcome.STATE_LIMIT)
+    state_limits = plan.vehicle.foreign.state_limit  # of custom states, which come first
+    limited = np.flatnonzero(np.isfinite(state_limits))
+    state_bounds, state_outcome = state_limits[limited], float(Outcome.STATE_LIMIT)
     return Observed(
         np.array(
             [*(CUSTOM_STATE + limited), *(find_row(limit.source) for limit in bounded)], np.int64
         ),
         np.array(
-            [number] * own.size + [float(limit.outcome) or _FLOWN for limit in bounded], np.float64
+            [state_outcome] * state_bounds.size
+            + [float(limit.outcome) or _FLOWN for limit in bounded],
+            np.float64,
         ),
-        np.concatenate([-own, bounds[:, 0]]),
-        np.concatenate([own, bounds[:, 1]]),
+        np.concatenate([-state_bounds, bounds[:, 0]]),
+        np.concatenate([state_bounds, bounds[:, 1]]),
         np.array([channel.row for channel in recorded], np.int64),
         np.array([channel.factor for channel in recorded], np.float64),
     )
 
 
 def conform(value: Any, kind: Any, name: str) -> Any:
-    """A named tuple with every array C-contiguous, aligned and writable, for which alone numba has compiled.
+    """Return a named tuple whose arrays have the layout that numba has compiled for.
 
-    Raises ValueError for an array or number that is not of the type that the tuple's fields declare, however deep.
+    Arrays are C-contiguous, aligned and writable. Raise ValueError if an array or number, at any
+    depth, is not of the type that its field declares.
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)
@@ -187,26 +204,29 @@ def conform(value: Any, kind: Any, name: str) -> Any:
         return kind(value)
     expected = np.dtype(get_args(get_args(kind)[1])[0])
     if not isinstance(value, np.ndarray) or value.dtype != expected:
-        found = (
+        actual = (
             f"an array of {value.dtype}"
             if isinstance(value, np.ndarray)
             else f"a {type(value).__name__}"
         )
-        raise ValueError(f"{name} is {found}, not an array of {expected}")
+        raise ValueError(f"{name} is {actual}, not an array of {expected}")
     return np.require(value, requirements=["C", "A", "O", "W"])
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
     """Raise ValueError unless an array has a shape; None stands for any length."""
     if array.ndim != len(shape) or any(
-        want not in (None, have) for have, want in zip(array.shape, shape, strict=True)
+        expected_length not in (None, length)
+        for length, expected_length in zip(array.shape, shape, strict=True)
     ):
-        words = ", ".join("any" if want is None else str(want) for want in shape)
-        raise ValueError(f"{name} has the shape {array.shape}, not ({words})")
+        expected = ", ".join(
+            "any" if expected_length is None else str(expected_length) for expected_length in shape
+        )
+        raise ValueError(f"{name} has the shape {array.shape}, not ({expected})")
 
 
 @cache
 def _hints(kind: Any) -> dict[str, Any]:
-    """The annotations of a named tuple's fields, in their order."""
+    """Return the annotations of a named tuple's fields, in order."""
     hints = get_type_hints(kind)
     return {field: hints[field] for field in kind._fields}

@@ -1,9 +1,10 @@
-"""The table of sources: what channels record and metrics count, with name, unit, meaning. Order is array order.
+"""Table of sources, the quantities that channels record and metrics count. Order is array order.
 
-A source's quantity is either held in the lane memory (a state of :mod:`abhv_mc.kernel.plant.state`, a variable of the
-tables, or a named row, all in SI and radians, converted to degrees where the unit asks for them) or a row of
-:mod:`abhv_mc.kernel.flight.derived` in the source's unit. Only channels are recorded; expressions of metrics may name
-every source. A new one is an entry here, and a row there where the lane memory does not hold it.
+A source is a row of the lane memory (a state of :mod:`abhv_mc.kernel.plant.state`, a variable of
+the tables or a named row, in SI and radians, converted to degrees if the unit is degrees) or a row
+of :mod:`abhv_mc.kernel.flight.derived` in the source's unit. Only channels are recorded;
+expressions of metrics may name every source. A new source needs an entry here, and a derived row
+if the lane memory does not contain it.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 
 @dataclass(frozen=True)
 class Signal:
-    """A number of a flight, or one that it has at every moment."""
+    """Quantity of a flight: one number, or a function of time."""
 
     name: str  # ends with its unit
     unit: str
@@ -22,20 +23,20 @@ class Signal:
 
     @property
     def axis(self) -> str:
-        """The words beside an axis, where the name does not end with the unit."""
+        """Return the label of a plot's axis."""
         return f"{self.name.replace('_', ' ')} ({self.unit})".replace("(-)", "(–)")
 
 
 @dataclass(frozen=True)
 class Source(Signal):
-    """What expressions of metrics may name."""
+    """Quantity that expressions of metrics may name."""
 
-    source: str  # the quantity
-    nonnegative: bool = False  # whether it is never below zero
+    source: str  # name of its row
+    nonnegative: bool = False  # whether it is never negative
 
 
 class Channel(Source):
-    """A source that histories record."""
+    """Source that time histories record."""
 
 
 CHANNELS: tuple[Channel, ...] = (
@@ -55,7 +56,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(
         "equivalence_ratio",
         "-",
-        "throttle; of a scramjet its fuel equivalence ratio",
+        "throttle; the fuel equivalence ratio of a scramjet",
         "equivalence_ratio",
     ),
     Channel("north_m", "m", "integral of the north ground speed at altitude", "north"),
@@ -67,24 +68,23 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(
         "flight_path_angle_command_deg",
         "deg",
-        "flight path angle asked for by the altitude loop",
+        "flight path angle commanded by the altitude loop",
         "gamma_cmd",
     ),
     Channel(
         "angle_of_attack_command_deg",
         "deg",
-        "angle of attack asked for by the guidance",
+        "angle of attack commanded by the guidance",
         "alpha_cmd",
     ),
-    Channel("bank_command_deg", "deg", "bank asked for by the guidance", "bank_cmd"),
+    Channel("bank_command_deg", "deg", "bank commanded by the guidance", "bank_cmd"),
     Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
     Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
     Channel("equivalence_ratio_command", "-", "throttle command", "cmd_eta"),
 )
-STANDARD_CHANNELS = tuple(
-    channel.name for channel in CHANNELS
-)  # what envelopes cover unless told otherwise
+# Channels of the envelopes, unless a campaign chooses others.
+STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)
 CHANNELS += (
     Channel("mach", "-", "Mach number of the air", "mach", nonnegative=True),
     Channel(
@@ -123,7 +123,7 @@ CHANNELS += (
     Channel("gust_down_mps", "m/s", "gust and turbulence, body axes, down", "gust_w"),
 )
 
-# The mission's reference, the same for every flight of a campaign.
+# Reference of the mission, the same for every flight of a campaign.
 REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("altitude_reference_m", "m", "reference altitude"),
     Signal("speed_reference_mps", "m/s", "reference speed"),
@@ -139,11 +139,12 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
 CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
 
 SURFACES = ("aileron", "elevator", "rudder")
+# Quantities whose cycles are measured.
 SWINGS = {
     "bank": "bank error",
     "angle_of_attack": "angle-of-attack error",
     "sideslip": "sideslip",
-}  # that cycle
+}
 # Sources that no history records.
 _SOURCES: tuple[Source, ...] = (
     *(
@@ -159,14 +160,14 @@ _SOURCES: tuple[Source, ...] = (
         Source(
             f"{name}_moved_deg",
             "deg",
-            f"way of the {name} since the last tick",
+            f"absolute change of the {name} deflection since the last tick",
             f"{name}_moved_deg",
             True,
         )
         for name in SURFACES
     ),
     *(
-        Source(f"{name}{end}", unit, doc.format(words), f"{name}{end}", True)
+        Source(f"{name}{end}", unit, doc.format(phrase), f"{name}{end}", True)
         for end, unit, doc in (
             (
                 "_ripple_deg",
@@ -175,19 +176,19 @@ _SOURCES: tuple[Source, ...] = (
             ),
             ("_cycle_hz", "Hz", "frequency of the largest cycle of the {}"),
         )
-        for name, words in SWINGS.items()
+        for name, phrase in SWINGS.items()
     ),
     Source(
         "fuel_left_kg",
         "kg",
-        "mass above the empty one, infinite where no fuel burns",
+        "mass above the empty mass, infinite if no fuel is burnt",
         "fuel_left_kg",
     ),
     Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
     Source(
         "surface_saturated",
         "-",
-        "1 with a surface or its command at the limit",
+        "1 if a surface or its command is at its limit",
         "surface_saturated",
         True,
     ),
@@ -197,45 +198,54 @@ _SOURCES: tuple[Source, ...] = (
         )
         for i in range(MAX_EFFECTORS)
     ),
-    Source("engine_failed", "-", "1 with a failed or unstarted engine", "engine_failed", True),
-    Source("outside_tables", "-", "above zero outside the tables (clamped)", "outside", True),
+    Source("engine_failed", "-", "1 if an engine has failed or unstarted", "engine_failed", True),
+    Source("outside_tables", "-", "positive outside the tables (clamped)", "outside", True),
 )
 SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}
 
 
 def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
-    """Of effectors that have actuators: deflections and commands, which are recorded, and which are at a limit."""
+    """Return sources of effectors with actuators: deflection, command and saturation of each."""
     return tuple(
-        kind(f"{name}_{end}", unit, f"{words} {name}", f"{block}+{i}", kind is Source)
-        for kind, end, unit, words, block in (
+        kind(f"{name}_{end}", unit, f"{phrase} {name}", f"{block}+{i}", kind is Source)
+        for kind, end, unit, phrase, block in (
             (Channel, "deg", "deg", "deflection of the effector", "effector_at"),
             (Channel, "command_deg", "deg", "command of the effector", "effector_asked"),
             (
                 Source,
                 "saturated",
                 "-",
-                "1 with the deflection or command at its limit of",
+                "1 if the deflection or command is at its limit, effector",
                 "effector_saturated",
             ),
         )
-        for i, name in enumerate(effector_words(names))
+        for i, name in enumerate(name_effector_signals(names))
     )
 
 
 def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Of custom states, by name and SI unit; angles are in degrees as those of the vehicle are."""
-    shown = {"rad": "deg", "rad/s": "deg/s"}
+    """Return the channels of custom states, given by name and SI unit. Angles are in degrees."""
+    display_units = {"rad": "deg", "rad/s": "deg/s"}
     return tuple(
-        Channel(f"state.{name}", shown.get(unit, unit), f"custom state {name}", f"custom_state+{i}")
+        Channel(
+            f"state.{name}",
+            display_units.get(unit, unit),
+            f"custom state {name}",
+            f"custom_state+{i}",
+        )
         for i, (name, unit) in enumerate(states)
     )
 
 
 def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
-    """Those that are recorded."""
+    """Return the recorded sources of effectors with actuators."""
     return tuple(source for source in effector_sources(names) if isinstance(source, Channel))
 
 
-def effector_words(names: Sequence[str]) -> list[str]:
-    """How channels and metrics call effectors: an axis that is one is no deflection of that axis."""
+def name_effector_signals(names: Sequence[str]) -> list[str]:
+    """Return the names of effectors in channels and metrics.
+
+    An effector named after an axis gets the suffix ``_effector``, as the axis deflection has the
+    name already.
+    """
     return [f"{name}_effector" if f"{name}_deg" in SOURCES else name for name in names]

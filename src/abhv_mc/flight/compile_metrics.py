@@ -1,4 +1,7 @@
-"""Metrics as numbers that the compiled flight follows; an expression is parsed, and never evaluated as Python."""
+"""Translation of metrics into instructions of the compiled flight.
+
+Expressions are parsed, never evaluated as Python.
+"""
 
 import ast
 import math
@@ -27,7 +30,7 @@ from abhv_mc.kernel.flight.counting import (
 from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
-_LEAN_EMPTY = {  # what the accumulator of a lean metric starts from
+_LEAN_EMPTY = {  # initial value of a lean metric's accumulator
     Statistic.MIN: math.inf,
     Statistic.MAX: -math.inf,
     **dict.fromkeys(
@@ -37,8 +40,8 @@ _LEAN_EMPTY = {  # what the accumulator of a lean metric starts from
 }
 
 
-class Known(NamedTuple):
-    """A source as expressions name it."""
+class SourceRow(NamedTuple):
+    """Row of the lane memory that holds a source, with its unit."""
 
     unit: str
     row: int  # of the lane memory
@@ -46,50 +49,59 @@ class Known(NamedTuple):
     nonnegative: bool = False
 
 
-def _find(source: Source) -> Known:
-    """Rows are in SI and radians, derived quantities in their own unit; ``effector_at+3`` is the fourth of its rows."""
-    name, _, place = source.source.partition("+")
-    as_it_stands = source.unit not in ("deg", "deg/s") or name.endswith("_deg")
-    factor = 1.0 if as_it_stands else 180.0 / math.pi
-    return Known(source.unit, find_row(name) + int(place or 0), factor, source.nonnegative)
+def _make_row(source: Source) -> SourceRow:
+    """Return the row of a source; ``effector_at+3`` is the fourth row of ``effector_at``.
+
+    Rows are in SI and radians, rows of derived quantities in the source's unit.
+    """
+    name, _, offset = source.source.partition("+")
+    is_in_unit = source.unit not in ("deg", "deg/s") or name.endswith("_deg")
+    factor = 1.0 if is_in_unit else 180.0 / math.pi
+    return SourceRow(source.unit, find_row(name) + int(offset or 0), factor, source.nonnegative)
 
 
 @cache
-def _known_sources(
+def _builtin_source_rows(
     effectors: tuple[str, ...], states: tuple[tuple[str, str], ...]
-) -> dict[str, Known]:
-    sources = *SOURCES.values(), *effector_sources(effectors), *state_channels(states)
-    return {each.name: _find(each) for each in sources}
+) -> dict[str, SourceRow]:
+    all_sources = *SOURCES.values(), *effector_sources(effectors), *state_channels(states)
+    return {source.name: _make_row(source) for source in all_sources}
 
 
-def known_sources(
+def source_rows(
     user_channels: NDArray[np.str_],
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),
-) -> dict[str, Known]:
-    """The sources of the program, of ``effectors`` with actuators and custom ``states`` (names and units).
+) -> dict[str, SourceRow]:
+    """Return the rows of all sources by name.
 
-    Behind them user channels [channel, 2], names and units.
+    They are the built-in sources, those of ``effectors`` with actuators, of custom ``states`` (names
+    and units), and the custom channels [channel, 2] (names and units).
     """
     if len(user_channels) > MAX_CHANNELS:
-        raise ValueError(f"{len(user_channels)} channels of the user's own")
-    return _known_sources(effectors, states) | {
-        name: Known(unit, CHANNEL + i, 1.0) for i, (name, unit) in enumerate(user_channels.tolist())
+        raise ValueError(
+            f"{len(user_channels)} custom channels, at most {MAX_CHANNELS} are possible"
+        )
+    return _builtin_source_rows(effectors, states) | {
+        name: SourceRow(unit, CHANNEL + i, 1.0)
+        for i, (name, unit) in enumerate(user_channels.tolist())
     }
 
 
-def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Counted:
-    """The metrics as the flight counts them. Raises Refusal for an expression that makes no sense."""
-    lean = [place for place, metric in enumerate(metrics) if _is_lean(metric, known)][:MAX_LEAN]
-    others = [place for place in range(len(metrics)) if place not in lean]
-    if len(others) > MAX_PROGRAMS:
-        raise Refusal(f"{len(others)} metrics", f"at most {MAX_PROGRAMS}")
-    rows = [known[metrics[place].of] for place in lean]
-    chosen = [metrics[place] for place in lean]
-    programs = [compile_expression(metrics[place].of, known) for place in others]
-    rest = [metrics[place] for place in others]
-    factors = np.ones(len(rest))
-    for i, (metric, program) in enumerate(zip(rest, programs, strict=True)):
+def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow]) -> Counted:
+    """Compile metrics for the flight. Raise Refusal if an expression is invalid."""
+    lean_indices = [index for index, metric in enumerate(metrics) if _is_lean(metric, sources)][
+        :MAX_LEAN
+    ]
+    program_indices = [index for index in range(len(metrics)) if index not in lean_indices]
+    if len(program_indices) > MAX_PROGRAMS:
+        raise Refusal(f"{len(program_indices)} metrics", f"at most {MAX_PROGRAMS}")
+    rows = [sources[metrics[index].of] for index in lean_indices]
+    lean_metrics = [metrics[index] for index in lean_indices]
+    programs = [compile_expression(metrics[index].of, sources) for index in program_indices]
+    program_metrics = [metrics[index] for index in program_indices]
+    factors = np.ones(len(program_metrics))
+    for i, (metric, program) in enumerate(zip(program_metrics, programs, strict=True)):
         if metric.statistic == Statistic.TRAVEL and [line[0] for line in program.code] == [
             Operation.LOAD
         ]:
@@ -99,10 +111,10 @@ def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Co
             )  # after the difference: as exact as it gets
     return Counted(
         Lean(
-            row=np.array([each.row for each in rows], np.int64),
-            factor=np.array([each.factor for each in rows], np.float64),
-            place=np.array(lean, np.int64),
-            **_fields(chosen, "statistic", "empty", "settled"),
+            row=np.array([row.row for row in rows], np.int64),
+            factor=np.array([row.factor for row in rows], np.float64),
+            place=np.array(lean_indices, np.int64),
+            **_fields(lean_metrics, "statistic", "empty", "settled"),
         ),
         Programs(
             code=np.array(
@@ -113,14 +125,14 @@ def compile_metrics(metrics: Sequence[Metric], known: Mapping[str, Known]) -> Co
             ),
             first=np.cumsum([0, *(len(program.code) for program in programs)], dtype=np.int64),
             factor=factors,
-            place=np.array(others, np.int64),
-            **_fields(rest, "statistic", "limit", "start", "end", "settled", "empty"),
+            place=np.array(program_indices, np.int64),
+            **_fields(program_metrics, "statistic", "limit", "start", "end", "settled", "empty"),
         ),
     )
 
 
 def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
-    """These fields of metrics, [metric]."""
+    """Return fields of metrics as arrays [metric]."""
     kinds = {"statistic": np.int64, "settled": np.int64}
     return {
         name: np.array([getattr(m, name) for m in metrics], kinds.get(name, np.float64))
@@ -128,31 +140,31 @@ def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
     }
 
 
-def _is_lean(metric: Metric, known: Mapping[str, Known]) -> bool:
-    """Whether a metric of the program's is one row over the whole flight, which one accumulator counts as well."""
+def _is_lean(metric: Metric, sources: Mapping[str, SourceRow]) -> bool:
+    """Return whether one accumulator of one row computes a metric: built-in, over the whole flight."""
     if (
         metric.group == "user"
-        or metric.of not in known
+        or metric.of not in sources
         or metric.start > 0.0
         or metric.end < math.inf
     ):
         return False
-    nonnegative = known[metric.of].nonnegative
+    nonnegative = sources[metric.of].nonnegative
     if metric.statistic == Statistic.TIME_OUTSIDE and not (nonnegative and metric.limit == 0.0):
         return False
-    same = metric.empty == _LEAN_EMPTY.get(metric.statistic)
+    starts_alike = metric.empty == _LEAN_EMPTY.get(metric.statistic)
     grows = metric.statistic == Statistic.MAX and metric.empty == 0.0 and nonnegative
-    return (same and not (metric.settled and metric.statistic != Statistic.MAX_ABS)) or (
+    return (starts_alike and not (metric.settled and metric.statistic != Statistic.MAX_ABS)) or (
         grows and not metric.settled
     )
 
 
-def compile_expression(text: str, known: Mapping[str, Known]) -> "Expression":
-    """The program of an expression. Raises Refusal."""
-    made = Expression(known, text.strip())
+def compile_expression(text: str, sources: Mapping[str, SourceRow]) -> "Expression":
+    """Compile an expression. Raise Refusal if it is invalid."""
+    expression = Expression(sources, text.strip())
     try:
-        body = ast.parse(made.text, mode="eval").body
-        made.add(body, 0)
+        body = ast.parse(expression.text, mode="eval").body
+        expression.add(body, 0)
     except (
         SyntaxError,
         RecursionError,
@@ -160,24 +172,24 @@ def compile_expression(text: str, known: Mapping[str, Known]) -> "Expression":
         OverflowError,
     ):  # the last three: deep nesting, long numbers
         raise Refusal(describe(text), "a channel or an expression of channels") from None
-    single = isinstance(body, ast.Name) and known[body.id].nonnegative
-    size = (
+    is_nonnegative_source = isinstance(body, ast.Name) and sources[body.id].nonnegative
+    is_magnitude = (
         isinstance(body, ast.Call)
         and isinstance(body.func, ast.Name)
         and body.func.id in ("abs", "sqrt")
     )
-    made.nonnegative = single or size
-    return made
+    expression.nonnegative = is_nonnegative_source or is_magnitude
+    return expression
 
 
 class Expression:
-    """Instructions for one expression."""
+    """Instructions that evaluate one expression."""
 
-    def __init__(self, known: Mapping[str, Known], text: str) -> None:
-        self.known, self.text = known, text
+    def __init__(self, sources: Mapping[str, SourceRow], text: str) -> None:
+        self.sources, self.text = sources, text
         self.code: list[tuple[int, int, int, int]] = []
         self.constant: list[float] = []
-        self.nonnegative = False  # whether it is never below zero
+        self.nonnegative = False  # whether it is never negative
 
     def _emit(
         self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0
@@ -186,7 +198,10 @@ class Expression:
         self.constant.append(constant)
 
     def add(self, node: ast.expr, register: int) -> None:
-        """The value of a node into a register; those above it are free. Raises Refusal."""
+        """Emit code that puts a node's value into a register, using only the registers above it.
+
+        Raise Refusal if the node is not allowed.
+        """
         if register >= MAX_REGISTERS:
             raise Refusal(
                 "an expression that is nested too deeply", f"at most {MAX_REGISTERS} values at once"
@@ -194,16 +209,19 @@ class Expression:
         match node:
             case ast.Name() | ast.Attribute(value=ast.Name()):  # a custom state is state.NAME
                 name = ast.unparse(node)
-                if name not in self.known:
-                    raise Refusal(f"unknown channel '{name}'", one_of(self.known, name))
+                if name not in self.sources:
+                    raise Refusal(f"unknown channel '{name}'", one_of(self.sources, name))
                 self._emit(
-                    Operation.LOAD, register, self.known[name].row, constant=self.known[name].factor
+                    Operation.LOAD,
+                    register,
+                    self.sources[name].row,
+                    constant=self.sources[name].factor,
                 )
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-                written = str(ast.get_source_segment(self.text, node))
-                if not (re.fullmatch(NUMBER, written) and math.isfinite(value)):
+                literal = str(ast.get_source_segment(self.text, node))
+                if not (re.fullmatch(NUMBER, literal) and math.isfinite(value)):
                     raise Refusal(
-                        f"number {describe(written)}", "a plain decimal one, such as 0.5 or 1e3"
+                        f"number {describe(literal)}", "a plain decimal one, such as 0.5 or 1e3"
                     )
                 self._emit(Operation.CONSTANT, register, constant=float(value))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
@@ -217,11 +235,11 @@ class Expression:
                 self.add(right, register + 1)
                 self._emit(_OPERATORS[type(operator)], register, register, register + 1)
             case ast.Call(
-                func=ast.Name(id=("min" | "max") as name), args=[head, *others], keywords=[]
-            ) if others:
+                func=ast.Name(id=("min" | "max") as name), args=[head, *remaining], keywords=[]
+            ) if remaining:
                 self.add(head, register)
-                for other in others:
-                    self.add(other, register + 1)
+                for argument in remaining:
+                    self.add(argument, register + 1)
                     operation = Operation.MINIMUM if name == "min" else Operation.MAXIMUM
                     self._emit(operation, register, register, register + 1)
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
@@ -230,12 +248,12 @@ class Expression:
                 angle = (
                     name in ("sin", "cos")
                     and isinstance(argument, ast.Name)
-                    and self.known.get(argument.id)
+                    and self.sources.get(argument.id)
                 )
                 if angle and angle.unit == "deg":
-                    found = f"{name}({ast.unparse(argument)}), which is in degrees"
+                    actual = f"{name}({ast.unparse(argument)}), which is in degrees"
                     raise Refusal(
-                        found, f"radians: {name}({ast.unparse(argument)} * 0.017453292519943295)"
+                        actual, f"radians: {name}({ast.unparse(argument)} * 0.017453292519943295)"
                     )
                 self.add(argument, register)
                 self._emit(FUNCTIONS[name], register, register, register)

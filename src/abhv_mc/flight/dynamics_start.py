@@ -1,4 +1,4 @@
-"""The start of custom dynamics: states whose rates are zero at the trim, solved together with it."""
+"""Initial equilibrium of custom dynamics, solved together with the trim."""
 
 import math
 from collections.abc import Callable
@@ -39,9 +39,10 @@ _NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| times step
 def start_custom(
     mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
 ) -> tuple[TrimPoint, Floats, list[str]]:
-    """The trim with the static deflection, the custom states at the start, and warnings about the step.
+    """Return the trim with static deflection, the initial custom states and warnings about the step.
 
-    ``rigid`` is that of the rigid vehicle; ``make_state`` makes the state of a trim. Raises InputError.
+    ``rigid`` is the trim of the rigid vehicle; ``make_state`` returns the state of a trim. Raise
+    InputError if there is no equilibrium or the step is too long.
     """
     code = find_code(vehicle)
     if code is None or code.dynamics is None:
@@ -51,28 +52,33 @@ def start_custom(
     weight = vehicle.constants.mass_start * GRAVITY
     scale = weight * np.array([1.0, 1.0, vehicle.constants.chord])
 
-    def left(push: Floats) -> Floats:
+    def residual(push: Floats) -> Floats:
         states[:] = _solve_states(code, point, states, push)
         return np.asarray(point.evaluate(states, push)[1] - push)
 
-    # What the states push with depends little on the trim, so that Broyden's method is done in a few trims.
-    value, J = left(push), -np.eye(3)
+    # The force of the states depends little on the trim, so Broyden's method needs few trims.
+    value, J = residual(push), -np.eye(3)
     for _ in range(_ITERATIONS):
         if (np.abs(value) <= _CONVERGED * scale).all():
             break
         step = -np.linalg.solve(J, value)
         push = push + step
-        later = left(push)
-        size = step / scale
-        J += np.outer(later - value - J @ step, size / scale) / (size @ size)
-        value = later
+        next_value = residual(push)
+        scaled_step = step / scale
+        J += np.outer(next_value - value - J @ step, scaled_step / scale) / (
+            scaled_step @ scaled_step
+        )
+        value = next_value
     else:
         raise _no_equilibrium(code, "states that find no equilibrium with the trim")
     return point.trim(push), states, _check_step(code, point, states, push, step_length)
 
 
 def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
-    """The states with zero rates at the trim with ``push``, from ``states`` on. Raises InputError."""
+    """Solve for states with zero rates at the trim with ``push``, starting from ``states``.
+
+    Raise InputError if there are none.
+    """
     free, x = np.array([state.start is None for state in code.states]), states.copy()
     if not free.any():
         _check_finite(code, point, x, push)
@@ -93,9 +99,9 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
     raise _no_equilibrium(code, "states that find no equilibrium at the start of the mission")
 
 
-def _no_equilibrium(code: VehicleCode, found: str) -> InputError:
-    wish = "'start:' in the vehicle file for those that have none"
-    return InputError(_file_of(code), found, wish, function_line(code))
+def _no_equilibrium(code: VehicleCode, problem: str) -> InputError:
+    expected = "'start:' in the vehicle file for those that have none"
+    return InputError(_file_of(code), problem, expected, function_line(code))
 
 
 def _file_of(code: VehicleCode) -> str:
@@ -103,26 +109,26 @@ def _file_of(code: VehicleCode) -> str:
 
 
 def _slopes(
-    function: Callable[[Floats], Floats], at: Floats, unknown: Mask, steps: Floats
+    function: Callable[[Floats], Floats], x: Floats, unknown: Mask, steps: Floats
 ) -> Floats:
-    """Slopes [value, unknown] by central differences."""
+    """Return the slopes [value, unknown] by central differences."""
     columns = []
     for i, step in zip(np.flatnonzero(unknown), steps, strict=True):
-        ends = [at.copy(), at.copy()]
+        ends = [x.copy(), x.copy()]
         ends[0][i] += step
         ends[1][i] -= step
         columns.append((function(ends[0]) - function(ends[1])) / (2.0 * step))
     return np.stack(columns, axis=1)
 
 
-def _check_equilibrium(code: VehicleCode, J: Floats, places: Ints) -> None:
-    """Raise InputError, which names the state, if the slopes leave one undetermined."""
+def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
+    """Raise InputError with the state's name if the slopes leave a state undetermined."""
     sizes = np.abs(J).max(axis=1, keepdims=True)
     scaled = J / np.where(sizes > 0.0, sizes, 1.0)
     _, singular, rows = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).clip(1e-300))
     if singular[-1] > _SINGULAR * singular[0]:
         return
-    state = code.states[int(places[np.abs(rows[-1]).argmax()])]
+    state = code.states[int(free_states[np.abs(rows[-1]).argmax()])]
     raise InputError(
         _file_of(code),
         f"the state '{state.name}', which has no equilibrium at the start of the mission",
@@ -132,39 +138,47 @@ def _check_equilibrium(code: VehicleCode, J: Floats, places: Ints) -> None:
 
 
 def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> None:
-    """Raise InputError for a rate, force or moment that is not a number at the start."""
-    rates, made = point.evaluate(states, push)
-    if np.isfinite(rates).all() and np.isfinite(made).all():
+    """Raise InputError if a rate, force or moment is not finite at the start."""
+    rates, wrench = point.evaluate(states, push)
+    if np.isfinite(rates).all() and np.isfinite(wrench).all():
         return
-    wrong = [state.name for state, rate in zip(code.states, rates, strict=True) if rate - rate != 0]
-    found = f"a rate of '{wrong[0]}'" if wrong else "a force or moment"
-    words = f"{found} that is not finite at the start"
-    raise InputError(_file_of(code), words, "finite numbers", function_line(code))
+    bad_states = [
+        state.name for state, rate in zip(code.states, rates, strict=True) if rate - rate != 0
+    ]
+    quantity = f"a rate of '{bad_states[0]}'" if bad_states else "a force or moment"
+    problem = f"{quantity} that is not finite at the start"
+    raise InputError(_file_of(code), problem, "finite numbers", function_line(code))
 
 
 def _check_step(
     code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats, step: float
 ) -> list[str]:
-    """Warnings for eigenvalues that the integrator's step hardly follows. Raise InputError beyond its stability."""
+    """Return warnings about eigenvalues that the integrator's step hardly resolves.
+
+    Raise InputError if the step is unstable.
+    """
     steps = _STEP * np.maximum(np.abs(states), _SMALLEST)
     free = np.ones(len(states), bool)
     J = _slopes(lambda x: point.evaluate(x, push)[0], states, free, steps)
     fastest = float(np.abs(np.linalg.eigvals(J)).max())
-    words = f"an eigenvalue of {fastest:.3g} rad/s at a step of {1e3 * step:g} ms"
-    longest = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
+    phrase = f"an eigenvalue of {fastest:.3g} rad/s at a step of {1e3 * step:g} ms"
+    longest_step = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
     if fastest * step > _REJECTED:
-        expected = f"'step:' in the mission of at most {longest}"
-        found = f"custom dynamics with {words}"
-        raise InputError(_file_of(code), found, expected, function_line(code))
+        expected = f"'step:' in the mission of at most {longest_step}"
+        problem = f"custom dynamics with {phrase}"
+        raise InputError(_file_of(code), problem, expected, function_line(code))
     if fastest * step <= _NOTED:
         return []
     return [
-        f"the custom dynamics have {words}, which adds damping: a step of at most {longest} follows them"
+        f"the custom dynamics have {phrase}, which adds damping: a step of at most {longest_step} follows them"
     ]
 
 
 class _StartPoint:
-    """The user's function at the start of a mission, given the states and what they push with."""
+    """Custom dynamics at the start of a mission, as a function of the states and their force.
+
+    ``push`` is the force along body x and z and the moment about y that the states exert.
+    """
 
     def __init__(
         self, mission: Mission, vehicle: Vehicle, code: VehicleCode, make_state: MakeState
@@ -175,29 +189,29 @@ class _StartPoint:
         self.trims: dict[bytes, TrimPoint] = {}
 
     def trim(self, push: Floats) -> TrimPoint:
-        """The trim of the vehicle that is pushed so."""
+        """Return the trim of the vehicle with the force and moment ``push``."""
         if push.tobytes() not in self.trims:
             x, z, moment = push.tolist()
             self.trims[push.tobytes()] = make_start_trim(self.mission, self.vehicle, (x, z, moment))
         return self.trims[push.tobytes()]
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
-        """Rates of the states, and the push along body x and z and about y, at the trim with ``push``."""
+        """Return the rates of the states and the resulting push, at the trim with ``push``."""
         trim, start = self.trim(push), self.mission.start
         x, alpha, mass = (
             self.make_state(trim),
             trim.angle_of_attack,
             self.vehicle.constants.mass_start,
         )
-        around = gravity_ned(
+        local_gravity = gravity_ned(
             self.mission.make_earth(),
             start.altitude,
             math.sin(start.latitude),
             math.cos(start.latitude),
         )
         q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
-        gravity = rotate_meridional(q0, q1, q2, q3, around[0], around[1])
-        # Of all forces but the push: what the trim needs without it.
+        gravity = rotate_meridional(q0, q1, q2, q3, local_gravity[0], local_gravity[1])
+        # Forces that the trim needs in addition to the push.
         force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
         force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
         variables = make_variables(
@@ -226,5 +240,5 @@ class _StartPoint:
         settings = self.vehicle.foreign.settings
         Z[s.SETTING : s.SETTING + settings.size] = settings[:, None]
         call_loop(self.loop, Z, settings)
-        made = Z[[s.CUSTOM_FORCE, s.CUSTOM_FORCE + 2, s.CUSTOM_MOMENT + 1], 0]
-        return Z[s.CUSTOM_RATE : s.CUSTOM_RATE + self.states, 0].copy(), made
+        custom_wrench = Z[[s.CUSTOM_FORCE, s.CUSTOM_FORCE + 2, s.CUSTOM_MOMENT + 1], 0]
+        return Z[s.CUSTOM_RATE : s.CUSTOM_RATE + self.states, 0].copy(), custom_wrench

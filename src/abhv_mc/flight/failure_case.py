@@ -1,4 +1,4 @@
-"""What failed in a flight, in words: the case that verdicts and envelopes are shown for."""
+"""Failure cases: the failures of each flight, by which verdicts and envelopes are grouped."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ _ENGINE = "failure.engine"  # begins the names of an engine's failure
 _KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
 
 
-def failure_words(name: str) -> str:
-    """'elevator stuck' for the parameter 'failure.elevator.stuck_time'."""
+def describe_failure(name: str) -> str:
+    """Return a phrase such as 'elevator stuck' for 'failure.elevator.stuck_time'."""
     parts = name.split(".")
     what = parts[-2].replace("_", " ")
     if parts[1] == "sensor":
@@ -25,10 +25,11 @@ def failure_words(name: str) -> str:
 def failure_cases(
     names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats
 ) -> list[str]:
-    """The case of each flight: every failure before the mission's end (s, [flight]), joined by ' + ', or ``none``.
+    """Return the case of each flight: its failures before the mission's end joined by ' + ', or ``none``.
 
-    A failure that was to come after the flight was lost counts too, so that all controllers have the same flights in
-    each case. An engine that failed, for ``engine_failed`` s, at no drawn time did so by the vehicle's own condition.
+    ``end_time`` is in s, [flight]. A failure drawn for a time after an early termination counts too,
+    so that all controllers have the same flights in each case. An engine that failed for
+    ``engine_failed`` s without a drawn failure failed by the vehicle's unstart condition.
     """
     cases: dict[int, list[str]] = {}
     timed = np.zeros(len(end_time), dtype=np.bool_)
@@ -37,7 +38,7 @@ def failure_cases(
             came = samples[:, i] < end_time
             timed |= came if name.startswith(_ENGINE) else False
             for flight in np.flatnonzero(came).tolist():
-                cases.setdefault(flight, []).append(failure_words(name))
+                cases.setdefault(flight, []).append(describe_failure(name))
     for flight in np.flatnonzero((engine_failed > 0.0) & ~timed).tolist():
         cases.setdefault(flight, []).append(UNSTART)
     return [
@@ -47,6 +48,6 @@ def failure_cases(
 
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:
-    """Time of the first drawn failure of each flight, s; infinite without one."""
+    """Return the time of each flight's first drawn failure, s; infinite without one."""
     columns = [i for i, name in enumerate(names) if name in FAILURE_TIMES]
     return samples[:, columns].min(axis=1, initial=np.inf)

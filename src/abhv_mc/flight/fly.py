@@ -1,4 +1,4 @@
-"""Fly a plan under many dispersions: the one place where Python enters the compiled flight."""
+"""Simulation of a plan's flights: the only module that calls the compiled flight."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
-from abhv_mc.flight.arguments import Kept, make_kernel_plan, make_results
-from abhv_mc.flight.lost import fly_in_child, open_memory
+from abhv_mc.flight.arguments import SavedFlights, make_kernel_plan, make_results
+from abhv_mc.flight.child_flights import fly_in_child, open_memory
 from abhv_mc.flight.plan import (
     NOT_LEAN,
     FlightBlock,
     FlightPlan,
     Recording,
     join_blocks,
-    recording_of,
+    make_recording,
 )
-from abhv_mc.flight.user_law import must_fly_elsewhere, open_law
+from abhv_mc.flight.user_law import must_run_in_child, open_law
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
@@ -28,8 +28,8 @@ from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
-_SAMPLED = 512  # flights at once where quantiles keep every tick: 25 MB each in a minute
-_LONGEST = 600.0  # s that flights of native code may take up to where they are kept
+_SAMPLED = 512  # flights per call if quantiles store every tick: 25 MB each in a minute
+_LONGEST = 600.0  # s that fly_until may take with native code
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
@@ -37,18 +37,18 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """The compiled flight that serves: the full one where the cache has it."""
+    """Return the compiled flight to use; for a lean plan the full one if it is cached."""
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_kept(full) else full
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
-    """Undispersed parameters, ``[flight, parameter]``."""
+    """Return undispersed parameters ``[flight, parameter]``."""
     return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
 
 
 def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -> FlightBlock:
-    """Filled results as what :func:`fly` returns."""
+    """Convert results of the kernel to a block of flights."""
     tick = plan.timing.tick
     end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
     times = np.asarray(
@@ -69,16 +69,17 @@ def fly(
     record_every: Recording | int | None = None,
     lanes: int = LANES,
     keep_states: bool = False,
-    start: Kept | None = None,
+    start: SavedFlights | None = None,
 ) -> FlightBlock:
-    """Fly every row of ``parameters`` [flight, parameter] (order of PARAMETERS); threads may call it side by side.
+    """Simulate one flight per row of ``parameters`` [flight, parameter], in the order of PARAMETERS.
 
-    ``record_every``: what is recorded, or control ticks between samples of every channel; ``keep_states`` adds the
-    whole state. A flight depends on its row and the plan alone, not on ``lanes`` or other rows. ``start``: flights of
-    ``fly_until`` that go on, with NaN before it. Raises ValueError for an array of the wrong type or shape.
+    ``record_every`` is a Recording, or the number of control ticks between samples of all channels;
+    ``keep_states`` records the full state too. A flight depends only on its row and the plan, not
+    on ``lanes`` or other rows. With ``start``, flights of ``fly_until`` continue; histories are NaN
+    before it. Thread-safe. Raise ValueError if an array has the wrong type or shape.
     """
-    recording = recording_of(record_every, plan)
-    if must_fly_elsewhere(plan):
+    recording = make_recording(record_every, plan)
+    if must_run_in_child(plan):
         return fly_in_child(
             fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
         )
@@ -94,16 +95,18 @@ def fly(
     return make_block(plan, results, recording)
 
 
-def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | None = None) -> Kept:
-    """Fly up to a control tick, from ``start`` where it is given, and keep what the kernel knows of each flight.
+def fly_until(
+    plan: FlightPlan, parameters: Floats, tick: int, start: SavedFlights | None = None
+) -> SavedFlights:
+    """Simulate up to a control tick, from ``start`` if given, and return the memory of each flight.
 
-    Of a flight that ended before, nothing is promised but that its lane is no longer alive. Raises InputError for a law
-    in plain Python whose memory is no named tuple of numbers.
+    The memory of a flight that ended before is undefined, except that its lane is not alive. Raise
+    InputError for a law in plain Python whose memory is not a named tuple of numbers.
     """
-    if must_fly_elsewhere(plan):
+    if must_run_in_child(plan):
         return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
-    results = make_results(shorter, len(parameters), Recording(0), False, keep=True)
+    results = make_results(shorter, len(parameters), Recording(0), False, save_memory=True)
     fly_in_memory(
         shorter,
         parameters,
@@ -113,7 +116,7 @@ def fly_until(plan: FlightPlan, parameters: Floats, tick: int, start: Kept | Non
         start=start,
         memory_in_rows=True,
     )
-    return Kept(tick, results.kept)
+    return SavedFlights(tick, results.kept)
 
 
 def fly_in_memory(
@@ -123,15 +126,20 @@ def fly_in_memory(
     recording: Recording,
     memory: Memory,
     *,
-    start: Kept | None = None,
+    start: SavedFlights | None = None,
     memory_in_rows: bool = False,
 ) -> None:
-    """Fill the results. Raises ValueError, see :mod:`abhv_mc.flight.arguments`; ``memory_in_rows``: of a user law."""
+    """Fill the results. Raise ValueError if an array does not conform, see ``flight.arguments``.
+
+    ``memory_in_rows`` puts the memory of a custom law into the lane memory.
+    """
     if plan.lean and not np.array_equal(
         parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
         nominal_parameters(len(parameters))[:, _NOT_LEAN],
     ):
-        raise ValueError("parameters of a lean flight disperse what it does not know")
+        raise ValueError(
+            "the parameters disperse a quantity that the plan's lean flight leaves out"
+        )
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None
@@ -144,35 +152,37 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Fill in metrics that are quantiles over the ticks that counted (numpy's ``linear``), where there are any."""
+    """Fill in the metrics that are quantiles over the counted ticks (method ``linear`` of numpy)."""
     quantiles = [
         (i, metric.limit)
         for i, metric in enumerate(plan.metrics)
         if metric.statistic == Statistic.QUANTILE
     ]
-    for (place, share), samples in zip(quantiles, results.samples, strict=True):
-        values = results.metrics[:, place]
+    for (metric_index, share), samples in zip(quantiles, results.samples, strict=True):
+        values = results.metrics[:, metric_index]
         for flight in np.flatnonzero(np.isfinite(values)):
-            seen = samples[flight][~np.isnan(samples[flight])]
-            if seen.size:
-                values[flight] = np.quantile(seen, share) if complete else np.nan
+            counted = samples[flight][~np.isnan(samples[flight])]
+            if counted.size:
+                values[flight] = np.quantile(counted, share) if complete else np.nan
 
 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
-    """Extremes ``[sample, channel]`` from the sample before to the one after each; NaN where nobody flew, and -0 is 0.
+    """Return extremes ``[sample, channel]`` from the sample before to the sample after each sample.
 
-    low, high: of each bin, the first above the second where there was no value; history: [flight, sample, channel].
+    They are NaN if no flight was simulated there; -0 becomes 0. ``low`` and ``high`` are those of the
+    bins between samples, low above high in a bin without a value; ``history`` is
+    [flight, sample, channel].
     """
-    seen = low <= high
-    return _join(np.where(seen, low, np.nan), history, np.fmin), _join(
-        np.where(seen, high, np.nan), history, np.fmax
+    has_value = low <= high
+    return _join(np.where(has_value, low, np.nan), history, np.fmin), _join(
+        np.where(has_value, high, np.nan), history, np.fmax
     )
 
 
 def _join(bins: Floats, history: Singles, extreme: np.ufunc) -> Singles:
-    after = bins.astype(np.float32)
-    found = after.copy()
+    following = bins.astype(np.float32)
+    joined = following.copy()
     if len(history):
-        found[:-1] = extreme(after[:-1], extreme.reduce(history[:, 1:], axis=0))
-    found[1:] = extreme(found[1:], after[:-1])
-    return np.asarray(found + np.float32(0.0), np.float32)
+        joined[:-1] = extreme(following[:-1], extreme.reduce(history[:, 1:], axis=0))
+    joined[1:] = extreme(joined[1:], following[:-1])
+    return np.asarray(joined + np.float32(0.0), np.float32)

@@ -1,6 +1,7 @@
-"""The table of metrics, in array order: what each is called, what is bad, how it is counted.
+"""Table of metrics in array order: names, units, definitions and which values are bad.
 
-Metrics that a campaign declares are records of the same kind, and so are stability margins of the linearized loop.
+Metrics that a campaign declares and stability margins of the linearized loop are records of the
+same type.
 """
 
 import math
@@ -12,109 +13,108 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.flight.channels import SURFACES, SWINGS, Signal, effector_words
+from abhv_mc.flight.channels import SURFACES, SWINGS, Signal, name_effector_signals
 from abhv_mc.kernel.flight.counting import Statistic
 
-Bad = Literal["high", "low", "size"]  # large values, small values, large absolute values
+Bad = Literal["high", "low", "size"]  # large, small or large absolute values are bad
 Group = Literal["tracking", "usage", "loads", "stability", "user"]
 
 
 NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
-# Ends of names by unit, where they are not the unit's own letters.
+# Ends of names by unit, if they differ from the letters of the unit.
 _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 
 @dataclass(frozen=True)
 class Metric(Signal):
-    """One number of a flight: what a reader is told of it, and how it is counted."""
+    """One number of a flight: its names and description, and how it is counted."""
 
-    label: str  # words without the unit
+    label: str  # without the unit
     bad: Bad
     group: Group
     of: str  # a source, or an expression of sources; "" for a margin
     statistic: Statistic
-    limit: float = 0.0  # of a quantile the share
-    start: float = 0.0  # s, of its window
-    end: float = math.inf  # s
-    settled: bool = False  # whether 5 s after each step of the reference are left out
-    empty: float = math.nan  # value where no tick of the window was flown
+    limit: float = 0.0  # limit of the statistic; for a quantile its probability
+    start: float = 0.0  # s, start of its window
+    end: float = math.inf  # s, end of its window
+    settled: bool = False  # whether 5 s after each step of the reference are excluded
+    empty: float = math.nan  # value if a flight ended before the window
     never_negative: bool = False
-    leads: bool = False  # whether it stands first in a report where the campaign requires nothing
-    customary: float = 0.0  # least that is customary of a margin
+    leads: bool = False  # whether a report without requirements lists it first
+    customary: float = 0.0  # customary lower limit of a margin
     plateaus: tuple[float, ...] = ()  # values that many flights share
-    finding: Literal["", "saturates", "cycles", "leaves_tables"] = (
-        ""  # what a report says of flights with much of it
-    )
-    band: Bounds | None = None  # where a campaign requires it on both sides
+    # Finding that a report states for flights with a large value.
+    finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""
+    band: Bounds | None = None  # two-sided requirement of a campaign
 
     @property
     def label_with_unit(self) -> str:
-        """For axes and table heads."""
+        """Label with the unit, for axes and table heads."""
         return self.label if self.unit == "-" else f"{self.label} ({self.unit})"
 
     def with_unit(self, value: str) -> str:
-        """A value in print, with its unit."""
+        """Return a formatted value with the unit appended."""
         return value if self.unit == "-" else f"{value}\N{NO-BREAK SPACE}{self.unit}"
 
     @property
     def phrase(self) -> str:
-        """The label within a sentence: 'rms angle of attack error'."""
-        head, *others = self.label.split(", ")
+        """Label in the form used within a sentence, such as 'rms angle of attack error'."""
+        head, *qualifiers = self.label.split(", ")
         head = head if head[1:2].isupper() else head[:1].lower() + head[1:]
-        return " ".join([*reversed(others), head])
+        return " ".join([*reversed(qualifiers), head])
 
     @property
     def counted(self) -> str:
-        """How it is counted, in words: 'max_abs of bank_error_deg, settled stretches only'."""
+        """Definition as text, such as 'max_abs of bank_error_deg, settled stretches only'."""
         if not self.of:
             return "of the linearized loops"
-        words = f"{self.statistic.word} of {self.of}"
-        words += f", limit {self.limit:g}" if self.statistic in TAKES_LIMIT else ""
-        words += f", share {self.limit:g}" if self.statistic == Statistic.QUANTILE else ""
-        words += f", from {self.start:g} s" if self.start else ""
-        words += f", to {self.end:g} s" if self.end < math.inf else ""
-        return f"{words}, settled stretches only" if self.settled else words
+        text = f"{self.statistic.word} of {self.of}"
+        text += f", limit {self.limit:g}" if self.statistic in TAKES_LIMIT else ""
+        text += f", share {self.limit:g}" if self.statistic == Statistic.QUANTILE else ""
+        text += f", from {self.start:g} s" if self.start else ""
+        text += f", to {self.end:g} s" if self.end < math.inf else ""
+        return f"{text}, settled stretches only" if self.settled else text
 
-    def as_words(self) -> dict[str, str]:
-        """What a report says of it."""
+    def as_texts(self) -> dict[str, str]:
+        """Return the names and descriptions that a report shows."""
         keys = ("label", "label_with_unit", "phrase", "unit", "doc", "group", "bad")
         return {key: getattr(self, key) for key in keys}
 
     def as_entry(self) -> dict[str, Any]:
-        """The record with the keys by which a campaign declares a metric."""
-        words = {
+        """Return the record with the keys that declare a metric in a campaign file."""
+        entry = {
             key: getattr(self, key)
             for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
         }
-        words |= {
+        entry |= {
             "statistic": self.statistic.word,
             "limit": self.limit if self.statistic in TAKES_LIMIT else None,
         }
-        words["share"] = self.limit if self.statistic == Statistic.QUANTILE else None
-        return words | {"from": self.start, "to": self.end if self.end < math.inf else None}
+        entry["share"] = self.limit if self.statistic == Statistic.QUANTILE else None
+        return entry | {"from": self.start, "to": self.end if self.end < math.inf else None}
 
 
 def name_end(unit: str) -> str:
-    """What names of this unit end with, after an underscore: 'mps', 'j_m2'; '' for none."""
+    """Return the suffix of names of a unit, without underscore: 'mps', 'j_m2'; '' if it has none."""
     return _ENDS.get(unit, unit.lower().replace("/", "_").replace(" ", "_"))
 
 
 def label_of(name: str, unit: str) -> str:
-    """Words for a declared metric: its name without its unit."""
-    words = name.removesuffix(f"_{name_end(unit)}") if name_end(unit) else name
-    words = words.replace("_", " ")
-    return words[0].upper() + words[1:]
+    """Return the label of a declared metric: its name without the unit."""
+    label = name.removesuffix(f"_{name_end(unit)}") if name_end(unit) else name
+    label = label.replace("_", " ")
+    return label[0].upper() + label[1:]
 
 
 def default_bad(statistic: Statistic) -> Bad:
-    """What is bad of a metric that does not say it: small values of a smallest one, large ones of all others."""
+    """Return which values are bad by default: low values of a minimum, otherwise high values."""
     return "low" if statistic == Statistic.MIN else "high"
 
 
 def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:
-    """Whether no flight has a value below zero, of a quantity that itself is never negative or may be."""
+    """Return whether a statistic is never negative; ``nonnegative`` states it of the quantity."""
     return statistic in _SIZES or nonnegative
 
 
@@ -129,9 +129,9 @@ def _count(
     statistic: Statistic,
     nonnegative: bool = False,
     bad: Bad | None = None,
-    **others: Any,
+    **fields: Any,
 ) -> Metric:
-    """What is bad of a metric, and what it is where nothing was flown, follow from how it is counted."""
+    """Make a metric; by default the statistic determines which values are bad and the empty value."""
     never = is_never_negative(statistic, nonnegative)
     empty = (
         {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0)
@@ -150,16 +150,16 @@ def _count(
         statistic,
         empty=empty,
         never_negative=never,
-        **others,
+        **fields,
     )
 
 
 def _error(
-    name: str, unit: str, words: str, label: str, of: str, *, leads: str = ""
+    name: str, unit: str, quantity: str, label: str, of: str, *, leads: str = ""
 ) -> tuple[Metric, ...]:
     end = name_end(unit)
     return tuple(
-        _count(f"{name}_{kind}_{end}", unit, f"{words}, {doc}", f"{label}, {kind}", "tracking", of=of,
+        _count(f"{name}_{kind}_{end}", unit, f"{quantity}, {doc}", f"{label}, {kind}", "tracking", of=of,
                statistic=statistic, leads=kind == leads)
         for kind, doc, statistic in (
             ("rms", "rms over the control ticks", Statistic.RMS),
@@ -169,7 +169,7 @@ def _error(
 
 
 def _settled(name: str, label: str) -> Metric:
-    doc = "the same, largest, leaving out 5 s after each step of the reference"
+    doc = "largest absolute value, excluding 5 s after each step of the reference"
     label, of = f"{label}, settled, max", f"{name}_deg"
     return _count(
         f"{name}_settled_max_deg",
@@ -225,16 +225,16 @@ METRICS: tuple[Metric, ...] = (
     _count("surface_saturation_s", "s", "time with a surface at its deflection limit", "Surface saturation", "usage",
            of="surface_saturated", statistic=Statistic.TIME_OUTSIDE, finding="saturates"),
     *(
-        _count(f"{name}_ripple_deg", "deg", f"largest cycle of the {words} in settled stretches, from side to side",
+        _count(f"{name}_ripple_deg", "deg", f"largest cycle of the {phrase} in settled stretches, from side to side",
                f"{label_of(name, '-')} ripple", "tracking", of=f"{name}_ripple_deg", statistic=Statistic.MAX,
                nonnegative=True, finding="cycles")
-        for name, words in SWINGS.items()
+        for name, phrase in SWINGS.items()
     ),
     *(
-        _count(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {words}, zero without one",
+        _count(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {phrase}, zero without one",
                f"{label_of(name, '-')} cycle frequency", "tracking", of=f"{name}_cycle_hz", statistic=Statistic.FINAL,
                nonnegative=True)
-        for name, words in SWINGS.items()
+        for name, phrase in SWINGS.items()
     ),
     _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed", "loads",
            of="engine_failed", statistic=Statistic.TIME_OUTSIDE),
@@ -256,7 +256,7 @@ def _margin(
                   plateaus=plateaus, customary=customary)  # fmt: skip
 
 
-# The least over loops and points; nan for flights that were not asked for.
+# The least over loops and points; NaN for flights whose margins are not computed.
 MARGINS: tuple[Metric, ...] = (
     _margin("gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points",
             "Gain margin, min", (0.0, 60.0), customary=6.0),
@@ -264,17 +264,17 @@ MARGINS: tuple[Metric, ...] = (
             (0.0, 180.0), customary=30.0),
     _margin("delay_margin_min_ms", "ms", "least delay margin over loops and points", "Delay margin, min",
             (0.0, 1000.0)),
-    _margin("disk_margin_min", "-", "least disk margin of all loops at once over the points", "Disk margin, min",
-            (0.0,)),
+    _margin("disk_margin_min", "-", "least disk margin over the points, for simultaneous perturbation of all loops",
+            "Disk margin, min", (0.0,)),
 )  # fmt: skip
 GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
-# Why there is none, which counts as a margin of zero.
+# Reasons why a point has no margin, which counts as a margin of zero.
 MARGIN_FAULTS: tuple[Signal, ...] = (
     Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
     Signal(
         "margin_points_at_limit",
         "-",
-        "points at which a command, a surface or the engine stands at a limit",
+        "points at which a command, a surface or the engine is at a limit",
     ),
 )
 MARGIN_VALUES: tuple[Signal, ...] = (*MARGINS, *MARGIN_FAULTS)
@@ -282,12 +282,12 @@ MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 
 
 def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
-    """What is counted of effectors that have actuators, as a campaign declares metrics."""
+    """Return the metrics of effectors with actuators, as a campaign declares metrics."""
     return tuple(
-        _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {words}", f"{label_of(name, '-')}{after}",
+        _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {phrase}", f"{label_of(name, '-')}{after}",
                "usage", of=f"{name}{of}", statistic=statistic)
-        for name in effector_words(list(names))
-        for end, unit, words, after, of, statistic in (
+        for name in name_effector_signals(list(names))
+        for end, unit, phrase, after, of, statistic in (
             ("rms_deg", "deg", "deflection, rms", ", rms", "_deg", Statistic.RMS),
             ("max_deg", "deg", "largest absolute deflection", ", max", "_deg", Statistic.MAX_ABS),
             ("travel_deg", "deg", "sum of the absolute changes of the deflection", " travel", "_deg", Statistic.TRAVEL),
@@ -315,7 +315,7 @@ NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 
 def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
-    """Records as text ``[metric, field]``, as plans carry those that a campaign declares."""
+    """Pack metrics that a campaign declares as text ``[metric, field]``, the form that plans store."""
     rows = [[_as_text(getattr(metric, name)) for name in _TEXT] for metric in metrics]
     return np.array(rows, dtype=np.str_) if rows else NO_METRICS
 
@@ -331,7 +331,7 @@ def _as_text(value: Any) -> str:
 
 
 def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:
-    """The records again. Raises ValueError or KeyError for rows that are none."""
+    """Restore metrics from packed text. Raise ValueError or KeyError if a row is no metric."""
     if rows.ndim != 2 or rows.shape[1] != len(_TEXT):
         raise ValueError(f"declared metrics of shape {rows.shape}")
     return tuple(_record(dict(zip(_TEXT, row, strict=True))) for row in rows.tolist())

@@ -1,4 +1,4 @@
-"""A law in native code tried before it flies, for memory of its own, and before its slopes are taken."""
+"""Checks of native control laws before a campaign: hidden memory, and settable states."""
 
 import hashlib
 from collections.abc import Callable
@@ -7,49 +7,60 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.flight.child_flights import describe_last_tick
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
-from abhv_mc.flight.lost import describe_last_tick
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import hidden_memory, plan_source
+from abhv_mc.flight.user_law import hidden_memory_error, plan_source
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
-_SLOW_TICKS = 200  # for what a memory does to a flight to grow
-_ALIKE = 1e-6  # of a flight whose states are set anew at each tick: the integrators of some FMUs then start anew
+_SLOW_TICKS = 200  # long enough for the effect of hidden memory to grow
+# Relative tolerance of a flight whose states are set at each tick: integrators of some FMUs restart.
+_ALIKE = 1e-6
 _LONGEST = 600.0  # s, compiling included
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Fly two flights apart, together and in swapped order, once for each content of the law. Raises InputError."""
+    """Simulate two flights separately, together and in swapped order; they must agree bit for bit.
+
+    Each version of the law's files is checked once. Raise InputError if they differ or the law fails.
+    """
     file = plan_source(plan).file
     try:
-        same = _try_once(_is_same, plan, _TICKS)
-    except LostError as lost:
-        words = f"{lost.words}{describe_last_tick(lost.process)}"
-        found = f"a law that does not fly the first {_TICKS} ticks of a nominal flight: {words}"
-        raise InputError(file, found, "a law that returns") from None
-    if not same:
-        found = (
+        is_independent = _try_once(_is_same, plan, _TICKS)
+    except LostError as error:
+        reason = f"{error.words}{describe_last_tick(error.process)}"
+        problem = (
+            f"a control law that fails in the first {_TICKS} ticks of a nominal flight: {reason}"
+        )
+        raise InputError(
+            file, problem, "a control law that returns a command at each tick"
+        ) from None
+    if not is_independent:
+        problem = (
             "a law that keeps memory of its own: a flight depends on those beside it or before it"
         )
         expected = (
             "all memory in the flight's state; for generated code with global structures three lines around its step: "
             "'model_DW = saved->dw; model_step(); saved->dw = model_DW;' (docs/how-to/c-law.md)"
         )
-        raise InputError(file, found, expected)
+        raise InputError(file, problem, expected)
 
 
 def check_states(plan: FlightPlan) -> None:
-    """Fly an FMU with its states set anew at each tick, and left alone. Raises InputError where that differs."""
+    """Simulate an FMU with and without setting its states at each tick.
+
+    Raise InputError if the flights differ.
+    """
     if not _try_once(_has_all_states, plan, _SLOW_TICKS):
-        raise hidden_memory(plan)
+        raise hidden_memory_error(plan)
 
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
-    """What a check of a plan's law says in the child; what was found right is noted by the law's content."""
+    """Run a check of a plan's law in the child process, once for each content that passes."""
     key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[
         :24
     ]
@@ -65,21 +76,22 @@ def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: i
 
 def _is_same(plan: FlightPlan) -> bool:
     parameters = _two_flights()
-    apart = [fly(plan, row[None], 1).history[0] for row in parameters]
+    separate = [fly(plan, row[None], 1).history[0] for row in parameters]
     together = fly(plan, parameters, 1).history
     swapped = fly(plan, parameters[::-1], 1).history[::-1]
     return all(
-        np.array_equal(each, np.stack(apart), equal_nan=True) for each in (together, swapped)
+        np.array_equal(histories, np.stack(separate), equal_nan=True)
+        for histories in (together, swapped)
     )
 
 
 def _has_all_states(plan: FlightPlan) -> bool:
     parameters = _two_flights()
-    alone = fly(plan, parameters, 1, keep_states=True).states[:, 1:]
-    anew = fly(plan, parameters, 1, keep_states=True, start=fly_until(plan, parameters, 0)).states[
-        :, 1:
-    ]
-    return np.allclose(anew, alone, rtol=_ALIKE, atol=_ALIKE, equal_nan=True)
+    unsaved = fly(plan, parameters, 1, keep_states=True).states[:, 1:]
+    restored = fly(
+        plan, parameters, 1, keep_states=True, start=fly_until(plan, parameters, 0)
+    ).states[:, 1:]
+    return np.allclose(restored, unsaved, rtol=_ALIKE, atol=_ALIKE, equal_nan=True)
 
 
 def _two_flights() -> Floats:

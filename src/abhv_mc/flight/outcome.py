@@ -1,4 +1,4 @@
-"""Every way a flight can end: a code and a sentence, and the limits that end it early."""
+"""Outcomes of flights, with code and sentence, and the limits that terminate a flight early."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
 class Outcome(IntEnum):
-    """How a flight ended; the name in lower case is the code in the files."""
+    """Outcome of a flight; the name in lower case is the code in the files."""
 
     OK = 0
     ALTITUDE_LIMIT = 1
@@ -38,13 +38,13 @@ class Outcome(IntEnum):
 
     @property
     def code(self) -> str:
-        """The word stored in the Parquet column ``outcome``."""
+        """Value in the Parquet column ``outcome``."""
         return self.name.lower()
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """The ways in which a campaign's flights may end: number, code and sentence of each."""
+    """Possible outcomes of a campaign's flights: number, code and sentence of each."""
 
     codes: Mapping[int, str]
     sentences: Mapping[str, str]
@@ -54,18 +54,22 @@ class Outcomes:
         return {code: number for number, code in self.codes.items()}
 
     def of(self, numbers: NDArray[np.int64]) -> tuple[str, ...]:
-        """The codes [flight] of numbers."""
+        """Return the codes [flight] of numbers."""
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 
 
+# They count like LAW_FAILED, but have no metrics.
 LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,
-)  # they count as a failed law does, and have no metrics
+)
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """The outcome of a flight whose process was lost with it alone, twice: the law's where that is native code."""
+    """Return the outcome of a flight that alone ended its process twice.
+
+    It is attributed to the control law if that is native code.
+    """
     if law not in ("c", "fmu"):
         return Outcome.FAILED_TO_RUN
     return Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
@@ -84,33 +88,35 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
     Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
     Outcome.FUEL_OUT: "The fuel was burnt before the end of the mission.",
-    Outcome.POLE_LIMIT: "The flight came nearer to a pole than the model can follow its longitude and heading.",
-    Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest of its reference.",
+    Outcome.POLE_LIMIT: "The flight came too close to a pole for the model's longitude and heading to be accurate.",
+    Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest reference speed.",
     Outcome.STATE_LIMIT: "A state of the vehicle's custom dynamics exceeded its limit.",
-    Outcome.LAW_FAILED: "The control law, one of the user's own, raised an exception or returned an error.",
-    Outcome.LAW_CRASHED: "The control law, one of the user's own, ended its process (a crash), twice.",
-    Outcome.LAW_HUNG: "The control law, one of the user's own, did not return in time, twice.",
+    Outcome.LAW_FAILED: "The custom control law raised an exception or returned an error.",
+    Outcome.LAW_CRASHED: "The custom control law crashed its process twice.",
+    Outcome.LAW_HUNG: "The custom control law exceeded its time limit twice.",
 }
 
 
 _OF_A_SIMULATOR = {
     Outcome.OK: "The flight reached its end.",
-    Outcome.FAILED_TO_RUN: "The flight could not be computed (a crash, the time limit, or no answer that counts).",
+    Outcome.FAILED_TO_RUN: "The flight could not be computed (crash, time limit, or invalid output).",
 }
-_FIRST_DECLARED = 100  # number of the first outcome that a user's simulator declares
+_FIRST_DECLARED = 100  # number of the first outcome that a custom simulator declares
 OUTCOMES = Outcomes(
-    {int(o): o.code for o in Outcome}, {o.code: words for o, words in SENTENCES.items()}
+    {int(o): o.code for o in Outcome}, {o.code: sentence for o, sentence in SENTENCES.items()}
 )
 
 
 def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
-    """The outcomes of a user's simulator, whose own have a code and a sentence each."""
+    """Return the outcomes of a custom simulator, which ``declared`` extends by code and sentence."""
     codes = {int(o): o.code for o in _OF_A_SIMULATOR} | dict(enumerate(declared, _FIRST_DECLARED))
-    return Outcomes(codes, {o.code: words for o, words in _OF_A_SIMULATOR.items()} | dict(declared))
+    return Outcomes(
+        codes, {o.code: sentence for o, sentence in _OF_A_SIMULATOR.items()} | dict(declared)
+    )
 
 
 class EndBounds(NamedTuple):
-    """Ranges within which the mission goes on, SI and radians; a flight that leaves one has flown it."""
+    """Ranges whose violation completes the mission, SI and radians."""
 
     altitude: tuple[float, float] = (-math.inf, math.inf)
     speed: tuple[float, float] = (-math.inf, math.inf)
@@ -121,7 +127,7 @@ class EndBounds(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Where a flight ends, SI and radians."""
+    """Limits that end a flight, SI and radians."""
 
     altitude_min: float
     altitude_max: float
@@ -136,37 +142,40 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True)
 class Limit:
-    """A flight ends with ``outcome`` where ``source`` (see :mod:`abhv_mc.flight.channels`) leaves its two bounds."""
+    """Limit that ends a flight with ``outcome`` when ``source`` leaves its two bounds.
+
+    Sources are defined in :mod:`abhv_mc.flight.channels`.
+    """
 
     outcome: Outcome
     source: str
     bounds: Callable[[Limits], tuple[float, float]]
 
 
+# Names in the lane memory, if they differ.
 _SOURCES = {
     "dynamic_pressure": "q_bar",
     "flight_path_angle": "gamma",
-}  # where the lane memory calls it so
+}
 
 
 def _end(name: str) -> Limit:
-    """A range of :class:`EndBounds`."""
+    """Return the limit for a range of :class:`EndBounds`."""
     return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
 
 
-NEAREST_POLE = math.radians(
-    89.995
-)  # latitude; 560 m from the pole Mach 10 turns 0.05 rad a step about it
+# Latitude; at Mach 10, 560 m from the pole, the longitude changes by 0.05 rad a step.
+NEAREST_POLE = math.radians(89.995)
 _RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
 _DEG = 180.0 / math.pi
 
 
 def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Limit:
-    """A limit of :class:`LoadBounds`, ``factor`` to the source's unit."""
+    """Return a limit of :class:`LoadBounds`; ``factor`` converts it to the source's unit."""
     return Limit(outcome, source, lambda limits: (-math.inf, factor * getattr(limits.loads, name)))
 
 
-# Of two limits left at the same tick the later one in this table names the outcome.
+# If two limits are exceeded at the same tick, the later one in this table gives the outcome.
 LIMITS: tuple[Limit, ...] = (
     Limit(Outcome.POLE_LIMIT, "latitude", lambda limits: (-NEAREST_POLE, NEAREST_POLE)),
     Limit(Outcome.FUEL_OUT, "fuel_left_kg", lambda limits: (limits.fuel_min, math.inf)),

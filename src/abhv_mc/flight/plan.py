@@ -1,4 +1,4 @@
-"""What one controller's flights need, as plain values: made once by the launching process."""
+"""Plan of one controller's flights as plain arrays, prepared once, and blocks of their results."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -28,27 +28,30 @@ NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 
 
 class Recording(NamedTuple):
-    """What is recorded of flights."""
+    """Time histories to record."""
 
     every: int  # control ticks between samples, 0 for none
-    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # of the plan's
-    extremes: bool = False  # over every control tick around each sample, of all flights together
+    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
+    extremes: bool = False  # of all flights, over every control tick around each sample
 
     def count_samples(self, timing: "Timing") -> int:
-        """Samples of a whole flight."""
+        """Return the number of samples of a complete flight."""
         return timing.ticks // self.every + 1 if self.every else 0
 
 
-def recording_of(asked: Recording | int | None, plan: "FlightPlan") -> Recording:
-    """What is asked for; a number stands for samples of every channel so many control ticks apart, None for nothing."""
+def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recording:
+    """Return a recording; a number is the control ticks between samples of all channels.
+
+    None records nothing.
+    """
     return (
-        asked
-        if isinstance(asked, Recording)
-        else Recording(asked or 0, tuple(range(len(plan.channels))))
+        request
+        if isinstance(request, Recording)
+        else Recording(request or 0, tuple(range(len(plan.channels))))
     )
 
 
-# Beginnings of the names of dispersions that a lean flight does not know.
+# Prefixes of dispersions that a lean flight leaves out.
 NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_")
 
 
@@ -58,24 +61,28 @@ SENSOR_TIMES = (
 )
 
 
-def find_late(parameters: Floats, tick: float) -> tuple[str, str] | None:
-    """A delay, lag or interval among ``parameters`` [flight, parameter] that no sensor has at a control period (s), and
-    what there is, in words; None where there is none."""
+def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str] | None:
+    """Return an invalid sensor delay, lag or interval and the valid range, as text, or None.
+
+    ``parameters`` is [flight, parameter], ``tick`` the control period in s.
+    """
     for name in SENSOR_TIMES:
-        most = (MAX_DELAY_TICKS + 0.5) * tick if name == "sensor.delay" else np.inf
+        limit = (MAX_DELAY_TICKS + 0.5) * tick if name == "sensor.delay" else np.inf
         values = parameters[:, PARAMETER_INDEX[name]]
-        for wrong in values[(values < 0.0) | (values > most)]:
-            known = f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
-            return f"{name} of {1e3 * wrong:g} ms", known if most < np.inf else "0 or more"
+        for value in values[(values < 0.0) | (values > limit)]:
+            delay_range = (
+                f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
+            )
+            return f"{name} of {1e3 * value:g} ms", delay_range if limit < np.inf else "0 or more"
     return None
 
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """Everything that a worker needs to fly one controller, apart from the dispersions."""
+    """Data that a worker needs to simulate one controller, except the dispersions."""
 
-    controller: str  # its name in the campaign
-    law: str  # which compiled law flies it: "tlc", "lqr", "recorded", "python", "c" or "fmu"
+    controller: str  # name in the campaign
+    law: str  # kind of control law: "tlc", "lqr", "recorded", "python", "c" or "fmu"
     vehicle: Vehicle
     trim_tables: Tables
     effectiveness: Effectiveness
@@ -84,79 +91,69 @@ class FlightPlan:
     limits: Limits
     initial_state: Floats  # [state] nominal start, see abhv_mc.kernel.plant.state
     reference: Floats  # [tick, column] see abhv_mc.kernel.laws.columns
-    gains: Floats  # [tick, gain] columns as the law names them
-    settings: Floats  # the law's constants (differentiator bandwidths, command limits)
-    profile: Floats = field(
-        default_factory=no_profile
-    )  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data
-    warnings: NDArray[np.str_] = field(
-        default_factory=lambda: np.empty(0, dtype=np.str_)
-    )  # sentences for the user
-    gain_names: NDArray[np.str_] = field(
-        default_factory=lambda: np.empty(0, dtype=np.str_)
-    )  # of a user law
-    declared: NDArray[np.str_] = field(
-        default_factory=NO_METRICS.copy
-    )  # metrics of a campaign, as pack_metrics gives
-    user_sources: NDArray[np.str_] = field(
-        default_factory=NO_SOURCES.copy
-    )  # [channel, 2] name and unit
-    period: int = (
-        0  # ticks after which a user law says that it does the same again; 0 where it does not say
-    )
-    around: str = (
-        ""  # the law of the program, "tlc" or "lqr", whose measurement a user's code filters
-    )
-    law_parameters: NDArray[np.str_] = field(
-        default_factory=lambda: np.empty(0, dtype=np.str_)
-    )  # settings of laws among the campaign's parameters, behind those of the vehicle
-    filter_settings: Floats = field(default_factory=lambda: np.empty(0))  # of that code
-    source_hash: str = ""  # of its text, "" for the laws of the program
-    channels_hash: str = ""  # of the text of user channels
-    source: UserSource | None = field(
-        default=None, metadata={"stored": False}
-    )  # its text: travels, is not stored
+    gains: Floats  # [tick, gain] in the order of the law's gain names
+    settings: Floats  # constants of the law (differentiator bandwidths, command limits)
+    # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data
+    profile: Floats = field(default_factory=no_profile)
+    warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    # names of a custom law's gains
+    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    # metrics of a campaign, as pack_metrics returns them
+    declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
+    # [channel, 2] name and unit of custom channels
+    user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
+    period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
+    # built-in law, "tlc" or "lqr", whose measurement custom code filters
+    around: str = ""
+    # settings of laws among the campaign's parameters, after those of the vehicle
+    law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    filter_settings: Floats = field(default_factory=lambda: np.empty(0))  # of a custom filter
+    source_hash: str = ""  # hash of the custom law's source; "" for built-in laws
+    channels_hash: str = ""  # hash of the custom channels' source
+    # Fields that are sent to workers but not stored.
+    source: UserSource | None = field(default=None, metadata={"stored": False})
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
-    vehicle_code: VehicleCode | None = field(
-        default=None, metadata={"stored": False}
-    )  # of vehicle.foreign's digest
-    lean: bool = field(
-        default=False, metadata={"stored": False}
-    )  # flown by less code with the same bits, see lean_for
+    # code with the digest in vehicle.foreign
+    vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})
+    # simulated by a smaller kernel with bit-identical results, see lean_for
+    lean: bool = field(default=False, metadata={"stored": False})
 
     def lean_for(self, names: Collection[str]) -> "Self":
-        """The plan for flights with dispersions of these names, whatever their values: processes compile the same."""
+        """Return the plan for flights that disperse parameters of these names.
+
+        It depends on the names only, so that all processes compile the same kernel.
+        """
         vehicle, foreign = self.vehicle, self.vehicle.foreign
-        plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
-        whole = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
-        calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
-        return replace(self, lean=bool(plain and whole and calm))
+        is_builtin = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
+        is_fixed = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
+        is_calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
+        return replace(self, lean=bool(is_builtin and is_fixed and is_calm))
 
     @property
     def commanding_law(self) -> str:
-        """The law that commands: a filter's is the one of the program around it."""
+        """Law that computes the commands; for a custom filter the built-in law around it."""
         return self.around or self.law
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """The columns of its flights' metrics: those of the program, then the declared ones."""
+        """Metrics in the order of their columns: built-in metrics, then declared ones."""
         return (*METRICS, *unpack_metrics(self.declared))
 
     @property
     def sources(self) -> tuple[UserSource, ...]:
-        """The user's code of its law and channels."""
+        """Custom code of the law and the channels."""
         return tuple(source for source in (self.source, self.channels_source) if source)
 
     @property
     def effectors(self) -> tuple[str, ...]:
-        """The names of effectors that have actuators; none where the three axes have them."""
+        """Names of effectors with actuators; empty if the three axes have the actuators."""
         return name_effectors(self.vehicle) if self.vehicle.constants.driven else ()
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What its histories may record."""
-        own = effector_channels(self.effectors), state_channels(self.custom_states)
-        return (*CHANNELS, *own[0], *own[1])
+        """Channels that histories may record."""
+        added = effector_channels(self.effectors), state_channels(self.custom_states)
+        return (*CHANNELS, *added[0], *added[1])
 
     @property
     def custom_states(self) -> tuple[tuple[str, str], ...]:
@@ -166,47 +163,44 @@ class FlightPlan:
 
 @dataclass(frozen=True)
 class FlightBlock:
-    """The flights of one call of :func:`abhv_mc.flight.fly.fly`, in the order of their parameters."""
+    """Flights of one call of :func:`abhv_mc.flight.fly.fly`, in the order of their parameters."""
 
     outcome: NDArray[np.int64]  # [flight] values of Outcome
     end_time: Floats  # [flight] s
     metrics: Floats  # [flight, metric] in the order of the plan's metrics
-    history: Singles  # [flight, time, channel] the recorded channels; NaN after the end
+    history: Singles  # [flight, time, channel] recorded channels; NaN after the end
     times: Floats  # [time] s
-    states: Floats = field(
-        default_factory=lambda: np.empty((0, 0, 0))
-    )  # [flight, time, state], where asked for
-    low: Singles | None = (
-        None  # [time, channel] least and greatest value of these flights at any control tick from
-    )
-    high: Singles | None = (
-        None  # the time before to the one after, NaN where nobody flew; None where not asked for
-    )
-    flown_by: tuple[Flyer, ...] = ()  # processes, where it has been signed
+    # [flight, time, state]; empty unless requested
+    states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
+    # [time, channel] least and greatest value of these flights at any control tick from the
+    # previous to the next time; NaN if no flight was simulated then. None unless requested.
+    low: Singles | None = None
+    high: Singles | None = None
+    flown_by: tuple[Flyer, ...] = ()  # processes that computed the block, if it is signed
     reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
-    # Of a user's simulator: how often there was "surplus" output or a process restarted
-    # ("restarts"), flights computed again ("repeated"); and an excerpt of its standard error.
+    # Events of a custom simulator: "surplus" output, "restarts" of its process, "repeated"
+    # flights; and an excerpt of its standard error.
     events: Mapping[str, int] = field(default_factory=dict)
     standard_error: str = ""
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
-        """The reason of each flight, '' without one; empty if no flight has one."""
+        """Reason of each flight, '' without one; empty if no flight has one."""
         if not self.reasons:
             return ()
         return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
-        """Least and greatest values ``[time, channel]``: of every tick, or of the samples where it has no others."""
+        """Least and greatest values ``[time, channel]``, of every tick if recorded, else of samples."""
         if self.low is None or self.high is None:
             return np.fmin.reduce(self.history, axis=0), np.fmax.reduce(self.history, axis=0)
         return self.low, self.high
 
 
 def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
-    """Blocks one after another as one; whole states, which a failed flight has none of, are left out."""
-    parts = {
+    """Concatenate blocks, without full states, as flights that failed to run have none."""
+    arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
         for name in ("outcome", "end_time", "metrics", "history")
     }
@@ -218,7 +212,7 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
         reasons |= {first + row: reason for row, reason in block.reasons.items()}
         first += len(block.outcome)
     return FlightBlock(
-        **parts,
+        **arrays,
         times=blocks[0].times,
         low=low,
         high=high,
@@ -229,5 +223,5 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
     )
 
 
-def _reduce(extreme: np.ufunc, ends: list[Singles]) -> Singles | None:
-    return extreme.reduce(ends) if ends else None
+def _reduce(extreme: np.ufunc, extremes: list[Singles]) -> Singles | None:
+    return extreme.reduce(extremes) if extremes else None

@@ -1,4 +1,4 @@
-"""From the three files of a flight to its plan: reference, gains, trim and start, computed once."""
+"""Preparation of a flight plan from the three input files: reference, gains, trim and initial state."""
 
 import functools
 from pathlib import Path
@@ -13,9 +13,9 @@ from abhv_mc.control.controller_file import (
     TlcController,
     read_controller_document,
 )
+from abhv_mc.control.design.design_cache import cache_results
 from abhv_mc.control.design.design_model import make_environment, slope, wrench_at
 from abhv_mc.control.design.guidance_trim import trim_faults
-from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.lqr_design import make_lqr_gains
 from abhv_mc.control.design.reference import (
     make_mission_trim_tables,
@@ -37,7 +37,7 @@ from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import NATIVE, open_law, plan_source, refuse_misfits
+from abhv_mc.flight.user_law import NATIVE, check_native_law, open_law, plan_source
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply
@@ -69,55 +69,63 @@ from abhv_mc.vehicle.actuators import name_effectors
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_find_warnings = kept(find_vehicle_warnings)  # the controllers of a campaign share their vehicle
-_LEAST_FUEL = 1e-9  # kg: below it there is none
-_SPEED_FACTOR = 2.0  # on the reference's largest speed: the default limit
-_OUTSIDE = 1.0  # s of the reference outside the vehicle's tables, of which to warn
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # a small angle inside of most tables' cells
+_find_warnings = cache_results(
+    find_vehicle_warnings
+)  # the controllers of a campaign share their vehicle
+_LEAST_FUEL = 1e-9  # kg, below which the tank is empty
+_SPEED_FACTOR = 2.0  # default speed limit in units of the reference's largest speed
+_OUTSIDE = 1.0  # s of the reference outside the vehicle's tables that cause a warning
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle, not at a node of most tables
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
-    """Read the three files and compute the plan. Raises :class:`abhv_mc.io.documents.InputError`."""
-    packed = load_vehicle(vehicle)
-    asked = read_mission(mission)
+    """Read the three files and compute the plan. Raise InputError if a file is invalid."""
+    packed_vehicle = load_vehicle(vehicle)
+    parsed_mission = read_mission(mission)
     law, user_code = read_law(controller)
-    glides = packed.constants.equivalence_ratio_max == 0.0
-    if packed.constants.surface_limit == 0.0 or (glides and user_code is None):
-        found = "a vehicle without control surfaces or engine"
+    glides = packed_vehicle.constants.equivalence_ratio_max == 0.0
+    if packed_vehicle.constants.surface_limit == 0.0 or (glides and user_code is None):
+        problem = "a vehicle without control surfaces or engine"
         expected = (
-            "one with both, to fly a mission with this controller (a law of your own flies "
-            "one without an engine)"
+            "one with both, which this controller needs (a custom control law can fly a vehicle "
+            "without an engine)"
         )
-        raise InputError(vehicle, found, expected)
-    if isinstance(law, TlcController) and not has_authority(packed, asked):
-        found = "deflections that do not turn the vehicle about three axes"
-        raise InputError(vehicle, found, "aileron, rudder and elevator with moments of their own")
+        raise InputError(vehicle, problem, expected)
+    if isinstance(law, TlcController) and not has_authority(packed_vehicle, parsed_mission):
+        problem = "deflections whose moments are not linearly independent"
+        raise InputError(
+            vehicle, problem, "aileron, rudder and elevator that control roll, yaw and pitch"
+        )
     try:
-        plan = make_plan(packed, asked, law, name, mission, user_code)
+        plan = make_plan(packed_vehicle, parsed_mission, law, name, mission, user_code)
     except np.linalg.LinAlgError as error:
-        found = (
+        problem = (
             f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
         )
-        expected = "one where the controls rule the flight"
-        raise InputError(mission, found, expected) from None
+        expected = "one along which the vehicle is controllable"
+        raise InputError(mission, problem, expected) from None
     if plan.law in NATIVE:
         check_native(plan)
         return plan
-    with open_law(plan, LANES):  # compiled now, before anything is written
+    with open_law(plan, LANES):  # compiles before any file is written
         return plan
 
 
-class UserParts(NamedTuple):
-    """A law of the user's own, its settings and its commands."""
+class UserLaw(NamedTuple):
+    """Custom control law with its settings and commands."""
 
     source: UserSource
     settings: Floats
     commands: CommandSteps = NO_COMMANDS
-    around: TlcController | LqrController | None = None  # whose measurement the code filters
+    # built-in controller whose measurement the code filters
+    around: TlcController | LqrController | None = None
 
 
-def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
-    """A controller file and, where it names a law of the user's own, that law: its code is run. Raises InputError."""
+def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
+    """Read a controller file and the custom control law it names, if any, whose code is run.
+
+    Raise InputError if a file is invalid.
+    """
     document, law = read_controller_document(controller)
     if not isinstance(law, UserController):
         return law, None
@@ -125,26 +133,29 @@ def read_law(controller: Path) -> tuple[Controller, UserParts | None]:
         check_wiring(document, law)
     source = read_trusted_law(law)
     if not isinstance(law, PythonController):
-        refuse_misfits(document, law.law, source)
+        check_native_law(document, law.law, source)
         numbers = law.numbers if isinstance(law, CController) else []
-        return law, UserParts(source, np.array(numbers, dtype=np.float64))
+        return law, UserLaw(source, np.array(numbers, dtype=np.float64))
     check_closure(source)
     loaded = load_law(source)
     around = read_around(law)
     if loaded.mark.filters != (around is not None):
-        found = (
+        problem = (
             "a filter without the controller around it" if around is None else "'around' of a law"
         )
-        wish = "'around:', a controller file of TLC or LQR, with @measurement_filter"
-        raise document.error(("file",) if around is None else ("around",), found, wish)
+        expected = "'around:', a controller file of TLC or LQR, with @measurement_filter"
+        raise document.error(("file",) if around is None else ("around",), problem, expected)
     if around is not None:
         law = law.model_copy(update={"rate": around.rate})
     commands = make_commands(document, law, loaded)
-    return law, UserParts(source, make_user_settings(document, law, loaded), commands, around)
+    return law, UserLaw(source, make_user_settings(document, law, loaded), commands, around)
 
 
 def read_around(law: PythonController) -> TlcController | LqrController | None:
-    """Read the controller whose measurement a law filters; None for a law that commands. Raise InputError."""
+    """Read the controller whose measurement a law filters; None for a law that computes commands.
+
+    Raise InputError if it is not a built-in controller.
+    """
     if law.around is None:
         return None
     document, around = read_controller_document(law.around)
@@ -153,18 +164,21 @@ def read_around(law: PythonController) -> TlcController | LqrController | None:
     return around
 
 
-def user_parts_of(plan: FlightPlan, controller: Controller) -> UserParts | None:
-    """A plan's own law and its settings; None for a law of the program. Raises ValueError without its source."""
+def user_law_of(plan: FlightPlan, controller: Controller) -> UserLaw | None:
+    """Return the custom law of a plan, None for a built-in law.
+
+    Raise ValueError if its source is missing.
+    """
     if plan.law not in USER_LAWS:
         return None
     if isinstance(controller, PythonController) and controller.around is not None:
         around = read_around(controller)
-        return UserParts(plan_source(plan), plan.filter_settings, NO_COMMANDS, around)
+        return UserLaw(plan_source(plan), plan.filter_settings, NO_COMMANDS, around)
     gains, commands = split_columns(tuple(plan.gain_names.tolist()))
     columns = plan.gains[:, len(gains) :]
     times = np.arange(len(columns), dtype=np.float64) * plan.timing.tick
     names = tuple(name.removeprefix(COMMANDS) for name in commands)
-    return UserParts(
+    return UserLaw(
         plan_source(plan),
         plan.settings,
         CommandSteps(names, (times,) * len(names), tuple(columns.T)),
@@ -172,18 +186,18 @@ def user_parts_of(plan: FlightPlan, controller: Controller) -> UserParts | None:
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
-    """Whether the deflections' moments at the start can be solved for the deflections, as control allocation does."""
+    """Return whether control allocation can solve for the deflections at the start of the mission."""
     start = mission.start
-    around = make_environment(
+    environment = make_environment(
         mission.make_earth(), start.altitude, start.latitude, mission.make_air()
     )
 
     def moment(deflections: Numbers) -> Numbers:
-        nothing = 0.0 * deflections[0]
-        alpha, rates = nothing + _ALPHA_OF_AUTHORITY, (nothing, nothing, nothing)
-        mass, eta = vehicle.constants.mass_start, nothing + vehicle.constants.equivalence_ratio_min
+        zero = 0.0 * deflections[0]
+        alpha, rates = zero + _ALPHA_OF_AUTHORITY, (zero, zero, zero)
+        mass, eta = vehicle.constants.mass_start, zero + vehicle.constants.equivalence_ratio_min
         return wrench_at(
-            vehicle, around, mass, start.speed, alpha, nothing, rates, deflections, eta
+            vehicle, environment, mass, start.speed, alpha, zero, rates, deflections, eta
         ).moment
 
     return bool(np.linalg.cond(slope(moment, np.full(3, _ALPHA_OF_AUTHORITY))) < 1e12)
@@ -195,11 +209,11 @@ def make_plan(
     controller: Controller,
     name: str,
     mission_file: str | Path | None = None,
-    user_code: UserParts | None = None,
+    user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """The plan of one controller's flights; its warnings say where nominal controls do not fly the mission.
+    """Make the plan of one controller's flights, with warnings where the mission has no nominal trim.
 
-    Raises InputError, which names ``mission_file``, for a mission that they do not fly at any time.
+    Raise InputError with ``mission_file`` if the vehicle cannot be trimmed anywhere on the mission.
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
@@ -218,16 +232,16 @@ def make_plan(
     warnings += _find_warnings(vehicle)
     warnings += table_faults(vehicle, reference, timing.tick)
     warnings += mission.find_air_warnings(reference[:, ALTITUDE])
-    dry = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
-    if vehicle.constants.burns_fuel and dry.size:
-        lasts = reference[dry[0], TIME]
+    dry_ticks = np.flatnonzero(reference[:, MASS] <= vehicle.constants.mass_empty + _LEAST_FUEL)
+    if vehicle.constants.burns_fuel and dry_ticks.size:
+        endurance = reference[dry_ticks[0], TIME]
         warnings.append(
-            f"the nominal fuel lasts {lasts:.0f} s of the mission's {reference[-1, TIME]:.0f} s"
+            f"the fuel of the nominal flight lasts {endurance:.0f} s of {reference[-1, TIME]:.0f} s"
         )
     rigid = make_start_trim(mission, vehicle)
     make_state = functools.partial(make_initial_state, mission, vehicle)
-    start, states, slow = start_custom(mission, vehicle, make_state, rigid, timing.step)
-    warnings += slow
+    start, states, step_warnings = start_custom(mission, vehicle, make_state, rigid, timing.step)
+    warnings += step_warnings
     if start.fault:
         warnings.append(f"at the start {start.fault}")
     names, gains, settings = make_gains(
@@ -236,9 +250,9 @@ def make_plan(
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
-        found = "a limit on the heat flux for a vehicle whose file gives no nose radius"
+        problem = "a limit on the heat flux for a vehicle whose file gives no nose radius"
         raise InputError(
-            mission_file or mission.name, found, "reference.nose_radius in the vehicle's file"
+            mission_file or mission.name, problem, "reference.nose_radius in the vehicle's file"
         )
     return FlightPlan(
         controller=name,
@@ -278,9 +292,12 @@ def make_plan(
 
 
 def make_gains(
-    controller: Controller, user_code: UserParts | None, model: DesignModel
+    controller: Controller, user_code: UserLaw | None, model: DesignModel
 ) -> tuple[tuple[str, ...], Floats, Floats]:
-    """Names, if the law is a user's, gains [tick, gain] along the model's reference, settings. Raises InputError."""
+    """Return the gain names of a custom law, gains [tick, gain] along the reference, and settings.
+
+    The names are empty for a built-in law. Raise InputError if the design fails.
+    """
     if isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
         return (), gains, make_tlc_settings(controller, model.vehicle)
@@ -290,7 +307,7 @@ def make_gains(
         )
         return (), gains, make_limit_settings(controller.limits, model.vehicle)
     if user_code is None:
-        raise ValueError("a controller of the user's own without its law")
+        raise ValueError("a custom controller without its law")
     if user_code.around is not None:
         return make_gains(user_code.around, None, model)
     names, gains = watched_design(user_code.source, model, user_code.settings)
@@ -299,20 +316,20 @@ def make_gains(
 
 
 def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:
-    """A sentence for each nominal control that is beyond what the controller may command."""
+    """Return a sentence for each nominal control that exceeds the controller's command limits."""
     limits = controller.limits
     faults = []
-    for words, column, low, high in (
+    for quantity, column, low, high in (
         ("angle of attack", ANGLE_OF_ATTACK, *limits.angle_of_attack),
         ("bank", BANK, -limits.bank, limits.bank),
     ):
         nominal = reference[:, column]
-        where = np.flatnonzero((nominal < low) | (nominal > high))
-        if where.size:
-            worst = np.rad2deg(nominal[where][np.argmax(np.abs(nominal[where]))])
-            first = reference[where[0], TIME]
+        ticks = np.flatnonzero((nominal < low) | (nominal > high))
+        if ticks.size:
+            worst = np.rad2deg(nominal[ticks][np.argmax(np.abs(nominal[ticks]))])
+            first = reference[ticks[0], TIME]
             faults.append(
-                f"the mission takes {worst:.1f} deg of {words}, which the controller limits, at {first:.2f} s"
+                f"the mission needs {worst:.1f} deg of {quantity} at {first:.2f} s, beyond the controller's limit"
             )
     return faults
 
@@ -334,20 +351,23 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
             first = reference[np.flatnonzero(outside)[0], TIME]
             faults.append(
                 f"the reference leaves the vehicle's tables in {name.replace('_', ' ')} for "
-                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s: the values of the edge are used there"
+                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s: values at the edge are used there"
             )
     return faults
 
 
 def make_timing(mission: Mission, rate: float) -> Timing:
-    """Whole integrator steps in a control period of 1 / rate (Hz); at most the mission's step."""
+    """Divide the control period 1 / rate (Hz) into equal integrator steps, at most the mission's step."""
     tick = 1.0 / rate
     steps = max(1, int(np.ceil(tick / mission.step - 1e-9)))
     return Timing(tick / steps, steps, round(mission.duration * rate))
 
 
 def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:
-    """Steady flight in trim, the body turning with the local frame and, in a bank, with the turn; actuators at rest."""
+    """Return the state of trimmed steady flight, with actuators at rest.
+
+    The body rotates with the local frame and, in a bank, with the turn.
+    """
     start = mission.start
     x = np.zeros(s.N_STATES)
     x[s.ALTITUDE], x[s.LONGITUDE], x[s.LATITUDE] = start.altitude, start.longitude, start.latitude
@@ -355,9 +375,8 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
-        half = (
-            0.5 * start.bank
-        )  # about the velocity, which in body axes is (cos alpha, 0, sin alpha)
+        # about the velocity, which is (cos alpha, 0, sin alpha) in body axes
+        half = 0.5 * start.bank
         turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
         attitude = multiply(*attitude, *turned)
     x[s.Q0 : s.Q3 + 1] = attitude
@@ -381,7 +400,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
 def local_frame_rate(
     earth: Earth, altitude: float, latitude: float, v_north: float, v_east: float
 ) -> tuple[float, float, float]:
-    """Inertial rate of the local NED frame under a flight, NED components, rad/s."""
+    """Return the inertial angular rate of the local NED frame, NED components, rad/s."""
     meridian, vertical = radii(earth, float(np.sin(latitude)))
     longitude_rate = v_east / ((vertical + altitude) * np.cos(latitude)) + earth.rotation_rate
     return (

@@ -1,4 +1,4 @@
-"""Whether a user's simulator gives the same flight of the same inputs again, and what follows from it."""
+"""Repeatability of a custom simulator, and its consequences for the evidence."""
 
 from collections.abc import Iterable
 from enum import StrEnum
@@ -11,22 +11,22 @@ ROUNDING = 1e-9  # of the larger value: a smaller difference is no noise
 
 
 class Repeatability(StrEnum):
-    """What the first flights of a campaign showed; the later value outweighs the earlier ones."""
+    """Repeatability of the first flights of a campaign; later values outweigh earlier ones."""
 
     EXACT = "yes"
     ROUNDING = "rounding"
-    DECLARED = "no, independent noise"  # `repeatable: no`, and nothing contradicts it
+    DECLARED = "no, independent noise"  # `repeatable: no`, not contradicted by the flights
     NOISE = "no"
     SHARED = "no, noise that processes share"
 
     @property
     def is_evidence(self) -> bool:
-        """Whether flights may count as independent draws."""
+        """Return whether flights may count as independent draws."""
         return self not in (Repeatability.NOISE, Repeatability.SHARED)
 
     @property
     def sentence(self) -> str:
-        """What a reader has to know."""
+        """Explanation for the report."""
         return _SENTENCES[self]
 
 
@@ -37,25 +37,25 @@ _SENTENCES = {
     Repeatability.DECLARED: "The simulator draws noise (`repeatable: no`) that is stated to be independent between "
     "flights and processes, which the first flights do not contradict. A flight that is re-run, also for its history, "
     "has another draw.",
-    Repeatability.NOISE: "The simulator gives other numbers of the same inputs. Nothing shows that its flights are "
-    "independent of each other: workers may share one stream of random numbers. No verdict is given. Seed its noise "
-    "from an input with `seed: true`, or state by `simulator: {repeatable: no}` that the noise is independent between "
-    "flights and processes.",
+    Repeatability.NOISE: "The simulator returns different numbers for the same inputs. It is unknown whether its "
+    "flights are independent of each other: workers may share one stream of random numbers. No verdict is given. Seed "
+    "its noise from an input with `seed: true`, or state by `simulator: {repeatable: no}` that the noise is "
+    "independent between flights and processes.",
     Repeatability.SHARED: "The simulator is stated to draw independent noise (`repeatable: no`), but new processes "
     "draw the same noise: flights of different workers are copies. No verdict is given. Seed its noise from an input "
     "with `seed: true`.",
 }  # fmt: skip
 
 
-def weakest(found: Iterable[Repeatability | None]) -> Repeatability | None:
+def weakest(values: Iterable[Repeatability | None]) -> Repeatability | None:
     """Return the value that outweighs the others; None if nothing is known."""
     order = list(Repeatability)
-    return max((each for each in found if each is not None), key=order.index, default=None)
+    return max((value for value in values if value is not None), key=order.index, default=None)
 
 
 def relative_difference(a: Floats, b: Floats) -> Floats:
     """Return ``|a - b|`` in units of the larger value; 0 for equal values and two NaN, infinite for one NaN."""
-    same = (a == b) | (np.isnan(a) & np.isnan(b))
+    is_equal = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore", divide="ignore"):
-        off = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
-    return np.where(same, 0.0, np.nan_to_num(off, nan=np.inf))
+        difference = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
+    return np.where(is_equal, 0.0, np.nan_to_num(difference, nan=np.inf))

@@ -1,4 +1,4 @@
-"""A plan's own law and channels as the kernel calls them: their addresses, which hold while it flies."""
+"""Compiled custom code of a plan (control law, channels, vehicle functions) as the kernel calls it."""
 
 import contextlib
 import re
@@ -35,14 +35,14 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
-    """The functions of a plan's vehicle for ``width`` lanes, without its law; nothing for a vehicle of tables."""
+    """Yield the addresses of a vehicle's functions for ``width`` lanes; zeros for a vehicle of tables."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    functions: tuple[Any, ...] = (None, None, None)  # held while it flies
+    functions: tuple[Any, ...] = (None, None, None)  # referenced while the kernel uses them
     if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
-            raise ValueError("a plan of a vehicle with functions of its own without their source")
+            raise ValueError("a plan of a vehicle with custom functions, without their source")
         functions = compile_functions(code, width)
-    addresses = (0 if one is None else int(one.address) for one in functions)
+    addresses = (0 if function is None else int(function.address) for function in functions)
     yield UserCode(0, 0, 0, 0, **dict(zip(Functions._fields, addresses, strict=True)))
 
 
@@ -54,35 +54,37 @@ def open_law(
     flights: int = TOGETHER,
     dispersed: bool = False,
 ) -> Iterator[UserCode]:
-    """The law and the channels of a plan for ``width`` lanes and so many flights; nothing for a plan without its own.
+    """Yield the addresses of a plan's custom code for ``width`` lanes; zeros for built-in laws.
 
-    ``memory_in_rows``: a law in plain Python or native code has its memory where a compiled one has it, see
-    :func:`law_memory`. ``dispersed``: flights have settings of the law of their own. Raises ValueError for a plan whose
-    source is missing, as of a stored one.
+    With ``memory_in_rows`` a law in plain Python or native code has its memory in the lane memory, as
+    a compiled law does, see :func:`law_memory`. With ``dispersed`` each flight has its own settings
+    of the law. Raise ValueError if a source is missing, as in a stored plan.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
-    made: Any = None  # held while it flies
+    runner: Any = None  # referenced while the kernel uses it
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
         effectors = name_effectors(plan.vehicle) if commands_effectors(source) else ()
         if plan.around:
-            made = compile_filter(source, tuple(plan.filter_settings.tolist()), width)
+            runner = compile_filter(source, tuple(plan.filter_settings.tolist()), width)
         elif law.mark.compiled:
             foreign = plan.vehicle.foreign
             row = s.SETTING + foreign.settings.size + foreign.states if dispersed else 0
-            made = compile_law(source, gains, width, effectors, row)
+            runner = compile_law(source, gains, width, effectors, row)
         else:
-            made = PlainLaw(law, gains, width, memory_in_rows, effectors)
-        address = int(made.address)
+            runner = PlainLaw(law, gains, width, memory_in_rows, effectors)
+        address = int(runner.address)
     elif plan.law in NATIVE:
-        places = -(-max(min(flights, TOGETHER), 1) // width) * width  # more are flown after these
+        lanes = (
+            -(-max(min(flights, TOGETHER), 1) // width) * width
+        )  # further flights follow in the same lanes
         memory = len(native_memory(plan)) if memory_in_rows else None
-        gains, seen = tuple(plan.gain_names.tolist()), measured_count(plan)
-        made = _find_backend(plan.law, plan_source(plan).file).open(
-            plan_source(plan), gains, width, places, memory, seen, name_effectors(plan.vehicle)
+        gains, n_measured = tuple(plan.gain_names.tolist()), measured_count(plan)
+        runner = _find_backend(plan.law, plan_source(plan).file).open(
+            plan_source(plan), gains, width, lanes, memory, n_measured, name_effectors(plan.vehicle)
         )
-        address, context = made.address, made.context
+        address, context = runner.address, runner.context
     if plan.channels_hash:
         channels = int(
             compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address
@@ -93,31 +95,31 @@ def open_law(
                 address=address,
                 onboard=onboard,
                 channels=channels,
-                more=int(asks_for_more(plan)),
+                more=int(uses_extra_measurements(plan)),
                 context=context,
             )
     finally:
         if plan.law in NATIVE:
-            made.close()
+            runner.close()
 
 
 def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
-    """Names of the settings of a plan's own law that a campaign may disperse."""
-    own = plan.law == PYTHON and not plan.around
-    return load_plan_law(plan).mark.dispersable if own else ()
+    """Return the names of the custom law's settings that a campaign may disperse."""
+    is_commanding = plan.law == PYTHON and not plan.around
+    return load_plan_law(plan).mark.dispersable if is_commanding else ()
 
 
-def asks_for_more(plan: FlightPlan) -> bool:
-    """Whether the plan's law may look at measured values beyond the ten that every law is given."""
+def uses_extra_measurements(plan: FlightPlan) -> bool:
+    """Return whether the law may read measurements beyond the ten that every law receives."""
     if plan.law not in USER_LAWS:
         return False
     source = plan_source(plan)
     files = {name: content.decode(errors="replace") for name, content in source.files}
     if plan.law == "c":
-        unknown = (source.recipe or {})[
+        is_opaque = (source.recipe or {})[
             "library"
-        ] is not None  # a library does not say, nor a struct copied whole
-        return unknown or any(
+        ] is not None  # a library's use is unknown, as is that of a copied struct
+        return is_opaque or any(
             re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in files.values()
         )
     if plan.law == PYTHON and "measured" not in load_plan_law(plan).arguments:
@@ -130,7 +132,7 @@ def asks_for_more(plan: FlightPlan) -> bool:
 
 
 def sees_onboard(plan: FlightPlan) -> bool:
-    """Whether the plan's law is given the nominal vehicle."""
+    """Return whether the plan's law receives the nominal vehicle."""
     if plan.law not in NATIVE:
         return plan.law == PYTHON and "onboard" in load_plan_law(plan).arguments
     recipe = plan_source(plan).recipe or {}
@@ -140,72 +142,73 @@ def sees_onboard(plan: FlightPlan) -> bool:
 
 
 def measured_count(plan: FlightPlan) -> int:
-    """How many measured values the plan's law may look at."""
-    return s.N_SEEN if asks_for_more(plan) else s.N_MEASURED
+    """Return the number of measurements that the plan's law may read."""
+    return s.N_SEEN if uses_extra_measurements(plan) else s.N_MEASURED
 
 
 def load_plan_law(plan: FlightPlan) -> Law:
-    """The law of a plan that has its own."""
+    """Return the custom Python law of a plan."""
     return load_law(plan_source(plan))
 
 
 def plan_source(plan: FlightPlan) -> UserSource:
-    """The code of a plan that has its own, of any kind."""
+    """Return the source of a plan's custom law, of any kind."""
     return _checked(plan.source, plan.source_hash)
 
 
 def _checked(source: UserSource | None, digest: str) -> UserSource:
     if source is None or source.hash != digest:
-        raise ValueError("a plan of the user's own code without its source")
+        raise ValueError("a plan with custom code, without its source")
     return source
 
 
 def _find_backend(law: str, file: str) -> LawBackend:
-    """Return the backend of a native law. Raises InputError if no installed package registers it."""
+    """Return the backend of a native law. Raise InputError if no installed package registers it."""
     if law == "c":
         return LawBackend(open_c_law, find_c_memory)
     backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
-        found = f"a law of the kind '{law}', which no installed package knows"
-        raise InputError(file, found, "'law: c' or 'law: python'")
+        problem = f"a law of the kind '{law}', which no installed package supports"
+        raise InputError(file, problem, "'law: c' or 'law: python'")
     return backend
 
 
-def refuse_misfits(document: Document, law: str, source: UserSource) -> None:
-    """Raise InputErrors with the places in a controller file that do not fit the native law that it names."""
-    find = _find_backend(law, source.file).find_misfits
-    if find and (found := in_child(find, source)):
-        raise InputErrors([document.error(*each) for each in found])
+def check_native_law(document: Document, law: str, source: UserSource) -> None:
+    """Raise InputErrors for entries of a controller file that do not match its native law."""
+    find_misfits = _find_backend(law, source.file).find_misfits
+    if find_misfits and (misfits := in_child(find_misfits, source)):
+        raise InputErrors([document.error(*misfit) for misfit in misfits])
 
 
 def native_memory(plan: FlightPlan) -> dict[str, float]:
-    """The numbers that a law in native code remembers, as a flight starts. Raises InputError where it hides them."""
-    found = in_child(
+    """Return the memory of a native law at the start of a flight. Raise InputError if it is hidden."""
+    memory = in_child(
         _find_backend(plan.law, plan_source(plan).file).find_memory,
         plan_source(plan),
         plan.settings,
         plan.reference[0],
     )
-    if found is None:
-        raise hidden_memory(plan)
-    return found
+    if memory is None:
+        raise hidden_memory_error(plan)
+    return memory
 
 
-def hidden_memory(plan: FlightPlan) -> InputError:
-    """What to raise where slopes are asked of a law whose memory is not known."""
-    words = {
-        "c": "a law whose memory is not known",
-        "fmu": "an FMU that remembers more than states that can be set",
+def hidden_memory_error(plan: FlightPlan) -> InputError:
+    """Return the error for linearizing a law whose memory is unknown."""
+    problems = {
+        "c": "a control law whose memory is unknown",
+        "fmu": "an FMU whose memory cannot be set completely",
     }
-    needed = {
+    requirements = {
         "c": "abhv_law_state_get and abhv_law_state_set",
-        "fmu": "all that it remembers in its modelDescription's Derivatives, with start values that can be set",
+        "fmu": "all its memory in the Derivatives of its modelDescription, with start values that can be set",
     }
-    return InputError(plan_source(plan).file, words[plan.law], f"{needed[plan.law]}, for slopes")
+    expected = f"{requirements[plan.law]}, for linearization"
+    return InputError(plan_source(plan).file, problems[plan.law], expected)
 
 
-def must_fly_elsewhere(plan: FlightPlan) -> bool:
-    """Whether the plan's law is native code, and this process not one that may be lost."""
+def must_run_in_child(plan: FlightPlan) -> bool:
+    """Return whether the plan's law is native code and must not run in this process."""
     return plan.law in NATIVE and not may_run_here()
 
 
@@ -219,26 +222,29 @@ def _python_memory(law: Law) -> dict[str, float]:
         or len(names) > MAX_MEMORY
         or not all(is_number(defaults.get(name)) for name in names)
     ):
-        found = "a law in plain Python whose memory is no NamedTuple of numbers"
-        raise InputError(law.source.file, found, "such a Memory, of which slopes can be taken")
+        problem = "a law in plain Python whose memory is no NamedTuple of numbers"
+        expected = "a NamedTuple of numbers as Memory, for linearization"
+        raise InputError(law.source.file, problem, expected)
     return {name: float(defaults[name]) for name in names}
 
 
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
-    """Row of the lane memory and value at the start of each number that the plan's own law remembers, by its name.
+    """Return the lane-memory row and the initial value of each number in the law's memory, by name.
 
-    The last commands are among them where the law sees them (``onboard``). Raises InputError for a hidden memory.
+    They include the last commands if the law receives them (``onboard``). Raise InputError if the
+    memory is hidden.
     """
     starts = native_memory(plan) if plan.law in NATIVE else _python_memory(load_plan_law(plan))
     rows = {name: (MEMORY + i, value) for i, (name, value) in enumerate(starts.items())}
     if sees_onboard(plan):
-        last = {
+        last_commands = {
             "onboard.last.aileron": (s.CMD_AILERON, s.AILERON),
             "onboard.last.rudder": (s.CMD_RUDDER, s.RUDDER),
             "onboard.last.elevator": (s.CMD_ELEVATOR, s.ELEVATOR),
             "onboard.last.equivalence_ratio": (s.CMD_ETA, s.ETA),
         }
         rows |= {
-            name: (row, float(plan.initial_state[state])) for name, (row, state) in last.items()
+            name: (row, float(plan.initial_state[state]))
+            for name, (row, state) in last_commands.items()
         }
     return rows

@@ -1,4 +1,4 @@
-"""What flights of a vehicle may be given: the program's parameters, then settings and states of its own functions."""
+"""Parameters of a vehicle's flights: the built-in ones, then those of custom functions and laws."""
 
 import ast
 import functools
@@ -17,18 +17,18 @@ from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 @functools.lru_cache(maxsize=16)
 def vehicle_parameters(code: VehicleCode | None) -> Parameters:
-    """Return the parameters in the order of the columns of full rows; ``code`` is the vehicle's, if it has any."""
+    """Return the parameters in the order of the columns of complete rows."""
     if code is None:
         return OURS
-    words = {
+    docs = {
         **{
-            one: f"setting of the vehicle's {one.name.partition('.')[0]} function"
-            for one in code.settings
+            setting: f"setting of the vehicle's {setting.name.partition('.')[0]} function"
+            for setting in code.settings
         },
         **dict.fromkeys(code.starts, "added to this custom state at the start"),
     }
     return Parameters(
-        (*PARAMETERS, *(Parameter(*one, doc, of_user=True) for one, doc in words.items()))
+        (*PARAMETERS, *(Parameter(*setting, doc, of_user=True) for setting, doc in docs.items()))
     )
 
 
@@ -37,19 +37,19 @@ def read_vehicle_parameters(
 ) -> tuple[Parameters, tuple[tuple[str, str], ...]]:
     """Return the parameters of a vehicle and its controllers, and names and units of its custom states.
 
-    Raise InputError.
+    Raise InputError if a file is invalid.
     """
     code = read_vehicle_file(vehicle).code
     return add_law_parameters(vehicle_parameters(code), controllers), name_states(code)
 
 
-def add_law_parameters(known: Parameters, controllers: Iterable[Path]) -> Parameters:
-    """Return the parameters with the dispersable settings of laws in Python behind them, as ``law.NAME``.
+def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> Parameters:
+    """Return the parameters followed by the dispersable settings of Python laws, as ``law.NAME``.
 
     Their nominal values are those of the controller files. No law is run. Raise InputError for
     settings that cannot be dispersed.
     """
-    found: dict[str, Parameter] = {}
+    added: dict[str, Parameter] = {}
     for path in controllers:
         try:
             controller = read_controller(path)
@@ -62,25 +62,23 @@ def add_law_parameters(known: Parameters, controllers: Iterable[Path]) -> Parame
                 expected = f"'settings: {{{name}: ...}}', its nominal value"
                 raise InputError(path, f"no value of the dispersable setting '{name}'", expected)
             text = controller.settings[name]
-            one = Parameter(
+            parameter = Parameter(
                 f"law.{name}",
                 si_unit_of(unit_of(text)),
                 parse_any(text),
-                "dispersable setting of the user's law",
+                "dispersable setting of the custom control law",
                 of_user=True,
             )
-            if found.setdefault(one.name, one) != one:
-                found_text = (
-                    f"'{name}: {text}', dispersable, with another value than in another file"
-                )
+            if added.setdefault(parameter.name, parameter) != parameter:
+                problem = f"'{name}: {text}', dispersable, with another value than in another file"
                 raise InputError(
-                    path, found_text, "the same value in all controllers, or another name"
+                    path, problem, "the same value in all controllers, or another name"
                 )
-    return Parameters((*known.records, *found.values())) if found else known
+    return Parameters((*parameters.records, *added.values())) if added else parameters
 
 
 def _find_dispersable(path: Path) -> tuple[str, ...]:
-    """Names in ``@controller(dispersable=(...))`` of a law's file, found in its text."""
+    """Return the names in ``@controller(dispersable=(...))`` of a law's file, without running it."""
     for node in ast.walk(compile_text(read_source(path), ast.PyCF_ONLY_AST)):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "controller":
             for word in node.keywords:

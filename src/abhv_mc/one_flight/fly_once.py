@@ -116,7 +116,7 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     """
     import numpy as np
 
-    from abhv_mc.execution.probe_dispersions import differs
+    from abhv_mc.execution.dispersion_probes import differs
     from abhv_mc.flight.fly import fly
     from abhv_mc.flight.vehicle_parameters import vehicle_parameters
     from abhv_mc.kernel.plant.parameter_names import NEVER

@@ -21,9 +21,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
+from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
-from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.folder.flights import (

@@ -14,7 +14,7 @@ from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
-from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_late
+from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_invalid_sensor_time
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
@@ -61,7 +61,7 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
         drawn = values_of(campaign, name)
         rows = nominal_parameters(drawn.size)
         rows[:, PARAMETER_INDEX[name]] = drawn
-        if late := find_late(rows, plan.timing.tick):
+        if late := find_invalid_sensor_time(rows, plan.timing.tick):
             raise refuse_input(campaign, name, *late)
     moving = [name for name in DISTURBANCES if name in campaign.varied]
     if refused := refuse_oscillation(plan.limits.loads, moving):
@@ -75,7 +75,7 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
 
 def check_rows(plan: FlightPlan, parameters: Floats) -> None:
     """Raise InputError for rows [flight, parameter] that a plan cannot simulate."""
-    if late := find_late(parameters, plan.timing.tick):
+    if late := find_invalid_sensor_time(parameters, plan.timing.tick):
         raise InputError("dispersions", *late)
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
     if refused := refuse_oscillation(plan.limits.loads, moving):

@@ -62,12 +62,12 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
     """
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
-    from abhv_mc.flight.prepare import user_parts_of
+    from abhv_mc.flight.prepare import user_law_of
     from abhv_mc.stability.steady import make_steady_plan
 
     law, mission = read_controller(controller), read_mission(campaign.model.mission)
     steady = make_steady_plan(
-        plan.vehicle, mission, law, plan.controller, user_code=user_parts_of(plan, law)
+        plan.vehicle, mission, law, plan.controller, user_code=user_law_of(plan, law)
     )
     return steady.lean_for(campaign.varied)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.control.law_file import USER_LAWS
-from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.arguments import SavedFlights
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS
 from abhv_mc.kernel.plant import state as s
@@ -104,7 +104,7 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
     return np.asarray(stuck)
 
 
-def moving_of(plan: FlightPlan, saved: Kept) -> Floats:
+def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
     """Return the memory [flight, row] of the effector actuators; no columns without them."""
     return np.ascontiguousarray(
         saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]

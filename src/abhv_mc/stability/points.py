@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.control.law_file import USER_LAWS
-from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.arguments import SavedFlights
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import measured_count
@@ -125,7 +125,7 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
     return sentences
 
 
-def closed_states(plan: FlightPlan, saved: Kept) -> Floats:
+def closed_states(plan: FlightPlan, saved: SavedFlights) -> Floats:
     """Return closed-loop states [flight, n + memory] of simulated flights.
 
     They are path coordinates, actuators, custom states and the controller's memory.
@@ -136,7 +136,7 @@ def closed_states(plan: FlightPlan, saved: Kept) -> Floats:
     return np.hstack([path.make_path(now), *moving, memory])
 
 
-def disturb(plan: FlightPlan, saved: Kept, change: Floats) -> Kept:
+def disturb(plan: FlightPlan, saved: SavedFlights, change: Floats) -> SavedFlights:
     """Return saved flights with `change` [n + memory] added to the closed-loop states.
 
     A controller's memory at tick 0 cannot be changed.
@@ -156,7 +156,7 @@ def disturb(plan: FlightPlan, saved: Kept, change: Floats) -> Kept:
     for first in (s.CUSTOM_STATE, s.CUSTOM_STAGE):
         rows[:, first : first + last - n] = disturbed[:, n:last]
     rows[:, list(law_memory_rows(plan).values())] = disturbed[:, last:]
-    return Kept(saved.tick, rows)
+    return SavedFlights(saved.tick, rows)
 
 
 def fly_disturbed(

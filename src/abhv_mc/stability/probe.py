@@ -14,14 +14,14 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.law_file import USER_LAWS
-from abhv_mc.flight.arguments import Kept, make_kernel_plan
+from abhv_mc.flight.arguments import SavedFlights, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.native_check import check_states
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import (
     law_memory,
     measured_count,
-    must_fly_elsewhere,
+    must_run_in_child,
     open_law,
     open_vehicle,
 )
@@ -105,7 +105,7 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
 
 def compile_probes(plan: FlightPlan) -> None:
     """Compile or load the probes, by calling them without points."""
-    _, lane = begin(plan, Kept(0, np.empty((0, SAVED_ROWS))))
+    _, lane = begin(plan, SavedFlights(0, np.empty((0, SAVED_ROWS))))
     states = np.empty((0, s.N_STATES)), np.empty((0, plan.vehicle.foreign.states))
     ask_plant(plan, lane, 0, np.empty(0, np.int64), *states)
     law_tick(
@@ -113,7 +113,7 @@ def compile_probes(plan: FlightPlan) -> None:
     )
 
 
-def begin(plan: FlightPlan, saved: Kept) -> tuple[Floats, Floats]:
+def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
     """Return lane memories [flight, row] with the measurement, and with active failures."""
     before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
     sensed, acting = np.empty_like(before), np.empty_like(before)
@@ -264,7 +264,7 @@ def _run_law(
 
     `goes_on` holds `follow` and `change` of run_law.
     """
-    if must_fly_elsewhere(plan):
+    if must_run_in_child(plan):
         return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)
     width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
     after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), width))

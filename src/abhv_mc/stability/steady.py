@@ -10,10 +10,10 @@ from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.reference import make_mission_trim_tables
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.control.mission import Level, Mission
-from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.arguments import SavedFlights
 from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import UserParts, make_gains, make_plan
+from abhv_mc.flight.prepare import UserLaw, make_gains, make_plan
 from abhv_mc.flight.user_law import measured_count
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws import columns as ref
@@ -71,7 +71,7 @@ def make_steady_plan(
     controller: Controller,
     name: str,
     bank: float = 0.0,
-    user_code: UserParts | None = None,
+    user_code: UserLaw | None = None,
 ) -> FlightPlan:
     """Return a plan of steady flight at the mission's start for all time, with its gains.
 
@@ -151,7 +151,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     row = plan.reference[0]
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
     _, lane = begin(
-        plan, Kept(1, begun)
+        plan, SavedFlights(1, begun)
     )  # a measurement that fails at the start is frozen from the second tick on
     out = lane[:, s.ENGINE_FAILED] > 0.0  # its thrust has decayed
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]

@@ -95,7 +95,7 @@ class DesignModel:
         """
         nominal = make_nominal(self.mission, self.table[self._tick(time)])
         operating_point = [
-            nominal.around.altitude,
+            nominal.environment.altitude,
             nominal.speed,
             nominal.flight_path_angle,
             nominal.heading,
@@ -121,12 +121,12 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     They follow equations (1), (13) and (3) with the full tables.
     """
     altitude, speed, gamma, chi, alpha, beta, bank = x[:7]
-    around, mass = nominal.around, nominal.mass
-    rise = altitude - around.altitude
-    gravity = around.gravity + around.gravity_slope * rise
-    local_air = around._replace(
-        density=around.density + around.density_slope * rise,
-        sound_speed=around.sound_speed + around.sound_speed_slope * rise,
+    environment, mass = nominal.environment, nominal.mass
+    rise = altitude - environment.altitude
+    gravity = environment.gravity + environment.gravity_slope * rise
+    local_air = environment._replace(
+        density=environment.density + environment.density_slope * rise,
+        sound_speed=environment.sound_speed + environment.sound_speed_slope * rise,
     )
     wrench = wrench_at(vehicle, local_air, mass, speed, alpha, beta, x[7:10], x[10:13], x[13])
     F = wrench.force
@@ -134,11 +134,11 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     along = F[0] * ca * cb + F[1] * sb + F[2] * sa * cb
     side = F[1] * cb - (F[0] * ca + F[2] * sa) * sb
     normal = F[0] * sa - F[2] * ca
-    momentum, radius = mass * speed, around.radius + rise
+    momentum, radius = mass * speed, environment.radius + rise
     sg, cg, ss, cs = np.sin(gamma), np.cos(gamma), np.sin(bank), np.cos(bank)
     path = (normal * cs - side * ss) / momentum + (speed / radius - gravity / speed) * cg
     turn = (normal * ss + side * cs) / (momentum * cg) + speed / radius * cg * np.sin(chi) * np.tan(
-        around.latitude
+        environment.latitude
     )
     angles = attitude_rates(F, mass, speed, gravity, gamma, x[4:7], x[7:10])
     rates = body_rate_rates(wrench.inertia, wrench.moment, x[7:10])

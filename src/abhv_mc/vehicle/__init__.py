@@ -1,1 +1,1 @@
-"""The vehicle file and its packed tables."""
+"""Vehicle files and their packed tables."""

@@ -1,4 +1,4 @@
-"""Engine and control surfaces in a vehicle file: tables or functions, actuators, failures, several of each."""
+"""Keys of the engines and control surfaces in a vehicle file."""
 
 import math
 from typing import Annotated, Any, Literal, Self
@@ -28,23 +28,25 @@ PROPULSION_TABLES = {
 
 
 class PythonFunction(StrictModel):
-    """A function of the vehicle's own, compiled apart from the flight."""
+    """Custom function of the vehicle, compiled separately from the flight."""
 
     python: File = Field(description="Python file, relative to this file")
-    settings: dict[str, Any] = Field(default_factory=dict, description="of its class Settings")
+    settings: dict[str, Any] = Field(
+        default_factory=dict, description="values of its class Settings"
+    )
 
 
 class ThrustLine(StrictModel):
-    """Where the thrust acts, from the moment reference."""
+    """Line of thrust, relative to the moment reference."""
 
-    inclination: Angle = Field(default=0.0, description="of the thrust, upward")
+    inclination: Angle = Field(default=0.0, description="angle of the thrust, upward")
     offset: Length = Field(
         default=0.0, description="below the moment reference: positive pitches nose up"
     )
 
 
 class Unstart(StrictModel):
-    """Flow in which the inlet stays started. Outside of it the engine fails as ``failure.engine`` says."""
+    """Flow in which the inlet stays started; outside it the engine fails as ``failure.engine`` does."""
 
     angle_of_attack: AngleRange = Field(
         default=(-math.inf, math.inf), description="least and greatest"
@@ -54,23 +56,23 @@ class Unstart(StrictModel):
     )
     mach: Range = Field(default=(-math.inf, math.inf), description="least and greatest")
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
-        default=math.inf, description="time inside until it starts again; left out: never"
+        default=math.inf, description="time inside the range until it restarts; left out: never"
     )
     drag_increment: float = Field(
-        default=0.0, description="added to the drag coefficient meanwhile"
+        default=0.0, description="added to the drag coefficient while unstarted"
     )
     pitching_moment_increment: float = Field(
-        default=0.0, description="likewise to the pitching moment's"
+        default=0.0, description="added to the pitching moment coefficient while unstarted"
     )
 
     @model_validator(mode="after")
     def _check(self) -> "Unstart":
         if not self.model_fields_set & {"angle_of_attack", "sideslip", "mach"}:
-            raise Refusal("an unstart without a condition", "angle_of_attack, sideslip or mach")
+            raise Refusal("unstart without a condition", "angle_of_attack, sideslip or mach")
         return self
 
     def inlet(self) -> Inlet:
-        """The condition as numbers."""
+        """Return the condition as numbers of the kernel."""
         return Inlet(
             1.0,
             *self.angle_of_attack,
@@ -83,67 +85,68 @@ class Unstart(StrictModel):
 
 
 class Relight(StrictModel):
-    """How an engine comes back after a failure; its flame-out follows the lag of the throttle."""
+    """Recovery of an engine after a failure; its flame-out follows the lag of the throttle."""
 
     delay: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time until it begins to come back"
+        0.0, description="time until the thrust begins to recover"
     )
     time_constant: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time constant of its thrust; 0: the lag of the throttle"
+        0.0, description="time constant of the thrust; 0: the lag of the throttle"
     )
 
 
 class Engine(StrictModel):
-    """One of several engines, each of which may fail by itself: where its share acts, from the whole thrust's line."""
+    """One of several engines, which may fail separately; positions are relative to the thrust line."""
 
     share: Annotated[Fraction, Positive] | None = Field(
-        None, description="of the thrust; left out: equal shares"
+        None, description="share of the thrust; left out: equal shares"
     )
-    x: Length = Field(0.0, description="forward")
-    y: Length = Field(0.0, description="to the right")
-    z: Length = Field(0.0, description="below")
+    x: Length = Field(0.0, description="position forward of the thrust line's reference")
+    y: Length = Field(0.0, description="position to the right of the thrust line")
+    z: Length = Field(0.0, description="position below the thrust line")
 
 
 def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
-    """Share and position of each."""
-    return [(each.share or 1.0 / len(engines), each.x, each.y, each.z) for each in engines.values()]
+    """Return share and position (x, y, z) of each engine."""
+    return [
+        (engine.share or 1.0 / len(engines), engine.x, engine.y, engine.z)
+        for engine in engines.values()
+    ]
 
 
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
         default=None,
-        description="flow outside which the engine fails; left out: the inlet stays started in any flow",
+        description="flow in which the inlet stays started; left out: in any flow",
     )
     engines: dict[str, Engine] = Field(
         default_factory=dict,
         max_length=MAX_ENGINES,
-        description="several engines by name; left out: one",
+        description="several engines by name; left out: one engine",
     )
 
     @model_validator(mode="after")
     def _check_engines(self) -> Self:
         rows = engine_rows(self.engines)
         total = sum(share for share, *_ in rows)
-        off = [sum(row[0] * row[i] for row in rows) for i in (1, 2, 3)]
-        unlike = len({engine.share is None for engine in self.engines.values()}) > 1
-        if rows and (unlike or abs(total - 1.0) > 1e-9):
+        moments = [sum(row[0] * row[i] for row in rows) for i in (1, 2, 3)]
+        has_mixed_shares = len({engine.share is None for engine in self.engines.values()}) > 1
+        if rows and (has_mixed_shares or abs(total - 1.0) > 1e-9):
             raise Refusal(
-                f"engines with shares that make {total:g}",
-                "shares that make 1, or none",
+                f"shares of the thrust with the sum {total:g}",
+                "shares with the sum 1, or no shares",
                 ("engines",),
             )
-        if max(map(abs, off)) > 1e-6:
-            found = (
-                f"engines whose thrust acts {', '.join(f'{x:g}' for x in off)} m from the whole's"
-            )
-            raise Refusal(found, "positions from the thrust's line that balance", ("engines",))
+        if max(map(abs, moments)) > 1e-6:
+            problem = f"engines whose thrust acts {', '.join(f'{x:g}' for x in moments)} m from the line of thrust"
+            raise Refusal(problem, "positions with the weighted mean 0", ("engines",))
         return self
 
 
 class _Propulsion(_Inlets):
-    specific_impulse: str = Field(description="name of the table of the specific impulse")
+    specific_impulse: str = Field(description="name of the table of specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
-        default=9.80665, description="gravity in the specific impulse"
+        default=9.80665, description="gravity in the definition of the specific impulse"
     )
     thrust_line: ThrustLine = Field(
         ThrustLine(), description="where the thrust acts; left out: along body x"
@@ -156,33 +159,33 @@ class _Propulsion(_Inlets):
     )
     damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
     rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
-    relight: Relight = Field(Relight(), description="how it comes back after a failure")
+    relight: Relight = Field(Relight(), description="recovery after a failure")
 
 
 class Capture(_Propulsion):
     """T = stoichiometric ratio * eta * Isp * g0 * rho * V * capture area ratio * cowl area."""
 
-    kind: Literal["capture"] = Field(description="how thrust is computed")
+    kind: Literal["capture"] = Field(description="method of computing thrust")
     stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air, by mass")
-    cowl_area: Annotated[Area, Positive] = Field(description="of the inlet")
+    cowl_area: Annotated[Area, Positive] = Field(description="area of the inlet cowl")
     capture_area_ratio: str = Field(description="name of the table of captured area over cowl area")
 
 
 class ThrustArea(_Propulsion):
     """T = dynamic pressure * thrust area."""
 
-    kind: Literal["thrust_area"] = Field(description="how thrust is computed")
+    kind: Literal["thrust_area"] = Field(description="method of computing thrust")
     area: str = Field(description="name of the table of thrust over dynamic pressure")
 
 
 class ThrustFunction(PythonFunction, _Inlets):
-    """Thrust as a Python function of the air and the throttle."""
+    """Thrust as a Python function of air data and throttle."""
 
     function: str = Field("thrust", description="name of the function")
-    throttle: Range = Field((0.0, 1.0), description="least and greatest")
-    ideal: bool = Field(False, description="the throttle is what is commanded")
+    throttle: Range = Field((0.0, 1.0), description="least and greatest throttle")
+    ideal: bool = Field(False, description="whether the throttle equals its command")
     bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="of the throttle"
+        default=None, description="natural frequency of the throttle"
     )
     damping: Annotated[float, Positive] = Field(
         default=1.0, description="damping ratio of the throttle"
@@ -195,15 +198,15 @@ class ThrustFunction(PythonFunction, _Inlets):
     def _check(self) -> "ThrustFunction":
         if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
             raise Refusal(
-                "an engine that is ideal and has dynamics, or neither",
-                "ideal, or bandwidth and rate_limit",
+                "both or neither of ideal, and bandwidth with rate_limit",
+                "either ideal, or bandwidth and rate_limit",
             )
         return self
 
 
 def _propulsion_kind(value: Any) -> str:
-    given = value if isinstance(value, dict) else vars(value)
-    return "python" if "python" in given else str(given.get("kind"))
+    keys = value if isinstance(value, dict) else vars(value)
+    return "python" if "python" in keys else str(keys.get("kind"))
 
 
 Propulsion = Annotated[
@@ -218,7 +221,7 @@ AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
 class Effector(StrictModel):
-    """One surface: its deflection per deflection of each axis, and its actuator if it has one of its own."""
+    """One surface: its deflection per deflection of each axis, and optionally its actuator."""
 
     aileron: float = Field(0.0, description="deflection per aileron command")
     rudder: float = Field(0.0, description="deflection per rudder command")
@@ -233,11 +236,11 @@ class Effector(StrictModel):
         default=None, description="natural frequency"
     )
     damping: Annotated[float, Positive] | None = Field(default=None, description="damping ratio")
-    ideal: bool = Field(False, description="deflections are what is commanded")
+    ideal: bool = Field(False, description="whether the deflection equals its command")
 
     @property
     def driven(self) -> bool:
-        """Whether it has an actuator of its own; what that does not say is as ``surfaces`` has it."""
+        """True if it has a separate actuator; missing values are those of ``surfaces``."""
         return bool(self.model_fields_set - set(AXIS_DEFLECTIONS))
 
     @model_validator(mode="after")
@@ -247,7 +250,7 @@ class Effector(StrictModel):
         if self.ideal and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
                 "an ideal effector with dynamics",
-                "ideal, or rate, bandwidth and damping",
+                "either ideal, or rate, bandwidth and damping",
                 ("ideal",),
             )
         return self
@@ -263,7 +266,7 @@ class Surfaces(StrictModel):
 
 
 class IdealSurfaces(StrictModel):
-    """Deflections that are what is commanded."""
+    """Deflections that equal their commands."""
 
     ideal: Literal[True] = Field(description="no dynamics")
     limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")

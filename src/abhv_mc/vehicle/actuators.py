@@ -1,4 +1,4 @@
-"""The list of a vehicle's actuators: packed from its file, and asked of the packed vehicle."""
+"""Actuators of a vehicle: packing from the file, and queries of the packed vehicle."""
 
 import math
 from collections.abc import Mapping
@@ -13,31 +13,32 @@ _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effe
 
 
 def pack_effectors(
-    effectors: Mapping[str, Effector], constants: Constants, named: set[str]
+    effectors: Mapping[str, Effector], constants: Constants, named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """The file's effectors and axes that the aerodynamics name: mix of the former, the list of actuators, names.
+    """Return the mix of the file's effectors, the list of actuators and the effectors' names.
 
-    What an effector does not say is as the surfaces have it.
+    Axes that the aerodynamics name are actuators, too. Values that an effector does not give are
+    those of the surfaces.
     """
-    axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named]
+    axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
         [*(_FIRST + e for e in range(len(effectors))), *_AXES[axes]], dtype=np.int64
     )
-    own = np.array(
-        [[getattr(each, axis) for axis in AXIS_DEFLECTIONS] for each in effectors.values()],
+    file_mix = np.array(
+        [[getattr(effector, axis) for axis in AXIS_DEFLECTIONS] for effector in effectors.values()],
         np.float64,
     )
-    mix = np.vstack([own.reshape(-1, 3), np.eye(3)[axes]])
+    mix = np.vstack([file_mix.reshape(-1, 3), np.eye(3)[axes]])
     rows, c = np.zeros((len(mix), 6)), constants
-    for row, each in zip(rows, [*effectors.values(), *[Effector()] * len(axes)], strict=True):
-        low, high = each.limits or (-c.surface_limit, c.surface_limit)
-        moves = each.rate is not None or each.bandwidth is not None
+    for row, effector in zip(rows, [*effectors.values(), *[Effector()] * len(axes)], strict=True):
+        low, high = effector.limits or (-c.surface_limit, c.surface_limit)
+        has_dynamics = effector.rate is not None or effector.bandwidth is not None
         rate, bandwidth = (
-            each.rate or c.surface_rate_limit or math.inf,
-            each.bandwidth or c.surface_bandwidth,
+            effector.rate or c.surface_rate_limit or math.inf,
+            effector.bandwidth or c.surface_bandwidth,
         )
-        ideal = each.ideal or (c.ideal_surfaces > 0.0 and not moves)
-        row[:] = low, high, rate, bandwidth, each.damping or c.surface_damping, ideal
+        ideal = effector.ideal or (c.ideal_surfaces > 0.0 and not has_dynamics)
+        row[:] = low, high, rate, bandwidth, effector.damping or c.surface_damping, ideal
     letters = np.zeros((len(effectors), max(map(len, effectors), default=0)), dtype=np.int64)
     for i, name in enumerate(effectors):
         letters[i, : len(name)] = [ord(letter) for letter in name]
@@ -46,30 +47,33 @@ def pack_effectors(
 
 
 def _axis_shares(mix: Floats) -> Floats:
-    """What of the effectors' deflections an axis makes [axis, effector, effector], within sets of equal |mix|.
+    """Return the projection of deflections onto each axis [axis, effector, effector].
 
-    In the file's order each joins the first set in which its row of the mix is independent of the others', or begins
-    one: over all of them at once, pairs with unlike limits would count as commands of other axes.
+    Effectors are grouped into sets of equal |mix|, in the file's order: each joins the first set in
+    which its row of the mix is linearly independent, or starts a new one. In a single set, pairs with
+    different limits would count as commands of other axes.
     """
     sets: list[list[int]] = []
     for e, row in enumerate(mix):
-        alike = [s for s in sets if (abs(mix[s[0]]) == abs(row)).all()]
-        joined = next((s for s in alike if np.linalg.matrix_rank(mix[[*s, e]]) == len(s) + 1), None)
-        if joined is None:
+        equal_sets = [s for s in sets if (abs(mix[s[0]]) == abs(row)).all()]
+        joined_set = next(
+            (s for s in equal_sets if np.linalg.matrix_rank(mix[[*s, e]]) == len(s) + 1), None
+        )
+        if joined_set is None:
             sets.append([e])
         else:
-            joined.append(e)
+            joined_set.append(e)
     shares = np.zeros((3, len(mix), len(mix)))
     for members in sets:
-        part = mix[members]
+        block = mix[members]
         shares[np.ix_(range(3), members, members)] = (
-            part.T[:, :, None] * np.linalg.pinv(part)[:, None, :]
+            block.T[:, :, None] * np.linalg.pinv(block)[:, None, :]
         )
     return shares
 
 
 def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
-    """The names of a vehicle's effectors, in their order, and of the axes that are among them."""
+    """Return the names of a vehicle's effectors in order, including axes among them."""
     names = ["".join(map(chr, row[row > 0])) for row in vehicle.effector_names]
     return tuple(
         names[i - _FIRST] if i >= _FIRST else VARIABLES[i] for i in vehicle.effectors.variable
@@ -77,7 +81,7 @@ def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def list_actuators(vehicle: Vehicle) -> Effectors:
-    """The list of actuators but the engine's: of the three axes, or of the effectors."""
+    """Return the actuators of the three axes or of the effectors, without the engine's."""
     c = vehicle.constants
     if c.driven:
         return vehicle.effectors
@@ -94,17 +98,17 @@ def list_actuators(vehicle: Vehicle) -> Effectors:
 
 
 def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
-    """The vehicle with an actuator at each effector, or with actuators of the three axes, which effectors follow."""
+    """Return the vehicle with an actuator at each effector, or with actuators of the three axes."""
     return vehicle._replace(constants=vehicle.constants._replace(driven=float(driven)))
 
 
 def axis_limits(vehicle: Vehicle) -> Floats:
-    """Return the least and greatest deflection (rad) of aileron, rudder and elevator, one after another [6]."""
+    """Return the least and greatest deflection (rad) of aileron, rudder and elevator [6]."""
     return np.array([deflection_range(vehicle, axis) for axis in range(3)]).ravel()
 
 
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
-    """Least and greatest deflection (rad) of aileron, rudder or elevator alone that its effectors can follow."""
+    """Return the least and greatest deflection (rad) of an axis alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
         for mix, actuator in zip(

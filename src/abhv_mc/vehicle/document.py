@@ -1,4 +1,4 @@
-"""The vehicle file: what may stand in it, and the checks that need no other file."""
+"""Model of the vehicle file, with the checks that need no other file."""
 
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
@@ -48,14 +48,14 @@ class Reference(StrictModel):
     span: Annotated[Length, _Size] = Field(description="length of the rolling and yawing moment")
     chord: Annotated[Length, _Size] = Field(description="length of the pitching moment")
     nose_radius: Annotated[Length, Positive] | None = Field(
-        default=None, description="of the stagnation heat flux"
+        default=None, description="nose radius for the stagnation heat flux"
     )
 
 
 class MassPoint(StrictModel):
-    """Mass properties at one mass. The centre of gravity is measured from the moment reference."""
+    """Mass properties at one mass, with the centre of gravity relative to the moment reference."""
 
-    mass: Annotated[Mass, Positive] = Field(description="at which the following hold")
+    mass: Annotated[Mass, Positive] = Field(description="mass at which these properties hold")
     inertia_xx: Annotated[Inertia, Positive] = Field(
         description="moment of inertia about body x (forward)"
     )
@@ -82,13 +82,13 @@ class MassPoint(StrictModel):
         if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
             raise Refusal(
                 f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 that no body has",
-                "none above the sum of the two others, and element 13 below the mean of xx and zz",
+                "each at most the sum of the two others, and element 13 squared below xx times zz",
             )
         return self
 
 
 class MassPoints(StrictModel):
-    """Mass properties against mass: linear between the points, held outside."""
+    """Mass properties against mass, linear between the points and constant outside."""
 
     points: tuple[MassPoint, ...] = Field((), description="mass properties by rising mass")
 
@@ -105,16 +105,17 @@ class MassPoints(StrictModel):
 
 
 class MassModel(MassPoints):
-    """Mass at the start of a flight and properties against mass: linear between the points, held outside."""
+    """Mass at the start of a flight, and mass properties against mass."""
 
     start: Annotated[Mass, Positive] = Field(
-        description="at the start of a flight, within the points"
+        description="mass at the start of a flight, within the points"
     )
     empty: Annotated[Mass, Positive] | None = Field(
-        default=None, description="without fuel: the engine stops there; left out: no fuel is burnt"
+        default=None,
+        description="mass without fuel, at which the engine stops; left out: no fuel is burnt",
     )
     file: File | None = Field(
-        default=None, description="the points as CSV: mass_kg,inertia_xx_kg_m2,..."
+        default=None, description="CSV file with the points: mass_kg,inertia_xx_kg_m2,..."
     )
 
     @model_validator(mode="after")
@@ -122,7 +123,7 @@ class MassModel(MassPoints):
         if bool(self.points) == (self.file is not None):
             raise Refusal(
                 "both points and a file" if self.points else "neither points nor a file",
-                "one of them",
+                "either points or a file",
             )
         if self.empty is not None and self.empty > self.start:
             raise Refusal(
@@ -134,18 +135,17 @@ class MassModel(MassPoints):
 
 
 class TableEntry(StrictModel):
-    """One table: a CSV file or a constant."""
+    """Table from a CSV file, or a constant."""
 
     file: File | None = Field(
         default=None, description="CSV with one column per axis and the column 'value'"
     )
-    constant: float | None = Field(
-        default=None, description="one value everywhere, in place of a file"
-    )
-    unit: str = Field(default="-", description="of the values, such as 1/deg, 1/rad, s, m2")
-    scale: float = Field(default=1.0, description="multiplies the values")
+    constant: float | None = Field(default=None, description="constant value, instead of a file")
+    unit: str = Field(default="-", description="unit of the values, such as 1/deg, 1/rad, s, m2")
+    scale: float = Field(default=1.0, description="factor that multiplies the values")
     columns: dict[str, str] = Field(
-        default_factory=dict, description="names of the columns whose header says something else"
+        default_factory=dict,
+        description="meaning of columns with other headers, such as alpha: angle_of_attack deg",
     )
 
     @model_validator(mode="after")
@@ -153,7 +153,7 @@ class TableEntry(StrictModel):
         if (self.file is None) == (self.constant is None):
             raise Refusal(
                 "both a file and a constant" if self.file else "neither file nor constant",
-                "one of them",
+                "either a file or a constant",
             )
         if self.columns and self.file is None:
             raise Refusal("columns of a constant", "columns of a file", ("columns",))
@@ -165,7 +165,7 @@ class TableEntry(StrictModel):
 
 
 class Term(StrictModel):
-    """A part of a coefficient: table, times a variable where one is named."""
+    """Term of a coefficient: a table, optionally times a variable."""
 
     table: str = Field(description="name of a table")
     times: str | None = Field(
@@ -175,34 +175,35 @@ class Term(StrictModel):
 
 
 class ReferencePoint(StrictModel):
-    """Where a function's forces and moments act, from the moment reference."""
+    """Point about which a function's moments are, relative to the moment reference."""
 
     x: Length = Field(0.0, description="forward of the moment reference")
     z: Length = Field(0.0, description="below the moment reference")
 
 
 class AerodynamicsFunction(PythonFunction):
-    """Coefficients as a Python function of the air, the controls and the rates."""
+    """Coefficients as a Python function of air data, controls and rates."""
 
     function: str = Field("coefficients", description="name of the function")
     frame: Literal["body", "stability", "wind"] = Field(
-        description="axes of the forces: body CX CY CZ; stability CL CD with CY along body y; wind CL CD CC"
+        description="axes of the force coefficients: body (CX CY CZ), stability (CL CD, CY along body y) "
+        "or wind (CL CD CC)"
     )
     reference_point: ReferencePoint = Field(
-        ReferencePoint(), description="about which the moments are"
+        ReferencePoint(), description="point about which the moments are"
     )
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
         default_factory=dict,
-        description="where the function has kinks, angles in rad: trim tables have nodes there",
+        description="points where the function has kinks (angles in rad), which become nodes of trim tables",
     )
 
 
 class Aerodynamics(StrictModel):
-    """Each coefficient is the sum of its terms."""
+    """Aerodynamic coefficients, each the sum of its terms."""
 
     force_axes: Literal["stability", "wind"] = Field(
         default="stability",
-        description="of lift and drag; wind: drag opposes the velocity at any sideslip",
+        description="axes of lift and drag; wind: drag opposes the velocity at any sideslip",
     )
     lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
     drag: tuple[Term, ...] = Field(
@@ -227,13 +228,13 @@ def _aerodynamics_kind(value: Any) -> str:
 
 
 class FlightLimits(LoadLimits):
-    """Where a flight ends."""
+    """Limits that end a flight."""
 
-    angle_of_attack: AngleRange = Field(description="least and greatest")
-    sideslip: Annotated[Angle, Positive] = Field(description="greatest, to either side")
+    angle_of_attack: AngleRange = Field(description="least and greatest angle of attack")
+    sideslip: Annotated[Angle, Positive] = Field(description="greatest sideslip, to either side")
     states: dict[str, Number] = Field(
         default_factory=dict,
-        description="greatest value of a custom state, to either side; written as state.NAME",
+        description="greatest magnitude of a custom state; written as state.NAME",
     )
 
     # The keys state.NAME of the file are one field here.
@@ -252,10 +253,12 @@ class FlightLimits(LoadLimits):
 
 
 class VehicleDocument(StrictModel):
-    """A vehicle: its numbers, its tables and how its coefficients are built from them."""
+    """Vehicle: constants, tables, and the build-up of its coefficients."""
 
     name: str = Field(description="name of the vehicle")
-    description: str = Field("", description="what it is and where its numbers come from")
+    description: str = Field(
+        "", description="description of the vehicle and the source of its data"
+    )
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
     surfaces: SurfaceKeys | None = Field(
@@ -264,17 +267,18 @@ class VehicleDocument(StrictModel):
     effectors: dict[str, Effector] = Field(
         default_factory=dict,
         max_length=MAX_EFFECTORS,
-        description="surfaces of its own, mixed from aileron, rudder and elevator",
+        description="control surfaces, each a mix of aileron, rudder and elevator",
     )
     propulsion: Propulsion | None = Field(default=None, description="the engine; left out: none")
     sensing: SensingKeys = Field(
-        SensingKeys(), description="what its instruments measure; a mission may say otherwise"
+        SensingKeys(),
+        description="quantities that its instruments measure; a mission may change them",
     )
     limits: FlightLimits | None = Field(
-        default=None, description="attitudes outside which a flight ends; left out: any attitude"
+        default=None, description="limits that end a flight; left out: no limits"
     )
     tables: dict[str, TableEntry] = Field(
-        default_factory=dict, description="tables by name; each must be used"
+        default_factory=dict, description="tables by name, each of which must be used"
     )
     aerodynamics: Annotated[
         Annotated[Aerodynamics, Tag("terms")] | Annotated[AerodynamicsFunction, Tag("python")],
@@ -286,31 +290,34 @@ class VehicleDocument(StrictModel):
     )
 
     def state_limits(self) -> dict[str, float]:
-        """Return the limits of custom states by name. Raise Refusal."""
+        """Return the limits of custom states by name. Raise Refusal if one is invalid."""
         states = self.dynamics.states if self.dynamics else {}
         limits = {}
         for name, value in (self.limits.states if self.limits else {}).items():
-            place = ("limits", f"state.{name}")
+            key = ("limits", f"state.{name}")
             if name not in states:
-                raise Refusal(f"a limit of '{name}'", one_of(states, name), place)
+                raise Refusal(f"a limit of '{name}'", one_of(states, name), key)
             try:
                 limits[name] = parse_quantity(value, dimension_of(states[name].unit))
             except Refusal as refusal:
-                raise Refusal(refusal.found, refusal.expected, place) from None
+                raise Refusal(refusal.found, refusal.expected, key) from None
             if limits[name] <= 0.0:
-                raise Refusal(f"a limit of {value}", "one above zero", place)
+                raise Refusal(f"a limit of {value}", "a limit above zero", key)
         return limits
 
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
-        """Every use of a table: its name, what it is (a propulsion quantity or the ``times`` of a term), the place."""
-        found: list[tuple[str, str | None, tuple[str | int, ...]]] = []
+        """Return every use of a table: table, quantity and key in the file.
+
+        The quantity is that of the propulsion, or the ``times`` of a term.
+        """
+        uses: list[tuple[str, str | None, tuple[str | int, ...]]] = []
         for quantity, key in PROPULSION_TABLES.items():
             if table := getattr(self.propulsion, key, None):
-                found.append((table, quantity, ("propulsion", key)))
+                uses.append((table, quantity, ("propulsion", key)))
         for coefficient in COEFFICIENTS:
             for i, term in enumerate(getattr(self.aerodynamics, coefficient, ())):
-                found.append((term.table, term.times, ("aerodynamics", coefficient, i, "table")))
-        return found
+                uses.append((term.table, term.times, ("aerodynamics", coefficient, i, "table")))
+        return uses
 
     @model_validator(mode="after")
     def _check(self) -> "VehicleDocument":
@@ -319,11 +326,11 @@ class VehicleDocument(StrictModel):
             if name in FACTORS or not name.isidentifier():
                 raise Refusal(
                     f"an effector '{name}'",
-                    "a word that names no other variable",
+                    "an identifier that is not the name of another variable",
                     ("effectors", name),
                 )
             if effector.driven and self.surfaces is None:
-                expected = "surfaces, whose limit holds for aileron, rudder and elevator"
+                expected = "surfaces, whose limit applies to aileron, rudder and elevator"
                 raise Refusal(
                     "an effector with an actuator in a file without surfaces",
                     expected,
@@ -331,19 +338,15 @@ class VehicleDocument(StrictModel):
                 )
             dynamics = effector.rate, effector.bandwidth, effector.damping
             if isinstance(self.surfaces, IdealSurfaces) and any(dynamics) and not all(dynamics):
-                expected = "rate, bandwidth and damping, as the surfaces have none"
-                raise Refusal(
-                    "an effector without one of its dynamics", expected, ("effectors", name)
-                )
+                expected = "rate, bandwidth and damping, as the surfaces are ideal"
+                raise Refusal("an effector with incomplete dynamics", expected, ("effectors", name))
         factors = (*FACTORS, *self.effectors)
-        for table, quantity, place in self.uses():
+        for table, quantity, key in self.uses():
             if table not in self.tables:
+                raise Refusal(f"unknown table '{table}'", one_of(self.tables, table), key)
+            if key[0] == "aerodynamics" and quantity is not None and quantity not in factors:
                 raise Refusal(
-                    f"'{table}', which is no table of this file", one_of(self.tables, table), place
-                )
-            if place[0] == "aerodynamics" and quantity is not None and quantity not in factors:
-                raise Refusal(
-                    f"times '{quantity}'", one_of(factors, quantity), (*place[:-1], "times")
+                    f"times '{quantity}'", one_of(factors, quantity), (*key[:-1], "times")
                 )
             self._check_unit(table, quantity)
         used = {table for table, _, _ in self.uses()}
@@ -352,8 +355,8 @@ class VehicleDocument(StrictModel):
                 table not in used and self.propulsion is not None
             ):  # a glider's file may keep its engine's tables
                 raise Refusal(
-                    f"the table '{table}', which nothing uses",
-                    "a use of it, or none of it",
+                    f"the unused table '{table}'",
+                    "tables that a coefficient or the propulsion uses",
                     ("tables", table),
                 )
         return self
@@ -373,8 +376,8 @@ class VehicleDocument(StrictModel):
         if parse_unit(unit)[1] not in [
             tuple(sign * e for e in dimension.exponents) for dimension in expected
         ]:
-            words = (
+            expected_text = (
                 "1/deg or 1/rad" if expected[0] is ANGLE else f"a unit like '{expected[0].unit}'"
             )
-            use = f"for {quantity}" if quantity else "for a whole part of a coefficient"
-            raise Refusal(f"a table in '{unit}' {use}", words, ("tables", table, "unit"))
+            use = f"for {quantity}" if quantity else "for a term without 'times'"
+            raise Refusal(f"a table in '{unit}' {use}", expected_text, ("tables", table, "unit"))

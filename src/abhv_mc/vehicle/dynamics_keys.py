@@ -1,4 +1,4 @@
-"""Custom dynamics in the vehicle file: states of a Python function that are integrated with the vehicle."""
+"""Keys of custom dynamics in the vehicle file: states that are integrated with the vehicle."""
 
 import keyword
 from typing import Annotated
@@ -13,11 +13,11 @@ Number = float | str
 
 
 class CustomState(StrictModel):
-    """One state: its unit, and its start if it has no equilibrium."""
+    """Custom state: its unit, and its initial value if it has no equilibrium."""
 
-    unit: str = Field(description="SI unit, such as m, rad/s or K; - for a number")
+    unit: str = Field(description="SI unit, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
-        default=None, description="value at the start; left out: the equilibrium at the trim"
+        default=None, description="initial value; left out: the equilibrium at the trim"
     )
 
     @model_validator(mode="after")
@@ -33,17 +33,17 @@ def _state(value: object) -> object:
 
 
 class Dynamics(StrictModel):
-    """States that are integrated with the vehicle, push it, and are felt by its sensors."""
+    """Custom states, which exert forces and moments on the vehicle and affect its sensors."""
 
     file: File = Field(
-        description="Python file with one function that is marked with dynamics, relative to this file"
+        description="Python file with one function decorated with dynamics, relative to this file"
     )
     states: dict[
         str,
         Annotated[CustomState, BeforeValidator(_state, json_schema_input_type=str | CustomState)],
     ] = Field(min_length=1, max_length=MAX_STATES, description="units of the states by name")
     settings: dict[str, Number] = Field(
-        default_factory=dict, description="numbers that the function is given, dispersible"
+        default_factory=dict, description="numbers passed to the function, which may be dispersed"
     )
 
     @model_validator(mode="after")
@@ -52,7 +52,7 @@ class Dynamics(StrictModel):
             for name in getattr(self, key):
                 if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
                     raise Refusal(
-                        f"the name {describe(name)}", "a word such as mode_1", (key, name)
+                        f"the name {describe(name)}", "an identifier such as mode_1", (key, name)
                     )
         for name, value in self.settings.items():
             try:

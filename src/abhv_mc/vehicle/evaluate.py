@@ -1,6 +1,7 @@
-"""Look tables up and build coefficients with plain numpy: for host-side work, and to check the compiled look-up.
+"""Table look-up and coefficient build-up in plain numpy, outside of compiled code.
 
-Two look-ups, as the sum over a cell's corners has an order: trims stand on one to the last digit, designs on the other.
+There are two look-ups, which sum over a cell's corners in different orders: trims depend on one to
+the last digit, controller designs on the other.
 """
 
 from typing import Any
@@ -17,7 +18,10 @@ _FIRST_EFFECTOR = VARIABLES.index("effector_0")
 
 
 def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
-    """``[variable, point]`` from named values (SI, radians); the rest zero, effectors mixed from the axes'."""
+    """Return ``[variable, point]`` from named values (SI, radians).
+
+    Other variables are zero; effector deflections follow from those of the axes.
+    """
     arrays = [np.asarray(value) for value in values.values()]
     shape = np.broadcast_shapes((1,), *(array.shape for array in arrays))
     variables = np.zeros((len(VARIABLES), *shape), dtype=np.result_type(np.float64, *arrays))
@@ -30,7 +34,7 @@ def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
 
 
 def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
-    """Every table interpolated, held at the edges, as a sum over corners: ``[row, point]`` of ``[variable, point]``."""
+    """Interpolate all tables, constant beyond the edges: ``[row, point]`` of ``[variable, point]``."""
     rows = np.empty((tables.n_rows, *variables.shape[1:]))
     for g in range(tables.group_start.size):
         corners = [
@@ -58,7 +62,7 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 
 
 def table_rows(tables: Tables, variables: Numbers) -> Numbers:
-    """The same of variables that may be complex: a complex step gives a cell's exact slope."""
+    """Interpolate all tables at possibly complex variables; a complex step gives a cell's exact slope."""
     low, weight = [], []
     for variable, start, length in zip(
         tables.axis_variable, tables.axis_start, tables.axis_length, strict=True
@@ -96,9 +100,10 @@ def table_rows(tables: Tables, variables: Numbers) -> Numbers:
 def evaluate_coefficients(
     vehicle: Vehicle, variables: Numbers, factors: Floats | None = None, rows: Numbers | None = None
 ) -> Numbers:
-    """The six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]`` and, where at hand, the tables' rows.
+    """Return the six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]``.
 
     ``factors`` [parameter] or [parameter, point] multiplies the terms of tables; None is nominal.
+    ``rows`` are the interpolated tables, if already computed.
     """
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]
@@ -115,7 +120,7 @@ def evaluate_coefficients(
 def evaluate_fixed(
     vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None
 ) -> dict[str, Numbers]:
-    """Propulsion, inertia and centre-of-gravity tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
+    """Return the propulsion and mass tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     return {
         name: rows[row]

@@ -1,4 +1,4 @@
-"""Read a vehicle file and pack it: everything becomes SI and radians here."""
+"""Reading and packing of vehicle files, with conversion to SI and radians."""
 
 import itertools
 import math
@@ -53,26 +53,25 @@ from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
-_LARGEST_IMPULSE = (
-    1e4  # s: no air-breathing engine comes near; an exhaust velocity in m/s lies beyond
-)
+# s; above every air-breathing engine's, and below exhaust velocities in m/s
+_LARGEST_IMPULSE = 1e4
 
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """A vehicle file with everything it refers to, checked."""
+    """Checked vehicle file with all files it refers to."""
 
     path: Path
     content: VehicleDocument
     tables: Mapping[str, Table]  # SI and radians
-    code: VehicleCode | None  # functions of its own
+    code: VehicleCode | None  # custom functions
     mass_points: tuple[MassPoint, ...]
-    files: tuple[Path, ...]  # the YAML file first, then each table file once
+    files: tuple[Path, ...]  # the YAML file, then the other files without repetition
 
 
 @made_once
 def read_vehicle_file(path: str | Path) -> VehicleFile:
-    """Read and check a vehicle file and its tables. Raises :class:`abhv_mc.io.documents.InputError`."""
+    """Read and check a vehicle file and its tables. Raise InputError if one is invalid."""
     document = read_document(path)
     content = validate(document, VehicleDocument)
     effectors = tuple(content.effectors)
@@ -113,50 +112,50 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
             raise table.error(None, i, f"the column '{head}'", one_of(MassPoint.model_fields, head))
     numbers = table.numbers([column.position for column in columns.values()])
     points: list[Any] = []
-    places: dict[tuple[str | int, ...], tuple[int, int]] = {(): (table.head_line, 1)}
+    locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (table.head_line, 1)}
     for row, line in enumerate(table.lines):
         named = zip(columns.items(), numbers[row].tolist(), strict=True)
         points.append({name: f"{number!r} {column.unit}" for (name, column), number in named})
-        places["points", row] = line, 1
+        locations["points", row] = line, 1
     try:
-        return validate(Document(path, {"points": points}, places, {}), MassPoints).points
-    except InputErrors as wrong:
-        raise wrong.errors[0] from None  # a header's mistake is one in each row
+        return validate(Document(path, {"points": points}, locations, {}), MassPoints).points
+    except InputErrors as error:
+        raise error.errors[0] from None  # a wrong header causes one error per row
 
 
 def _check_meaning(document: Document, content: VehicleDocument, name: str, table: Table) -> None:
-    """Refuse a table whose numbers cannot be what they are used for: most often another unit."""
+    """Raise InputError for a table with implausible numbers, mostly those of a wrong unit."""
     for axis in table.axes:
         low, high = axis.grid[[0, -1]]
         if VARIABLES[axis.variable] == "mass" and not low <= content.mass.start <= high:
-            found = f"a table over masses from {low:g} to {high:g} kg"
-            expected = f"an axis that holds the mass at the start, {content.mass.start:g} kg: is its unit right?"
-            raise document.error(("tables", name), found, expected)
+            problem = f"a table over masses from {low:g} to {high:g} kg"
+            expected = (
+                f"an axis that includes the initial mass, {content.mass.start:g} kg; check its unit"
+            )
+            raise document.error(("tables", name), problem, expected)
     if any(quantity == "specific_impulse" and used == name for used, quantity, _ in content.uses()):
         low, high = float(table.values.min()), float(table.values.max())
         if low < 0.0 or high > _LARGEST_IMPULSE:
-            found = f"a specific impulse from {low:g} to {high:g} s"
-            expected = f"0 to {_LARGEST_IMPULSE:g} s: is its unit right?"
-            raise document.error(("tables", name), found, expected)
+            problem = f"a specific impulse from {low:g} to {high:g} s"
+            expected = f"0 to {_LARGEST_IMPULSE:g} s; check its unit"
+            raise document.error(("tables", name), problem, expected)
 
 
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
     if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
-        found = f"{content.mass.start:g} kg at the start"
-        expected = (
-            f"{points[0].mass:g} to {points[-1].mass:g} kg, where the mass properties are given"
-        )
-        raise document.error(("mass", "start"), found, expected)
+        problem = f"{content.mass.start:g} kg at the start"
+        expected = f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties"
+        raise document.error(("mass", "start"), problem, expected)
 
 
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
-    """The packed vehicle of a file; ``factor_index`` gives the parameter of a name such as ``aero.lift.elevator``."""
+    """Pack a vehicle; ``factor_index`` maps names such as ``aero.lift.elevator`` to parameters."""
     content = file.content
     entries: list[Table] = []
     entry_of: dict[tuple[str, float], int] = {}
 
     def use(name: str, scale: float = 1.0) -> int:
-        """Number of a table among the entries; a table that many terms use stands there once."""
+        """Return the index of a table among the entries, which contain a shared table once."""
         if (name, scale) not in entry_of:
             entry_of[name, scale] = len(entries)
             entries.append(file.tables[name].scaled(scale))
@@ -206,13 +205,13 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
 
 
 def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
-    """A table of zeros: that a user function has kinks at its nodes is for trim tables to know."""
+    """Return a table of zeros whose nodes are the kinks of a custom function, for trim tables."""
     axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
     return Table(axes, np.zeros([axis.grid.size for axis in axes]))
 
 
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
-    """Tables over the mass; the centre of gravity from where the aerodynamics' moments are given."""
+    """Return tables over the mass, with the centre of gravity relative to the moment reference."""
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
@@ -229,7 +228,7 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 
 def _make_constants(content: VehicleDocument) -> Constants:
-    """The vehicle's numbers; what it does not have is there, at rest and of no effect."""
+    """Return the vehicle's constants; a missing engine or surface gets values without effect."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
     function = engine if isinstance(engine, ThrustFunction) else None

@@ -1,4 +1,4 @@
-"""Lay a vehicle's tables out as the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
+"""Packing of a vehicle's tables into the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
 
-# What a vehicle without such a table has: no thrust, no offset, and an impulse that fuel flow may be divided by.
+# Values of missing tables: no thrust, no offset, and a specific impulse by which one can divide.
 _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a table."""
+    """Axis of a table."""
 
     variable: int  # index into VARIABLES
     grid: Floats  # [node] strictly increasing, SI and radians, at least two nodes
@@ -22,23 +22,23 @@ class Axis:
 
 @dataclass(frozen=True)
 class Table:
-    """A table over one to three axes, or a constant over none."""
+    """Table over one to three axes, or a constant without axes."""
 
     axes: tuple[Axis, ...]
     values: Floats  # [node of axis 0, node of axis 1, ...]
 
     def ordered(self) -> "Table":
-        """The same table with its axes in the order of VARIABLES, so that equal axes meet in one group."""
+        """Return the table with axes in the order of VARIABLES, so that equal axes form one group."""
         order = sorted(range(len(self.axes)), key=lambda d: self.axes[d].variable)
         return Table(tuple(self.axes[d] for d in order), np.transpose(self.values, order))
 
     def scaled(self, factor: float) -> "Table":
-        """The same table with every value multiplied."""
+        """Return the table with all values multiplied."""
         return Table(self.axes, self.values * factor)
 
 
 def make_constant(value: float) -> Table:
-    """A table that is ``value`` everywhere."""
+    """Return a constant table."""
     return Table((), np.asarray(value, dtype=np.float64))
 
 
@@ -47,10 +47,10 @@ def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
 
 
 def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
-    """Group tables of equal axes, each group's side by side in every node; also each entry's row.
+    """Group tables of equal axes, with a group's values contiguous at each node; also return rows.
 
-    ``fixed`` names the entry that is each of FIXED_TABLE_ROWS; a missing one becomes a constant. Constants ride with
-    the first one-dimensional group, so that they cost no look-up of their own.
+    ``fixed`` maps FIXED_TABLE_ROWS to entries; a missing one becomes a constant. Constants join the
+    first one-dimensional group, so that they need no look-up.
     """
     everything = [table.ordered() for table in tables]
     entry_of = dict(fixed)
@@ -126,7 +126,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
 
 
 def nodes_of(tables: Tables, variable: str) -> Floats:
-    """Where the tables over a variable have nodes, rising."""
+    """Return the nodes of all tables over a variable, in ascending order."""
     axes = np.flatnonzero(tables.axis_variable == VARIABLES.index(variable))
     grids = [tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]] for axis in axes]
     return np.unique(np.concatenate([np.zeros(0), *grids]))

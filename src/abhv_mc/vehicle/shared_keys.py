@@ -1,4 +1,4 @@
-"""What a vehicle file and a mission file may both say: limits, and what instruments measure angles and speed against.
+"""Keys of both vehicle and mission files: limits, and quantities that instruments measure.
 
 Bank, flight path angle and heading are always relative to the Earth.
 """
@@ -22,10 +22,10 @@ def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Rising = AfterValidator(_check_rising)  # of two ends
+Rising = AfterValidator(_check_rising)  # for a pair
 Range = Annotated[tuple[float, float], Rising]
 AngleRange = Annotated[tuple[Angle, Angle], Rising]
-STILL_AIR = "still air and no noise: they swing an angle where nothing cycles"
+STILL_AIR = "still air and no noise, as these disturbances cause ripple without a limit cycle"
 
 
 class Oscillation(StrictModel):
@@ -49,20 +49,21 @@ def _oscillation(value: Any) -> Any:
 
 
 class LoadLimits(StrictModel):
-    """A flight ends above; left out: no limit."""
+    """Load limits that end a flight; left out: no limit."""
 
     dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
         None, description="greatest dynamic pressure"
     )
     load_factor: Annotated[float, Positive] | None = Field(
-        default=None, description="magnitude of the specific force, in g: a plain number"
+        default=None,
+        description="greatest magnitude of the specific force, in g, as a plain number",
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
         default=None,
-        description="at the stagnation point; needs the vehicle's reference.nose_radius",
+        description="greatest flux at the stagnation point; needs the vehicle's reference.nose_radius",
     )
     bank: Annotated[Angle, Positive] | None = Field(
-        default=None, description="about the velocity, to either side"
+        default=None, description="greatest bank about the velocity, to either side"
     )
     oscillation: (
         Annotated[
@@ -71,13 +72,13 @@ class LoadLimits(StrictModel):
         | None
     ) = Field(
         default=None,
-        description="greatest ripple: an angle for bank, angle of attack and sideslip, or each",
+        description="greatest ripple of bank, angle of attack and sideslip: one angle, or one for each",
     )
 
     def bounds(self) -> LoadBounds:
-        """The limits as numbers."""
+        """Return the limits as numbers of the kernel."""
         ripple = self.oscillation or Oscillation()
-        given = (
+        limits = (
             self.dynamic_pressure,
             self.load_factor,
             self.heat_flux,
@@ -86,52 +87,58 @@ class LoadLimits(StrictModel):
             ripple.angle_of_attack,
             ripple.sideslip,
         )
-        return LoadBounds(*(math.inf if value is None else value for value in given))
+        return LoadBounds(*(math.inf if value is None else value for value in limits))
 
 
-def tighter(one: LoadBounds, other: LoadBounds) -> LoadBounds:
-    """The smaller of two bounds, each."""
-    return LoadBounds(*map(min, one, other))
+def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
+    """Return the smaller of two values for each bound."""
+    return LoadBounds(*map(min, bounds, other))
 
 
 def refuse_oscillation(loads: LoadBounds, disturbances: Sequence[str]) -> str:
-    """Why a flight with these gusts, turbulence or noise has no limit on oscillation; '' where it may."""
+    """Return the conflict of a limit on oscillation with gusts, turbulence or noise, '' if none."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 
 
-IN_WIND = "in this wind"  # begins the sentence that says what is measured
+IN_WIND = "in this wind"  # start of the sentence on measured quantities
 Against = Literal["air", "inertial"]
 
 
 class SensingKeys(StrictModel):
-    """What instruments measure: air, or inertial (relative to the Earth)."""
+    """Reference of measurements: air, or inertial (relative to the Earth)."""
 
     angle_of_attack: Against | None = Field(
-        None, description="air, or inertial, which is the default"
+        None, description="reference of the measured angle of attack: air, or inertial (default)"
     )
-    sideslip: Against | None = Field(None, description="air, or inertial, which is the default")
+    sideslip: Against | None = Field(
+        None, description="reference of the measured sideslip: air, or inertial (default)"
+    )
     airspeed: Against | None = Field(
         None,
-        description="air: the measured speed is the airspeed; inertial, the default: the speed over the Earth",
+        description="reference of the measured speed: air, or inertial (default), which is relative to the Earth",
     )
 
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
-    """What the mission says, and where it says nothing the vehicle."""
-    asked = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
+    """Return the references of the mission, by default those of the vehicle."""
+    choices = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
     return Sensing(
-        *(of if key is None else int(key == "air") for key, of in zip(asked, vehicle, strict=True))
+        *(
+            default if key is None else int(key == "air")
+            for key, default in zip(choices, vehicle, strict=True)
+        )
     )
 
 
 def describe_sensing(sensing: Sensing) -> str:
-    """What is measured against what, for a reader."""
-    air = [name.replace("_", " ") for name, of in sensing._asdict().items() if of]
-    ground = [name.replace("_", " ") for name, of in sensing._asdict().items() if not of]
-    found = [
-        f"{', '.join(of)} relative to {what}"
-        for of, what in ((air, "the air"), (ground, "the Earth"))
-        if of
+    """Return a clause on the references of the measurements."""
+    references = sensing._asdict().items()
+    air = [name.replace("_", " ") for name, is_air in references if is_air]
+    ground = [name.replace("_", " ") for name, is_air in references if not is_air]
+    phrases = [
+        f"{', '.join(names)} relative to {reference}"
+        for names, reference in ((air, "the air"), (ground, "the Earth"))
+        if names
     ]
-    return "the controllers are given " + " and ".join(found)
+    return "the controllers receive " + " and ".join(phrases)

@@ -1,6 +1,6 @@
-"""Read a table of a complete grid: a row per point with its axes and a value, in any order, or a matrix.
+"""Reading of tables on a complete grid: one row per point in any order, or a matrix.
 
-A header names the variable and its unit (``mach,alpha_deg,value``); a vehicle file may say it instead.
+A header gives the variable and its unit (``mach,alpha_deg,value``), unless the vehicle file does.
 """
 
 import itertools
@@ -30,7 +30,7 @@ ALIASES = {
 _ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 _DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
 _PLAIN = ("mach", "equivalence_ratio")
-# Wider than any vehicle: what lies outside is a mistaken unit or column. SI and radians.
+# Ranges of all vehicles, in SI and radians: a value outside has a wrong unit or column.
 _PLAUSIBLE = {
     "mach": (0.0, 50.0),
     "equivalence_ratio": (0.0, 20.0),
@@ -38,30 +38,31 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
-_NARROWEST = {
-    "deg": 1.0,
-    "m": 200.0,
-}  # an axis over less holds radians, kilometres, unless the vehicle file says so
+# Narrower axes are probably in radians or kilometres, unless the vehicle file gives the unit.
+_NARROWEST = {"deg": 1.0, "m": 200.0}
 
 
 @dataclass(frozen=True)
 class Role:
-    """What a column is: a variable or effector with its unit, the values, or nothing of ours."""
+    """Meaning of a column: a variable or effector with its unit, the values, or ignored."""
 
     name: str
     unit: str | None = None
 
 
 def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
-    """The role of a column from words such as ``angle_of_attack deg``, ``mach``, ``value``. Raises Refusal."""
+    """Parse the role of a column, such as ``angle_of_attack deg``, ``mach`` or ``value``.
+
+    Raise Refusal if it is unknown.
+    """
     name, _, unit = text.strip().partition(" ")
     name = ALIASES.get(name, name)
-    known = (*_PLAIN, *_DIMENSIONS, *effectors)
+    names = (*_PLAIN, *_DIMENSIONS, *effectors)
     if name in (VALUE, IGNORE) and not unit:
         return Role(name)
-    if name not in known:
+    if name not in names:
         raise Refusal(
-            f"'{text}'", f"{one_of((*known, VALUE, IGNORE), name)}, with a unit where it has one"
+            f"'{text}'", f"{one_of((*names, VALUE, IGNORE), name)}, with its unit if it has one"
         )
     return Role(name, unit.strip() or None)
 
@@ -69,7 +70,7 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
 def _find_role(
     rows: ForeignTable, column: int, columns: Mapping[str, Role], effectors: Sequence[str]
 ) -> Role:
-    """Return the role that the vehicle file or its own head gives a column. Raise InputError without one."""
+    """Return the role of a column, by the vehicle file or its header. Raise InputError if unknown."""
     head = rows.heads[column]
     name, unit = read_head(head, (*_PLAIN, *_DIMENSIONS, *ALIASES, *effectors, VALUE))
     unit = unit or split_head(head)[1] or rows.units[column]
@@ -86,7 +87,7 @@ def _find_role(
 
 
 def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
-    """Factor to SI of an axis, whose unit the header or the vehicle file gives."""
+    """Return the factor to SI of an axis, whose unit the header or the vehicle file gives."""
     dimension, unit = (
         _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
         role.unit,
@@ -95,8 +96,10 @@ def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
         f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone"
     )
     if (unit is None) != (dimension is None):
-        found = f"'{rows.heads[column]}' " + ("without a unit" if unit is None else f"in '{unit}'")
-        raise rows.error(None, column, found, expected)
+        problem = f"'{rows.heads[column]}' " + (
+            "without a unit" if unit is None else f"in '{unit}'"
+        )
+        raise rows.error(None, column, problem, expected)
     if unit is None or dimension is None:
         return 1.0
     try:
@@ -109,21 +112,29 @@ def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
 
 
 def _check_plausible(
-    rows: ForeignTable, column: int, role: Role, numbers: Floats, factor: float, said: bool
+    rows: ForeignTable,
+    column: int,
+    role: Role,
+    numbers: Floats,
+    factor: float,
+    has_declared_unit: bool,
 ) -> None:
     low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
     if outside.size:
         row = int(outside[0])
         expected = (
-            f"{low / factor:.6g} to {high / factor:.6g}: is it in another unit than "
-            f"'{rows.heads[column]}' says?"
+            f"{low / factor:.6g} to {high / factor:.6g}; check the unit in the header "
+            f"'{rows.heads[column]}'"
         )
         raise rows.error(row, column, f"{role.name} {numbers[row]:g}", expected)
-    if not said and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
-        found = f"{role.name} over {np.ptp(numbers):g} {role.unit} only"
-        expected = f"{role.unit} (if it is, say '{rows.heads[column]}: {role.name} {role.unit}' under columns)"
-        raise rows.error(0, column, found, expected)
+    if not has_declared_unit and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
+        problem = f"{role.name} over {np.ptp(numbers):g} {role.unit} only"
+        expected = (
+            f"a wider range in {role.unit} (to confirm it, write "
+            f"'{rows.heads[column]}: {role.name} {role.unit}' under columns)"
+        )
+        raise rows.error(0, column, problem, expected)
 
 
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
@@ -133,8 +144,8 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
     """
     names = [rows.heads[column] for column in columns]
     for row in np.flatnonzero((points[1:] == points[:-1]).all(axis=1))[:1] + 1:
-        again = int(max(order[row - 1 : row + 1]))
-        raise rows.error(again, None, "the same point a second time", "each point once")
+        repeated_row = int(max(order[row - 1 : row + 1]))
+        raise rows.error(repeated_row, None, "a duplicate point", "each point once")
     grids = [np.unique(points[:, axis]) for axis in range(len(columns))]
     for column, grid in zip(columns, grids, strict=True):
         if grid.size < 2:
@@ -143,21 +154,24 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
             )
     for row, point in enumerate(itertools.product(*grids)):
         if row == len(points) or tuple(points[row]) != point:
-            words = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
-            found = f"a hole in the grid before here: no row for {words}"
-            at = int(order[min(row, len(points) - 1)])
-            raise rows.error(at, None, found, "every combination of the axes")
+            node = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
+            problem = f"an incomplete grid without a row for {node}"
+            file_row = int(order[min(row, len(points) - 1)])
+            raise rows.error(file_row, None, problem, "every combination of the axes")
     return grids
 
 
 def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
-    """Read one table; axes in SI and radians, values as they stand. Raises :class:`InputError` with its place."""
+    """Read one table, with axes in SI and radians and unconverted values.
+
+    Raise InputError if it is invalid.
+    """
     rows = read_foreign_table(path)
     heads = {name for head in rows.heads for name in (head, split_head(head)[0])}
     for name in columns:
         if name not in heads:
-            found = f"no column '{name}', which the vehicle file describes"
-            raise rows.error(None, None, found, one_of(rows.heads))
+            problem = f"no column '{name}', which the vehicle file describes"
+            raise rows.error(None, None, problem, one_of(rows.heads))
     roles: dict[str, tuple[int, Role]] = {}
     for i in range(len(rows.heads)):
         role = _find_role(rows, i, columns, effectors)
@@ -167,18 +181,19 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
             raise rows.error(None, i, f"a second column of {role.name}", "one")
         roles[role.name] = (i, role)
     if VALUE not in roles:
-        raise rows.error(None, None, "no column 'value'", "one (or say which it is under columns)")
+        expected = "a column 'value', or another column declared as value under columns"
+        raise rows.error(None, None, "no column 'value'", expected)
     value = roles.pop(VALUE)[0]
     if not 1 <= len(roles) <= MAX_DIMENSIONS:
         raise rows.error(None, None, f"{len(roles)} axes", f"1 to {MAX_DIMENSIONS}")
     factors = [_unit_factor(rows, i, role) for i, role in roles.values()]
-    places = [i for i, _ in roles.values()]
-    values, *points = rows.numbers([value, *places]).T
+    axis_columns = [i for i, _ in roles.values()]
+    values, *points = rows.numbers([value, *axis_columns]).T
     for (i, role), numbers, factor in zip(roles.values(), points, factors, strict=True):
-        said = rows.heads[i] in columns and columns[rows.heads[i]].unit is not None
-        _check_plausible(rows, i, role, numbers, factor, said)
+        has_declared_unit = rows.heads[i] in columns and columns[rows.heads[i]].unit is not None
+        _check_plausible(rows, i, role, numbers, factor, has_declared_unit)
     order = np.lexsort(points[::-1])
-    grids = _grid(rows, places, np.stack(points, axis=1)[order], order)
+    grids = _grid(rows, axis_columns, np.stack(points, axis=1)[order], order)
     axes = tuple(
         Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)
         for name, grid, factor in zip(roles, grids, factors, strict=True)

@@ -1,6 +1,7 @@
-"""Functions of a vehicle's own: which code, how it is called, and what it gives on the launching side.
+"""Custom functions of a vehicle: their source, and their evaluation outside of flights.
 
-What runs it is a layer above (:mod:`abhv_mc.user_code.vehicle_functions`) and is registered here by the code's digest.
+The compiler of the functions (:mod:`abhv_mc.user_code.vehicle_functions`) is a layer above and
+registers evaluators here by the digest of the code.
 """
 
 import functools
@@ -32,7 +33,7 @@ _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 
 @dataclass(frozen=True)
 class FunctionCode:
-    """One function: the text of its file, its name, its settings as the vehicle file gives them."""
+    """Custom function: the text of its file, its name, and its settings in the vehicle file."""
 
     text: str
     file: str
@@ -41,7 +42,7 @@ class FunctionCode:
 
 
 class Setting(NamedTuple):
-    """A number that a vehicle file gives to a function, as a campaign may disperse it."""
+    """Setting of a custom function, which a campaign may disperse."""
 
     name: str  # such as dynamics.frequency
     unit: str  # SI
@@ -49,38 +50,36 @@ class Setting(NamedTuple):
 
 
 class CustomState(NamedTuple):
-    """A state of custom dynamics."""
+    """State of custom dynamics."""
 
     name: str
     unit: str
     start: float | None  # SI; None: its equilibrium at the trim
-    limit: float = math.inf  # to either side
+    limit: float = math.inf  # greatest magnitude
 
 
 @dataclass(frozen=True)
 class VehicleCode:
-    """All code of a vehicle. It travels with a plan; no stored plan holds it."""
+    """Custom code of a vehicle, which is sent to workers with a plan but not stored."""
 
     aerodynamics: FunctionCode | None
     propulsion: FunctionCode | None
     dynamics: FunctionCode | None
     states: tuple[CustomState, ...]
     frame: str  # of the forces: body, stability, wind
-    engine: tuple[
-        float, float
-    ]  # x, z of the moment reference from where the aerodynamics' moments are given, m
-    effectors: tuple[
-        tuple[str, float, float, float], ...
-    ]  # with their deflection by aileron, rudder and elevator
+    # x, z (m) of the file's moment reference, from the point about which the moments are
+    engine: tuple[float, float]
+    # name, and deflection per aileron, rudder and elevator
+    effectors: tuple[tuple[str, float, float, float], ...]
     span: float
     chord: float
 
     def functions(self) -> Iterator[FunctionCode]:
-        """The functions that there are."""
+        """Yield the existing functions."""
         yield from (function for _, function in self.named_functions() if function is not None)
 
     def named_functions(self) -> tuple[tuple[str, FunctionCode | None], ...]:
-        """All of them by the key of the vehicle file, in the order of their settings."""
+        """Return keys of the vehicle file with functions or None, in the order of their settings."""
         return (
             ("aerodynamics", self.aerodynamics),
             ("propulsion", self.propulsion),
@@ -89,7 +88,7 @@ class VehicleCode:
 
     @functools.cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """The numbers of the file's settings, in the order of ``Foreign.settings``. Raise Refusal."""
+        """Numbers of the settings, in the order of ``Foreign.settings``. Raise Refusal if invalid."""
         return tuple(
             Setting(f"{key}.{name}", si_unit_of(unit_of(value)), parse_any(value))
             for key, function in self.named_functions()
@@ -98,21 +97,21 @@ class VehicleCode:
 
     @functools.cached_property
     def starts(self) -> tuple[Setting, ...]:
-        """The initial dispersions of the states, which follow the settings."""
+        """Initial dispersions of the states, which follow the settings."""
         return tuple(Setting(f"initial.{state.name}", state.unit, 0.0) for state in self.states)
 
     @property
     def digest(self) -> bytes:
-        """SHA-256 of the texts and of all that decides how they are called; their places do not count."""
+        """SHA-256 of the sources and the conventions of their calls, without file paths."""
         parts = [
             (code.text, code.function, code.settings) if code else None
             for _, code in self.named_functions()
         ]
-        how = self.frame, self.engine, self.effectors, self.span, self.chord, self.states
-        return hashlib.sha256(repr((parts, *how)).encode()).digest()
+        conventions = self.frame, self.engine, self.effectors, self.span, self.chord, self.states
+        return hashlib.sha256(repr((parts, *conventions)).encode()).digest()
 
     def pack(self) -> Foreign:
-        """As the compiled plant has it."""
+        """Return the form that the compiled plant takes."""
         return Foreign(
             int(self.aerodynamics is not None),
             int(self.propulsion is not None),
@@ -125,12 +124,12 @@ class VehicleCode:
 
 
 def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
-    """Names and units of custom states; none without them."""
+    """Return names and units of custom states."""
     return tuple((state.name, state.unit) for state in code.states) if code else ()
 
 
 def reference_point(content: VehicleDocument) -> tuple[float, float]:
-    """x and z of the point about which the aerodynamics' moments are, from the moment reference of the file."""
+    """Return x and z of the point about which moments are, from the file's moment reference."""
     aerodynamics = content.aerodynamics
     if not isinstance(aerodynamics, AerodynamicsFunction):
         return 0.0, 0.0
@@ -138,33 +137,38 @@ def reference_point(content: VehicleDocument) -> tuple[float, float]:
 
 
 def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
-    """The code that a vehicle file names, read but not run; None for a vehicle of tables. Raises InputError."""
+    """Read the code that a vehicle file names, without running it; None for a vehicle of tables.
+
+    Raise InputError if it is invalid.
+    """
 
     def read(
-        part: str, key: str, path: Path, function: str, settings: dict[str, Any]
+        section: str, key: str, path: Path, function: str, settings: dict[str, Any]
     ) -> FunctionCode:
         for name, value in settings.items():
             try:
                 parse_any(value)
             except Refusal as refusal:
-                place = (part, "settings", name)
-                raise document.error(place, refusal.found, refusal.expected) from None
+                location = (section, "settings", name)
+                raise document.error(location, refusal.found, refusal.expected) from None
         try:
             text = read_input(path).decode()
         except (OSError, UnicodeDecodeError) as error:
-            found = f"'{path.name}', which cannot be read ({getattr(error, 'strerror', error)})"
-            raise document.error((part, key), found, "a Python file") from None
+            problem = f"'{path.name}', which cannot be read ({getattr(error, 'strerror', error)})"
+            raise document.error((section, key), problem, "a Python file") from None
         return FunctionCode(text, str(path), function, tuple(settings.items()))
 
-    def read_function(part: str, of: AerodynamicsFunction | ThrustFunction) -> FunctionCode:
-        return read(part, "python", Path(of.python), of.function, of.settings)
+    def read_function(section: str, keys: AerodynamicsFunction | ThrustFunction) -> FunctionCode:
+        return read(section, "python", Path(keys.python), keys.function, keys.settings)
 
-    air, engine, own = content.aerodynamics, content.propulsion, content.dynamics
+    air, engine, custom = content.aerodynamics, content.propulsion, content.dynamics
     coefficients = (
         read_function("aerodynamics", air) if isinstance(air, AerodynamicsFunction) else None
     )
     thrust = read_function("propulsion", engine) if isinstance(engine, ThrustFunction) else None
-    dynamics = read("dynamics", "file", Path(own.file), "", dict(own.settings)) if own else None
+    dynamics = (
+        read("dynamics", "file", Path(custom.file), "", dict(custom.settings)) if custom else None
+    )
     if coefficients is None and thrust is None and dynamics is None:
         return None
     limits = content.state_limits()
@@ -175,12 +179,13 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
             None if state.start is None else parse_quantity(state.start, dimension_of(state.unit)),
             limits.get(name, math.inf),
         )
-        for name, state in (own.states if own else {}).items()
+        for name, state in (custom.states if custom else {}).items()
     )
     x, z = reference_point(content)
     frame = air.frame if isinstance(air, AerodynamicsFunction) else "stability"
     mixed = tuple(
-        (name, own.aileron, own.rudder, own.elevator) for name, own in content.effectors.items()
+        (name, effector.aileron, effector.rudder, effector.elevator)
+        for name, effector in content.effectors.items()
     )
     code = VehicleCode(
         aerodynamics=coefficients,
@@ -194,13 +199,14 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         chord=content.reference.chord,
     )
     names = [setting.name for setting in (*code.settings, *code.starts)]
-    if taken := set(names).intersection(PARAMETER_NAMES):
-        word = min(taken)
-        part = "dynamics" if word.startswith("initial.") else word.partition(".")[0]
-        raise document.error((part,), f"'{word}', which is another parameter", "another name")
+    if duplicates := set(names).intersection(PARAMETER_NAMES):
+        duplicate = min(duplicates)
+        section = "dynamics" if duplicate.startswith("initial.") else duplicate.partition(".")[0]
+        problem = f"'{duplicate}', which is the name of a built-in parameter"
+        raise document.error((section,), problem, "another name")
     if len(code.settings) + len(states) > MAX_SETTINGS:
-        found = f"{len(code.settings)} settings and {len(states)} states"
-        raise document.error((), found, f"at most {MAX_SETTINGS} together")
+        problem = f"{len(code.settings)} settings and {len(states)} states"
+        raise document.error((), problem, f"at most {MAX_SETTINGS} together")
     return code
 
 
@@ -209,17 +215,18 @@ _evaluators: dict[bytes, Evaluator] = {}
 
 
 def register(digest: bytes, evaluate: Evaluator) -> None:
-    """Have a vehicle's functions evaluated by ``evaluate``, for :func:`evaluate_functions`."""
+    """Register the evaluator of a vehicle's functions for :func:`evaluate_functions`."""
     _evaluators[digest] = evaluate
 
 
 def evaluate_functions(
     vehicle: Vehicle, variables: Any, density: Any = None, speed: Any = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients ``[coefficient, point]``, in stability axes, and thrust ``[7, point]`` of a vehicle's own functions.
+    """Return coefficients ``[coefficient, point]`` in stability axes and thrust ``[7, point]``.
 
-    A complex argument's imaginary part is a direction along which the slope is a central difference. Without density
-    (kg/m3) and speed (m/s) those of the standard atmosphere at the variables' altitude and Mach number.
+    The imaginary part of complex arguments is a direction, along which slopes are central
+    differences. Density (kg/m3) and speed (m/s) default to those of the standard atmosphere at the
+    altitude and Mach number of the variables.
     """
     digest = vehicle.foreign.digest.tobytes()
     if digest not in _evaluators:
@@ -230,24 +237,26 @@ def evaluate_functions(
     points = variables.reshape(len(variables), -1)
     if density is None or speed is None:
         air = [atmosphere(float(altitude)) for altitude in np.real(points[_ALTITUDE])]
-        density = np.reshape([one[0] for one in air], shape)
-        speed = variables[_MACH] * np.reshape([one[3] for one in air], shape)
-    given = [points, *(np.broadcast_to(value, shape).reshape(-1) for value in (density, speed))]
+        density = np.reshape([layer[0] for layer in air], shape)
+        speed = variables[_MACH] * np.reshape([layer[3] for layer in air], shape)
+    arguments = [points, *(np.broadcast_to(value, shape).reshape(-1) for value in (density, speed))]
     evaluate = _evaluators[digest]
-    real = [np.ascontiguousarray(np.real(value), dtype=np.float64) for value in given]
-    if not any(np.iscomplexobj(value) for value in given):
-        found = evaluate(*real)
-        return found[0].reshape(-1, *shape), found[1].reshape(-1, *shape)
-    turn = [np.imag(value) for value in given]
-    size = np.maximum.reduce([np.abs(turn[0]).max(axis=0), np.abs(turn[1]), np.abs(turn[2])])
-    unit = [value / np.where(size > 0.0, size, 1.0) for value in turn]
+    real = [np.ascontiguousarray(np.real(value), dtype=np.float64) for value in arguments]
+    if not any(np.iscomplexobj(value) for value in arguments):
+        results = evaluate(*real)
+        return results[0].reshape(-1, *shape), results[1].reshape(-1, *shape)
+    directions = [np.imag(value) for value in arguments]
+    size = np.maximum.reduce(
+        [np.abs(directions[0]).max(axis=0), np.abs(directions[1]), np.abs(directions[2])]
+    )
+    unit = [value / np.where(size > 0.0, size, 1.0) for value in directions]
     middle = evaluate(*real)
     ends = [
-        evaluate(*(value + step * way for value, way in zip(real, unit, strict=True)))
+        evaluate(*(value + step * direction for value, direction in zip(real, unit, strict=True)))
         for step in (STEP, -STEP)
     ]
-    made = [
-        (at + 1j * size * (above - below) / (2.0 * STEP)).reshape(-1, *shape)
-        for at, above, below in zip(middle, *ends, strict=True)
+    complex_results = [
+        (value + 1j * size * (above - below) / (2.0 * STEP)).reshape(-1, *shape)
+        for value, above, below in zip(middle, *ends, strict=True)
     ]
-    return made[0], made[1]
+    return complex_results[0], complex_results[1]

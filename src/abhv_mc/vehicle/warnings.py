@@ -1,8 +1,8 @@
-"""What a valid vehicle file probably does not mean: no fuel, a derivative in another unit or sign, an odd drag.
+"""Warnings about implausible vehicles: no fuel, a derivative's unit or sign, the shape of the drag.
 
-A derivative per degree where one per radian is wanted is 57.3 times too small. The ranges are wider than what aircraft
-and hypersonic vehicles have (Roskam, "Airplane Flight Dynamics", appendix B; GHAME; NASA's winged cone), so that a
-vehicle within them is not doubted. The middle of the tables stands for the vehicle.
+A derivative per degree instead of per radian is 57.3 times too small. The ranges are wider than those
+of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B; GHAME; NASA's
+winged cone). Derivatives are medians over the nodes of the tables.
 """
 
 from typing import Any
@@ -25,8 +25,8 @@ _ALTITUDE = 20_000.0  # m
 _BISECTIONS = 30
 _SECOND_MINIMUM = 0.05  # depth of a second minimum of the drag, of the least drag
 
-# Coefficient, variable, least and greatest usual size (per radian or per dimensionless rate), sign of a stable vehicle
-# in the conventions of a vehicle file, and what the other sign means.
+# Coefficient, variable, least and greatest usual magnitude (per radian or per dimensionless rate), sign
+# of a stable vehicle in the conventions of a vehicle file, and the meaning of the other sign.
 _USUAL = (
     ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift falls with the angle of attack"),
     ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),  # instability in pitch is common
@@ -42,51 +42,53 @@ _USUAL = (
 
 
 def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
-    """A sentence (without its full stop) for each thing that a user should know before flying the vehicle."""
+    """Return a sentence, without full stop, for each implausible property of a vehicle."""
     warnings = []
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append(
-            "the vehicle file has no mass.empty, so the engine burns no fuel and the mass stays as it is"
+            "the vehicle file has no mass.empty, so the engine burns no fuel and the mass is constant"
         )
     nodes = [nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack")]
-    machs, angles = (found if found.size else np.zeros(1) for found in nodes)
+    machs, angles = (grid if grid.size else np.zeros(1) for grid in nodes)
     angles = angles[(angles >= _SMALL_ANGLES[0]) & (angles <= _SMALL_ANGLES[1])]
     mach, alpha = map(np.ravel, np.meshgrid(machs, angles if angles.size else [0.02]))
-    where = {
+    middle_points = {
         "mach": mach,
         "angle_of_attack": alpha,
         "mass": np.full(mach.size, vehicle.constants.mass_start),
     }
-    where["altitude"] = np.full(mach.size, _ALTITUDE)
+    middle_points["altitude"] = np.full(mach.size, _ALTITUDE)
     for coefficient, variable, least, most, sign, meaning in _USUAL:
-        ends = []
+        values = []
         for step in (_STEP, -_STEP):
-            moved = where | {variable: where.get(variable, 0.0) + step}
-            ends.append(evaluate_coefficients(vehicle, make_variables(vehicle, **moved)))
-        value = float(np.median(ends[0] - ends[1], axis=1)[COEFFICIENTS.index(coefficient)]) / (
+            point = middle_points | {variable: middle_points.get(variable, 0.0) + step}
+            values.append(evaluate_coefficients(vehicle, make_variables(vehicle, **point)))
+        value = float(np.median(values[0] - values[1], axis=1)[COEFFICIENTS.index(coefficient)]) / (
             2.0 * _STEP
         )
         if abs(value) < 1e-12:
             continue
-        words = (
+        finding = (
             f"the {coefficient.replace('_', '-')} coefficient changes by {value:.3g} per "
             f"{'unit' if variable.endswith('_hat') else 'radian'} of {variable.removesuffix('_hat').replace('_', ' ')} "
             "in the middle of the tables"
         )
         if not least <= abs(value) <= most:
             other = np.degrees(value) if abs(value) < least else np.radians(value)
-            usual = f"where {least:g} to {most:g} is usual; degrees taken for radians, or radians for degrees, would"
-            warnings.append(f"{words}, {usual} make it {other:.3g}")
+            warnings.append(
+                f"{finding}, outside the usual range of {least:g} to {most:g}; with degrees and radians "
+                f"exchanged it would be {other:.3g}"
+            )
         elif sign and np.sign(value) != sign:
-            warnings.append(f"{words}: {meaning}")
+            warnings.append(f"{finding}: {meaning}")
     return warnings + _find_drag_warnings(vehicle)
 
 
 def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a sentence for each way in which drag and lift at the nodes inside the limits are implausible.
+    """Return a sentence for each implausible property of drag and lift.
 
-    Deflections are zero for the drag, and balance the pitching moment of the air for the lift-to-drag ratio. Angles of
-    attack are the tables' nodes within the limits, and the limits.
+    They are evaluated at the tables' nodes within the limits and at the limits. Deflections are zero
+    for the drag, and balance the aerodynamic pitching moment for the lift-to-drag ratio.
     """
     limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
     machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
@@ -113,29 +115,29 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         )  # about the centre of gravity
         return coefficient
 
-    def words(mach: float, alpha: float) -> str:
+    def describe_point(mach: float, alpha: float) -> str:
         return f"at Mach {mach:g} and {np.degrees(alpha):g} deg of angle of attack"
 
     warnings = []
-    still = coefficients(0.0)
-    drag = still["drag"]
+    undeflected = coefficients(0.0)
+    drag = undeflected["drag"]
     if (drag <= 0.0).any():
         worst = np.unravel_index(np.argmin(drag), drag.shape)
         warnings.append(
             f"drag is not positive at {np.sum(drag <= 0.0)} of {drag.size} nodes inside the limits: CD is "
-            f"{drag[worst]:.3g} {words(mach[worst], alpha[worst])}"
+            f"{drag[worst]:.3g} {describe_point(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
-        # How far the curve rises to each node from its lowest nodes on both sides.
+        # Rise of the curve to each node from its lowest nodes on both sides.
         left = np.minimum.accumulate(curve)
         right = np.minimum.accumulate(curve[::-1])[::-1]
         rise = curve - np.maximum(left, right)
         top = int(np.argmax(rise))
         if rise[top] >= _SECOND_MINIMUM * abs(float(np.min(curve))) and 0 < top < curve.size - 1:
             minima = int(np.argmin(curve[:top])), top + int(np.argmin(curve[top:]))
-            at = " and ".join(f"{np.degrees(angles[i]):g}" for i in minima)
+            angles_text = " and ".join(f"{np.degrees(angles[i]):g}" for i in minima)
             warnings.append(
-                f"the drag at Mach {number:g} has a minimum at each of {at} deg of angle of attack"
+                f"the drag at Mach {number:g} has two minima, at {angles_text} deg of angle of attack"
             )
             break
 
@@ -153,7 +155,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     if (excess > 1.0).any():
         worst = np.unravel_index(np.argmax(excess), excess.shape)
         warnings.append(
-            f"the trimmed lift-to-drag ratio is {ratio[worst]:.1f} {words(mach[worst], alpha[worst])}, where "
-            f"{ratio[worst] / excess[worst]:.1f}, 6 (M + 2) / M, is more than any vehicle has reached"
+            f"the trimmed lift-to-drag ratio is {ratio[worst]:.1f} {describe_point(mach[worst], alpha[worst])}, where "
+            f"6 (M + 2) / M = {ratio[worst] / excess[worst]:.1f} exceeds that of every known vehicle"
         )
     return warnings

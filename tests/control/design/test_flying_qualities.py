@@ -1,4 +1,4 @@
-"""Flying qualities against formulas of the textbooks, and what an unstable vehicle shows."""
+"""Flying qualities against textbook formulas, and of an unstable vehicle."""
 
 import math
 from pathlib import Path
@@ -28,13 +28,13 @@ def qualities_of(name: str) -> tuple[FlyingQualities, TrimPoint]:
 def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
     """Etkin and Reid, Dynamics of Flight: derivatives by central differences, thrust through the centre of gravity."""
     vehicle = load_vehicle(VEHICLES / "ghame.yaml")
-    qualities, at = qualities_of("ghame")
-    c, alpha, speed = vehicle.constants, at.angle_of_attack, POINT.speed
+    qualities, trim_point = qualities_of("ghame")
+    c, alpha, speed = vehicle.constants, trim_point.angle_of_attack, POINT.speed
     base = {
-        "mach": at.mach,
+        "mach": trim_point.mach,
         "angle_of_attack": alpha,
-        "elevator": at.elevator,
-        "equivalence_ratio": at.equivalence_ratio,
+        "elevator": trim_point.elevator,
+        "equivalence_ratio": trim_point.equivalence_ratio,
         "altitude": POINT.altitude,
         "mass": c.mass_start,
     }
@@ -46,23 +46,25 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
             )[:, 0]
             for step in (STEP, -STEP)
         )
-        words = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
-        return dict(zip(words, ((high - low) / (2.0 * STEP)).tolist(), strict=True))
+        coefficients = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+        return dict(zip(coefficients, ((high - low) / (2.0 * STEP)).tolist(), strict=True))
 
     by_alpha, by_beta = derivative("angle_of_attack"), derivative("sideslip")
     by_p, by_q, by_r = (derivative(f"{axis}_rate_hat") for axis in ("roll", "pitch", "yaw"))
     fixed = evaluate_fixed(vehicle, make_variables(vehicle, **base))
     jx, jy, jz, j13 = (float(fixed[f"inertia_{name}"][0]) for name in ("xx", "yy", "zz", "13"))
-    pressure_area = at.dynamic_pressure * c.area
+    pressure_area = trim_point.dynamic_pressure * c.area
     momentum = c.mass_start * speed
 
     def thrust(angle: float) -> float:
         rows = evaluate_fixed(vehicle, make_variables(vehicle, **base | {"angle_of_attack": angle}))
-        return at.thrust * float(rows["capture_area_ratio"][0] / fixed["capture_area_ratio"][0])
+        return trim_point.thrust * float(
+            rows["capture_area_ratio"][0] / fixed["capture_area_ratio"][0]
+        )
 
     thrust_slope = (thrust(alpha + STEP) - thrust(alpha - STEP)) / (2.0 * STEP)
     lift_slope = pressure_area * by_alpha["CL"] + thrust_slope * math.sin(alpha)
-    z_alpha = (lift_slope + at.thrust * math.cos(alpha)) / momentum
+    z_alpha = (lift_slope + trim_point.thrust * math.cos(alpha)) / momentum
     m_alpha = pressure_area * c.chord * by_alpha["Cm"] / jy
     m_q = pressure_area * c.chord * by_q["Cm"] * c.chord / (2.0 * speed) / jy
     frequency = math.sqrt(-m_alpha - m_q * z_alpha)
@@ -82,10 +84,10 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
         ]
     )
     sine, cosine = math.sin(alpha), math.cos(alpha)
-    # The side force is along the body's y axis: drag, in the plane of symmetry, has a part across the velocity.
-    side = (pressure_area * by_beta["CY"] + at.drag - at.thrust * cosine) / momentum
+    # The side force is along body y; drag, in the plane of symmetry, has a component across the velocity.
+    side = (pressure_area * by_beta["CY"] + trim_point.drag - trim_point.thrust * cosine) / momentum
     weight = 9.747 / speed  # gravity at 20 km and 29.3 deg
-    curving = at.upward / momentum - weight
+    curving = trim_point.upward / momentum - weight
     lateral = np.array(
         [
             [0.0, curving, cosine, sine],

@@ -1,4 +1,4 @@
-"""Guidance trim: the equations hold over the envelope, and limits are said."""
+"""Guidance trim: the equations hold over the envelope, and limits set the status."""
 
 import numpy as np
 import pytest
@@ -21,27 +21,29 @@ SPEED = 1400.0
 
 def points(axial=0.0, vertical=0.0, lateral=0.0, speed=SPEED, gamma=0.0, heading=1.5):
     air = AROUND.density, AROUND.sound_speed, AROUND.gravity, AROUND.radius, AROUND.latitude
-    given = np.broadcast_arrays(
+    columns = np.broadcast_arrays(
         np.atleast_1d(speed), *air, gamma, heading, axial, vertical, lateral
     )
-    return GuidancePoints(*given)
+    return GuidancePoints(*columns)
 
 
-def rates(vehicle, tables, where, found):
-    """V', V gamma' and V chi' of the design model under the controls found, [3, point]."""
-    controls = np.stack([found.angle_of_attack, found.bank, found.equivalence_ratio])
+def rates(vehicle, tables, points, controls_found):
+    """Return V', V gamma' and V chi' of the design model for nominal controls, [3, point]."""
+    controls = np.stack(
+        [controls_found.angle_of_attack, controls_found.bank, controls_found.equivalence_ratio]
+    )
     state = np.stack(
         [
-            np.full_like(where.speed, AROUND.altitude),
-            where.flight_path_angle,
-            where.heading,
-            where.speed,
+            np.full_like(points.speed, AROUND.altitude),
+            points.flight_path_angle,
+            points.heading,
+            points.speed,
         ]
     )
     _, gamma_rate, chi_rate, speed_rate = guidance_rates(
         vehicle, tables, AROUND, MASS, state, controls
     )
-    return np.real(np.stack([speed_rate, where.speed * gamma_rate, where.speed * chi_rate]))
+    return np.real(np.stack([speed_rate, points.speed * gamma_rate, points.speed * chi_rate]))
 
 
 def envelope(count):
@@ -57,21 +59,21 @@ def envelope(count):
 
 
 def test_equations_hold_over_the_envelope(vehicle, trim_tables):
-    where = envelope(2000)
-    found = trim_along(vehicle, trim_tables, where, MASS, warm_start=False)
-    good = found.status == 0
-    assert good.mean() > 0.9  # the others ask for more lift or thrust than there is
-    assert np.rad2deg(np.abs(found.bank[good])).max() > 70.0
-    wanted = np.stack([where.axial, where.longitudinal, where.lateral])
-    error = np.abs(rates(vehicle, trim_tables, where, found) - wanted)[:, good]
+    points = envelope(2000)
+    nominal = trim_along(vehicle, trim_tables, points, MASS, warm_start=False)
+    good = nominal.status == 0
+    assert good.mean() > 0.9  # the others need more lift or thrust than available
+    assert np.rad2deg(np.abs(nominal.bank[good])).max() > 70.0
+    expected = np.stack([points.axial, points.longitudinal, points.lateral])
+    error = np.abs(rates(vehicle, trim_tables, points, nominal) - expected)[:, good]
     assert error.max() < 1e-7  # m/s2
-    # Where the status says that an equation fails, it does; no point is lost silently.
+    # An equation is violated wherever the status says so.
     assert (
-        np.abs(rates(vehicle, trim_tables, where, found) - wanted).max(axis=0)[~good] > 1e-6
+        np.abs(rates(vehicle, trim_tables, points, nominal) - expected).max(axis=0)[~good] > 1e-6
     ).all()
 
 
-def test_warm_start_changes_nothing(vehicle, trim_tables):
+def test_a_warm_start_does_not_change_the_result(vehicle, trim_tables):
     lateral = np.array(
         [*9.8 * np.cos(np.linspace(0.0, np.pi, 1001)), 0.0, 9.8, -9.8]
     )  # the S, then steps
@@ -84,7 +86,7 @@ def test_warm_start_changes_nothing(vehicle, trim_tables):
 def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
     c = vehicle.constants
     faults = {}
-    for name, asked, flag, control, end in (
+    for name, acceleration, flag, control, end in (
         (
             "too fast",
             {"axial": 20.0},
@@ -107,7 +109,7 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
             c.angle_of_attack_max,
         ),
     ):
-        faults[name] = trim_along(vehicle, trim_tables, points(**asked), MASS)
+        faults[name] = trim_along(vehicle, trim_tables, points(**acceleration), MASS)
         assert faults[name].status[0] & flag
         assert getattr(faults[name], control)[0] == pytest.approx(end)
     down = trim_along(vehicle, trim_tables, points(vertical=-12.0, lateral=30.0), MASS)
@@ -116,26 +118,30 @@ def test_an_interval_without_a_root_gives_its_nearest_end(vehicle, trim_tables):
     assert "no throttle" in sentence and "at 1 of 1 points, first at 2.50 s" in sentence
 
 
-def test_with_speed_held_the_axial_equation_can_be_skipped(vehicle, trim_tables):
-    where = points(lateral=np.array([0.0, 5.0]))
-    full = trim_along(vehicle, trim_tables, where, MASS)
-    held = trim_along(
-        vehicle, trim_tables, where, MASS, held_equivalence_ratio=float(full.equivalence_ratio[0])
+def test_with_a_fixed_throttle_the_axial_equation_is_skipped(vehicle, trim_tables):
+    level_points = points(lateral=np.array([0.0, 5.0]))
+    full = trim_along(vehicle, trim_tables, level_points, MASS)
+    skipped = trim_along(
+        vehicle,
+        trim_tables,
+        level_points,
+        MASS,
+        held_equivalence_ratio=float(full.equivalence_ratio[0]),
     )
-    assert held.angle_of_attack[0] == pytest.approx(full.angle_of_attack[0], abs=1e-10)
-    assert held.equivalence_ratio[1] == full.equivalence_ratio[0]
-    error = rates(vehicle, trim_tables, where, held) - np.stack(
-        [where.axial, where.longitudinal, where.lateral]
+    assert skipped.angle_of_attack[0] == pytest.approx(full.angle_of_attack[0], abs=1e-10)
+    assert skipped.equivalence_ratio[1] == full.equivalence_ratio[0]
+    error = rates(vehicle, trim_tables, level_points, skipped) - np.stack(
+        [level_points.axial, level_points.longitudinal, level_points.lateral]
     )
     assert np.abs(error[1:]).max() < 1e-8
 
 
-def test_fuel_leaves_the_vehicle_on_the_way(vehicle, trim_tables):
-    where = points(axial=np.zeros(101))
-    found = trim_along(vehicle, trim_tables, where, MASS, tick=0.5)
+def test_the_mass_decreases_by_the_fuel_burnt(vehicle, trim_tables):
+    level_points = points(axial=np.zeros(101))
+    nominal = trim_along(vehicle, trim_tables, level_points, MASS, tick=0.5)
     start = trim(
         vehicle, WGS84._replace(rotation_rate=0.0), FlightPoint(20e3, SPEED, latitude=0.511), MASS
     )
-    assert found.mass[0] == MASS
-    assert (found.mass[0] - found.mass[1]) / 0.5 == pytest.approx(start.fuel_flow, rel=0.01)
-    assert (np.diff(found.angle_of_attack) < 0.0).all()  # lighter needs less
+    assert nominal.mass[0] == MASS
+    assert (nominal.mass[0] - nominal.mass[1]) / 0.5 == pytest.approx(start.fuel_flow, rel=0.01)
+    assert (np.diff(nominal.angle_of_attack) < 0.0).all()  # lighter needs less

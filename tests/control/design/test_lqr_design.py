@@ -1,4 +1,4 @@
-"""The design model against vectors; LQR: Riccati equations, stable loops, python-control's gains, steps kept."""
+"""Attitude rates of the design model against vectors, and LQR gains against python-control."""
 
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from abhv_mc.control.design.lqr_design import (
     make_lqr_models,
     make_models,
     make_nominal,
+    regulator,
 )
 from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
 
@@ -37,12 +38,15 @@ def nominal_at(mission, reference):
 
 
 def weights(controller):
-    parts = (controller.guidance, controller.longitudinal, controller.lateral)
-    return [tuple(np.diag([v for _, v in part]) for part in (p.states, p.inputs)) for p in parts]
+    regulators = (controller.guidance, controller.longitudinal, controller.lateral)
+    return [
+        tuple(np.diag([v for _, v in diagonal]) for diagonal in (p.states, p.inputs))
+        for p in regulators
+    ]
 
 
 def split(row):
-    """The three gain matrices, deflections in degrees."""
+    """Return the three gain matrices, with deflections in degrees."""
     degrees = 180.0 / np.pi
     return [
         row[LQR_GUIDANCE:LQR_ELEVATOR].reshape(3, 4),
@@ -66,10 +70,23 @@ def test_gains_satisfy_their_riccati_equations(
         np.testing.assert_allclose(theirs, K, rtol=1e-8, atol=1e-10 * np.abs(K).max())
 
 
+def test_stacked_regulators_solve_equations_that_eigenvectors_do_not():
+    """A chain of integrators with equal closed-loop poles (1, 2, 1) has dependent eigenvectors."""
+    chain, push = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    A, B = np.array([chain, chain - np.eye(2), 3.0 * chain]), np.array([push, push, 2.0 * push])
+    Q, R = np.diag([1.0, 2.0]), np.eye(1)
+    gains = regulator(A, B, Q, R)
+    np.testing.assert_allclose(gains[0], [[1.0, 2.0]], rtol=1e-7)
+    for K, a, b in zip(gains, A, B, strict=True):
+        np.testing.assert_allclose(K, control.lqr(a, b, Q, R, method="scipy")[0], rtol=1e-7)
+    with pytest.raises(np.linalg.LinAlgError):
+        regulator(np.array([np.eye(2)]), np.zeros((1, 2, 1)), Q, R)
+
+
 def test_gains_are_not_interpolated_across_a_step(
     controller, nominal_at, reference, vehicle, trim_tables, gains
 ):
-    """At 50 s the bank steps by 46 deg, and the bank's share of the path error with it."""
+    """At 50 s the bank steps by 46 deg, and with it the gain from path error to bank."""
     assert gains.shape == (len(reference), len(LQR_GAINS))
     for knot in (0, 4999, 5000, 6000):
         exact = gains_at(controller, make_models(vehicle, trim_tables, nominal_at(knot)))
@@ -103,7 +120,7 @@ def body_from_wind(alpha, beta):
 
 
 def angles_of(v, body_from_ned):
-    """alpha, beta, bank of a velocity (NED) and an attitude."""
+    """Return alpha, beta and bank of a velocity (NED) and an attitude."""
     u = body_from_ned @ v
     alpha, beta = np.arctan2(u[2], u[0]), np.arcsin(u[1] / np.linalg.norm(u))
     down = body_from_wind(alpha, beta).T @ body_from_ned @ np.array([0.0, 0.0, 1.0])
@@ -111,7 +128,7 @@ def angles_of(v, body_from_ned):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_aero_angle_rates_are_those_of_vectors(seed):
+def test_rates_of_aerodynamic_angles_agree_with_vectors(seed):
     generator = np.random.default_rng(seed)
     alpha, beta, bank = generator.uniform([-0.1, -0.2, -1.3], [0.3, 0.2, 1.3])
     gamma, chi = generator.uniform([-0.6, -3.0], [0.6, 3.0])
@@ -128,5 +145,5 @@ def test_aero_angle_rates_are_those_of_vectors(seed):
     h = 1e-5
     ends = [angles_of(v + s * acceleration, attitude - s * spin @ attitude) for s in (-h, h)]
     expected = (ends[1] - ends[0]) / (2.0 * h)
-    found = attitude_rates(force, mass, speed, gravity, gamma, (alpha, beta, bank), rates)
-    np.testing.assert_allclose(found, expected, atol=1e-8)
+    rates_of_angles = attitude_rates(force, mass, speed, gravity, gamma, (alpha, beta, bank), rates)
+    np.testing.assert_allclose(rates_of_angles, expected, atol=1e-8)

@@ -1,4 +1,4 @@
-"""Manoeuvres, alone or in phases: rates are the derivatives of what is asked for, each ends where it should."""
+"""Manoeuvres, single or in phases: rates are derivatives, final values are those of the file."""
 
 import json
 from collections.abc import Callable
@@ -18,13 +18,13 @@ STEP = 0.005
 TIMES = np.arange(0.0, 60.0 + STEP / 2.0, STEP)
 
 
-def make_mission(manoeuvre: dict[str, Any], **others: Any) -> Mission:
-    data = {"name": "test", "start": START, "manoeuvre": manoeuvre} | others
+def make_mission(manoeuvre: dict[str, Any], **entries: Any) -> Mission:
+    data = {"name": "test", "start": START, "manoeuvre": manoeuvre} | entries
     return validate(Document(Path("test.yaml"), data, {(): (1, 1)}, {}), Mission)
 
 
 def recorded(folder: Path) -> dict[str, Any]:
-    """Samples of a smooth climbing turn through north, where the heading runs on."""
+    """Write a smooth climbing turn through north, with a heading that wraps, as a recorded manoeuvre."""
     t = np.arange(0.0, 61.0, 1.0)
     lines = ["time_s,altitude_m,speed_mps,heading_deg,remark"]
     for s in t:
@@ -98,7 +98,7 @@ def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
     )
 
 
-def test_where_they_end() -> None:
+def test_manoeuvres_end_at_their_final_values() -> None:
     at_end = {
         kind: make_profile(make_mission(MANOEUVRES[kind]), TIMES)
         for kind in ("climb", "pull_up", "turn", "waypoints")
@@ -122,7 +122,7 @@ def test_where_they_end() -> None:
 def test_an_s_with_ramps_by_an_independent_integration(
     length: float, bank_time: float, sharpness: float
 ) -> None:
-    """Speed, track and acceleration of the S by scipy's quadrature of the formula; no speed left, the offset kept."""
+    """Compare speed and acceleration with scipy's quadrature of the formula; the offset remains."""
     s = {
         "kind": "s_manoeuvre",
         "offset": "-5 km",
@@ -135,7 +135,7 @@ def test_an_s_with_ramps_by_an_independent_integration(
     )
 
     def growth(t: float) -> float:
-        """Of the acceleration; the step of fifth order by its integral, 30 x^2 (1 - x)^2."""
+        """Return the relative acceleration, with the step of order 5 as integral of 30 x^2 (1 - x)^2."""
         share = 1.0
         for since in (t, length - t):
             x = min(since / bank_time, 1.0) if bank_time else 1.0
@@ -155,9 +155,11 @@ def test_an_s_with_ramps_by_an_independent_integration(
     profile = make_profile(mission, times)
     np.testing.assert_allclose(1400.0 * np.sin(profile.heading - np.pi / 2.0), speed, atol=1e-6)
     inside = (times >= 3.0) & (times < 3.0 + length)
-    wanted = np.array([size * growth(t) for t in since]) * inside
+    acceleration = np.array([size * growth(t) for t in since]) * inside
     np.testing.assert_allclose(
-        profile.heading_rate * 1400.0 * np.cos(profile.heading - np.pi / 2.0), wanted, atol=1e-6
+        profile.heading_rate * 1400.0 * np.cos(profile.heading - np.pi / 2.0),
+        acceleration,
+        atol=1e-6,
     )
     assert profile.heading[-2:] == pytest.approx(np.deg2rad(90.0), abs=1e-12)
     assert ramp_times(mission) == ((3.0, 3.0 + bank_time), (3.0 + length - bank_time, 3.0 + length))
@@ -166,7 +168,7 @@ def test_an_s_with_ramps_by_an_independent_integration(
     assert sideways == pytest.approx(5000.0, rel=1e-5)
 
 
-def test_what_a_phase_leaves_is_held() -> None:
+def test_final_values_of_a_phase_are_kept() -> None:
     mission = make_mission(MANOEUVRES["phases"], start_time="5 s")
     profile = make_profile(mission, np.array([0.0, 25.0, 30.0, 40.0, 50.0]))
     assert profile.altitude == pytest.approx([20e3, *4 * [20.2e3]])
@@ -180,28 +182,28 @@ def test_what_a_phase_leaves_is_held() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "pattern"),
     [
-        ("manoeuvre: {kind: loop}", "kind 'loop'"),
+        ("manoeuvre: {kind: loop}", "'loop'"),
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
         (
             "manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 s}]}",
             "to 50000 m",
         ),
-        ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "sideways"),
+        ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "700 m/s"),
         (
             "manoeuvre: {kind: s_manoeuvre, offset: 5 km, length: 50 s, bank_time: 26 s}",
-            "half the length, 25 s",
+            "25 s",
         ),
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
     ],
 )
-def test_a_bad_mission_is_refused(tmp_path: Path, text: str, words: str) -> None:
+def test_an_invalid_mission_is_rejected(tmp_path: Path, text: str, pattern: str) -> None:
     path = tmp_path / "mission.yaml"
     path.write_text(
         f"name: test\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg}}\n{text}\n"
     )
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=pattern):
         read_mission(path)
 
 
@@ -209,7 +211,7 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
 
 
 @pytest.mark.parametrize(
-    ("key", "text", "words"),
+    ("key", "text", "fragment"),
     [
         (
             "wind",
@@ -226,8 +228,8 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
         ("trajectory", ("60.0,", "59.5,"), "from 0 to 60 s"),
     ],
 )
-def test_a_bad_table_is_refused_in_its_place(
-    tmp_path: Path, key: str, text: Any, words: str
+def test_errors_of_tables_give_their_location(
+    tmp_path: Path, key: str, text: Any, fragment: str
 ) -> None:
     file = Path(recorded(tmp_path)["file"])
     manoeuvre, table = {"kind": "level"}, {}
@@ -241,4 +243,4 @@ def test_a_bad_table_is_refused_in_its_place(
     (tmp_path / "mission.yaml").write_text(json.dumps(mission))
     with pytest.raises(InputError) as caught:
         read_mission(tmp_path / "mission.yaml")
-    assert words in str(caught.value)
+    assert fragment in str(caught.value)

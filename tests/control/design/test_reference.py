@@ -1,4 +1,4 @@
-"""The reference: what the S asks for, and that its nominal controls fly it."""
+"""Reference of the S manoeuvre, and the motion under its nominal controls."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ Columns = dict[str, Floats]
 
 
 def test_the_s_of_the_paper(column: Columns) -> None:
-    """Zhu and Shen 2014, section 7: heading 90 to 83.6 and back, 5 km to the north, 46 deg of bank at the start."""
+    """Zhu and Shen 2014, section 7: heading 90 to 83.6 deg and back, 5 km north, initial bank 46 deg."""
     heading = np.rad2deg(column["heading"])
     assert heading[0] == pytest.approx(90.0)
     assert heading.min() == pytest.approx(
@@ -34,14 +34,14 @@ def test_the_s_of_the_paper(column: Columns) -> None:
     )
     assert column["north"][-1] == pytest.approx(5000.0, abs=1e-6)
     bank = np.rad2deg(column["bank"])
-    assert -48.0 < bank[0] < -45.0  # to the left, and at once
+    assert -48.0 < bank[0] < -45.0  # to the left, without a ramp
     assert bank[4999] > 44.0
     assert abs(bank[5000]) < 1.5  # a great circle is no parallel: a little bank is left
     np.testing.assert_array_equal(column["altitude"], 20e3)
     np.testing.assert_array_equal(column["speed"], 1400.0)
 
 
-def test_ticks_take_the_value_right_of_a_step(column: Columns) -> None:
+def test_a_tick_at_a_step_has_the_value_after_it(column: Columns) -> None:
     bank = column["bank"]
     jumps = np.flatnonzero(np.abs(np.diff(bank)) > np.deg2rad(5.0))
     np.testing.assert_array_equal(jumps, [4999])  # the one at t = 0 is before the first tick
@@ -53,8 +53,8 @@ def test_ramps_and_five_seconds_after_them_are_not_settled(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables
 ) -> None:
     ramped = mission.manoeuvre.model_copy(update={"bank_time": 2.0})
-    asked = mission.model_copy(update={"manoeuvre": ramped, "start_time": 1.0})
-    reference, _ = solve_reference(asked, vehicle, trim_tables, 0.1, 600)
+    changed = mission.model_copy(update={"manoeuvre": ramped, "start_time": 1.0})
+    reference, _ = solve_reference(changed, vehicle, trim_tables, 0.1, 600)
     unsettled = np.flatnonzero(reference[:, REFERENCE.index("settled")] == 0.0)
     np.testing.assert_array_equal(
         unsettled, [*range(10, 80), *range(490, 560)]
@@ -64,7 +64,7 @@ def test_ramps_and_five_seconds_after_them_are_not_settled(
 def test_cross_track_is_positive_to_the_left(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables
 ) -> None:
-    """Whatever the heading, the reference's own displacement along the track vector is y."""
+    """The displacement of the reference along the track vector is y at any heading."""
     for heading in (0.3, 4.0):
         turned = mission.model_copy(
             update={"start": mission.start.model_copy(update={"heading": heading})}
@@ -79,10 +79,10 @@ def test_cross_track_is_positive_to_the_left(
 
 
 @pytest.mark.parametrize("kind", ["s_manoeuvre", "climb"])
-def test_nominal_controls_fly_the_reference(
+def test_nominal_controls_follow_the_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, kind: str
 ) -> None:
-    """Open loop, the design model (1) under the nominal controls stays on the reference for a while."""
+    """In open loop the design model (1) with nominal controls stays on the reference for 20 s."""
     if kind == "climb":
         climb = Climb(kind="climb", altitude_change="1 km", length="40 s", speed_change="20 m/s")
         mission = mission.model_copy(update={"manoeuvre": climb, "start_time": 2.0})
@@ -96,7 +96,7 @@ def test_nominal_controls_fly_the_reference(
         def at(name: str) -> float:
             return float(np.interp(time, t, value[name]))
 
-        around = Environment(
+        environment = Environment(
             at("altitude"),
             at("density"),
             at("sound_speed"),
@@ -108,7 +108,7 @@ def test_nominal_controls_fly_the_reference(
             [[at(name)] for name in ("angle_of_attack", "bank", "equivalence_ratio")]
         )
         return np.real(
-            guidance_rates(vehicle, trim_tables, around, at("mass"), state[:, None], controls)
+            guidance_rates(vehicle, trim_tables, environment, at("mass"), state[:, None], controls)
         )[:, 0]
 
     start = [value[name][0] for name in ("altitude", "flight_path_angle", "heading", "speed")]

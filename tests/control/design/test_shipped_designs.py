@@ -1,4 +1,4 @@
-"""Shipped designs keep what they were searched for: margins, usage, tracking, on the second vehicle too."""
+"""Shipped designs: stability margins, control effort and tracking, also on the second vehicle."""
 
 from itertools import product
 from pathlib import Path
@@ -47,7 +47,7 @@ def _read(name):
 
 
 @pytest.mark.parametrize("name", ["tlc_robust_ghame_x", "lqr_robust_ghame_x"])
-def test_margins_are_kept_nominally_and_at_the_corners_of_the_papers_box(setup, name):
+def test_margins_hold_nominally_and_at_the_corners_of_the_papers_box(setup, name):
     plan = make_steady_plan(*setup, _read(name), name)
     least = margins_of_flights(plan, plan, PARAMETERS, ["trim"]).table[:, :3]
     assert (least[0] >= (6.0, 35.0, 40.0)).all()
@@ -55,11 +55,13 @@ def test_margins_are_kept_nominally_and_at_the_corners_of_the_papers_box(setup, 
 
 
 @pytest.mark.parametrize("name", ["tlc_robust_ghame_x", "lqr_robust_ghame_x"])
-def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
-    """Table 1 cycles where the rudder is 1.2 times as effective; the settled bank error of these stays as it was."""
+def test_designs_tolerate_effectiveness_errors_and_delay_without_more_control_effort(setup, name):
+    """With 1.2 times the rudder effectiveness table 1 has a limit cycle, and these designs do not."""
     factors = {"rudder": (1.2, 0.8), "aileron": (0.8,), "elevator": (0.8,)}
     cases = [
-        {f"control.{surface}_effectiveness": x} for surface, each in factors.items() for x in each
+        {f"control.{surface}_effectiveness": x}
+        for surface, values in factors.items()
+        for x in values
     ]
     parameters = rows_of({}, *cases, {"sensor.delay": 0.04})
     block = fly(make_plan(*setup, _read(name), name), parameters)
@@ -80,8 +82,8 @@ def test_wrong_effectiveness_and_delay_are_borne_at_no_more_usage(setup, name):
         ("ghame", "lqr_retuned_ghame"),
     ],
 )
-def test_retuned_lqr_tracks_better_than_the_papers_weights_at_the_usage_of_tlc(vehicle, retuned):
-    """On the nominal S."""
+def test_retuned_lqr_tracks_better_than_the_papers_weights_at_the_effort_of_tlc(vehicle, retuned):
+    """Nominal flight of the S manoeuvre."""
     metrics = {}
     for name, file in {"tlc": "tlc", "lqr": "lqr", "retuned": retuned}.items():
         block = fly(make_flight_plan("s_manoeuvre", vehicle, file), nominal_parameters())
@@ -107,7 +109,7 @@ WORST = {
 
 @pytest.mark.parametrize("mission", ["level", "turn", "level_mach15", "turn_mach15"])
 def test_table_1_flies_the_winged_cone_at_both_points(mission):
-    """Elevons, three-dimensional tables, centre of gravity aft of the moment reference."""
+    """The winged cone has elevons, three-dimensional tables and a centre of gravity aft of the moment reference."""
     plan = make_flight_plan(mission, "winged_cone")
     block = fly(plan, PARAMETERS)
     assert np.array_equal(

@@ -1,4 +1,4 @@
-"""Sub-loops 1 and 2 are exact along the reference, and a bandwidth that changes keeps its rate.
+"""Gains of sub-loops 1 and 2, and PD spectra with scheduled bandwidth.
 
 Zhu and Shen 2014, equations (5)-(11) and (20).
 """
@@ -20,9 +20,9 @@ CONFIGS = Path(__file__).parents[3] / "configs"
 
 @pytest.fixture(scope="module")
 def controller() -> TlcController:
-    found = read_controller(CONFIGS / "control" / "tlc.yaml")
-    assert isinstance(found, TlcController)
-    return found
+    controller_file = read_controller(CONFIGS / "control" / "tlc.yaml")
+    assert isinstance(controller_file, TlcController)
+    return controller_file
 
 
 def test_gains_of_the_inner_loops_are_table_1(
@@ -51,7 +51,7 @@ def scheduled(
     return Channel(damping=damping, bandwidth={over: entries})
 
 
-def test_a_bandwidth_over_time_keeps_its_rate() -> None:
+def test_a_bandwidth_over_time_enters_with_its_rate() -> None:
     channel = scheduled(2.0, "over_time", "time", "s", ((10.0, 0.2), (20.0, 0.4), (40.0, 0.1)))
     times = np.arange(0.0, 60.0, 0.01)
     a1, a2 = pd_spectrum(channel, times, np.ones(times.size))
@@ -67,8 +67,8 @@ def test_a_bandwidth_over_time_keeps_its_rate() -> None:
         assert a2[k] == pytest.approx(4.0 * wn - rate / wn)
 
 
-def test_the_rate_of_the_bandwidth_makes_the_loop_of_the_wanted_shape() -> None:
-    """What the term is for: ``x'' = -a2 x' - a1 x`` has the solutions of constant bandwidth in the time int wn dt."""
+def test_with_its_rate_a_varying_bandwidth_only_stretches_time() -> None:
+    """``x'' = -a2 x' - a1 x`` has the solution of constant bandwidth in the time int wn dt."""
     from scipy.integrate import solve_ivp
 
     channel = scheduled(1.5, "over_time", "time", "s", ((0.0, 0.5), (20.0, 2.0)))
@@ -77,11 +77,11 @@ def test_the_rate_of_the_bandwidth_makes_the_loop_of_the_wanted_shape() -> None:
         a1, a2 = pd_spectrum(channel, np.array([t]), np.ones(1))
         return [x[1], float(-a1[0] * x[0] - a2[0] * x[1])]
 
-    found = solve_ivp(rates, (0.0, 15.0), [1.0, 0.0], rtol=1e-10, atol=1e-12).y[0, -1]
+    final = solve_ivp(rates, (0.0, 15.0), [1.0, 0.0], rtol=1e-10, atol=1e-12).y[0, -1]
     stretched = 0.5 * 15.0 + 0.075 * 15.0**2 / 2.0
     roots = np.roots([1.0, 3.0, 1.0])
     shares = np.linalg.solve(np.array([[1.0, 1.0], roots]), [1.0, 0.0])
-    assert found == pytest.approx(float(shares @ np.exp(roots * stretched)), rel=1e-6)
+    assert final == pytest.approx(float(shares @ np.exp(roots * stretched)), rel=1e-6)
 
 
 def test_a_bandwidth_over_dynamic_pressure_follows_the_reference() -> None:

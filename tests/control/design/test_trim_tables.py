@@ -1,4 +1,4 @@
-"""Trim tables: balanced at the nodes, as good as exact between them, honest where there is no trim; what is kept."""
+"""Trim tables: balance at the nodes, interpolation error, limits without trim; the design cache."""
 
 from pathlib import Path
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from abhv_mc.array_types import Floats
+from abhv_mc.control.design.design_cache import cache_results
 from abhv_mc.control.design.design_model import Environment
-from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.reference import (
     COLUMN_INDEX,
     make_mission_trim_tables,
@@ -32,8 +32,8 @@ VEHICLES = Path(__file__).parents[3] / "configs" / "vehicle"
 
 
 @pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled", "winged_cone"])
-def test_interpolation_errs_by_little(name: str) -> None:
-    """At random points between the nodes, against a trim solved there."""
+def test_interpolation_errors_are_small(name: str) -> None:
+    """Compare with an exact trim at random points between the nodes."""
     vehicle = load_vehicle(VEHICLES / f"{name}.yaml")
     tables = make_trim_tables(vehicle, ALTITUDE, (1300.0, 1500.0))
     density, _, _, sound_speed = atmosphere(ALTITUDE)
@@ -93,7 +93,7 @@ def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle: Vehicle) -> None
 def test_an_elevator_next_to_its_limit_is_compared_after_interpolation(
     vehicle: Vehicle, mission: Mission, column: dict[str, Floats]
 ) -> None:
-    """A limit that a reference just keeps changes nothing; one that it exceeds is kept, with a status."""
+    """A limit above the reference's elevator has no effect; a lower one clips it and sets the status."""
     largest = np.abs(column["elevator"]).max()
     for limit, trimmed in ((1.001 * largest, True), (0.9 * largest, False)):
         craft = vehicle._replace(constants=vehicle.constants._replace(surface_limit=limit))
@@ -125,10 +125,10 @@ def test_steady_mach_numbers_are_in_the_middle_half_of_a_cell(
         assert 0.25 < (mach - grid[cell]) / (grid[cell + 1] - grid[cell]) < 0.75
 
 
-def test_equal_contents_share_a_result_and_others_do_not():
+def test_the_cache_distinguishes_arguments_by_their_contents():
     calls = []
 
-    @kept
+    @cache_results
     def total(values, *, scale=1.0):
         calls.append(scale)
         return scale * values.sum()

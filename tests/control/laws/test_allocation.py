@@ -1,4 +1,4 @@
-"""The compiled moment and its slopes against the design model: other code, slopes by complex step."""
+"""Compiled moment and its slopes against the design model, with slopes by complex steps."""
 
 from collections import namedtuple
 from dataclasses import replace
@@ -22,7 +22,7 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 
-# What the nominal vehicle needs of the kernel's plan and of its memory.
+# Parts of the kernel's plan and memory that the nominal vehicle needs.
 Plan = namedtuple("Plan", "vehicle effectiveness unit_factors user_code")
 Memory = namedtuple("Memory", "Z T cells high")
 CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
@@ -38,7 +38,7 @@ _SIDE_BY_SIDESLIP = (
 
 @kernel
 def compute(vehicle, effectiveness, cells, width, variables, density, speed, moments, slopes, side):
-    """Moments [axis, lane], their slopes [axis, deflection, lane] and the slope of CY with sideslip [lane]."""
+    """Compute moments [axis, lane], slopes [axis, deflection, lane] and CY by sideslip [lane]."""
     Z = np.zeros((_Z_ROWS, _CAPACITY))
     T = np.zeros((s.MAX_TABLE_ROWS, _CAPACITY))
     high = np.empty(s.MAX_TABLE_ROWS)
@@ -65,7 +65,7 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
 
 
 def draw_points(vehicle: Vehicle, mach: tuple[float, float]) -> dict[str, Floats]:
-    """Points inside of cells (no node has such numbers), each with its own cells."""
+    """Draw points inside of cells."""
     generator = np.random.default_rng(7)
     spread = {
         "angle_of_attack": (0.0, 0.15),
@@ -92,15 +92,15 @@ def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections)
         point["pitch_rate_hat"] / half_chord,
         point["yaw_rate_hat"] / half_span,
     )
-    nothing = np.atleast_1d(0.0 * sideslip + 0.0 * deflections[0])  # of the points' shape
-    alpha, eta = point["angle_of_attack"] + nothing, point["equivalence_ratio"] + nothing
+    zero = np.atleast_1d(0.0 * sideslip + 0.0 * deflections[0])  # of the points' shape
+    alpha, eta = point["angle_of_attack"] + zero, point["equivalence_ratio"] + zero
     return wrench_at(
-        vehicle, AIR, point["mass"], speed, alpha, sideslip + nothing, rates, deflections, eta
+        vehicle, AIR, point["mass"], speed, alpha, sideslip + zero, rates, deflections, eta
     )
 
 
 def load(name: str, *, off_axis: bool) -> Vehicle:
-    """A shipped vehicle; ``off_axis``: its centre of gravity also off the reference and drag in wind axes."""
+    """Load a shipped vehicle; ``off_axis`` moves its centre of gravity and sets drag in wind axes."""
     file = read_vehicle_file(CONFIGS / f"{name}.yaml")
     if not off_axis:
         return pack_vehicle(file, PARAMETER_INDEX)
@@ -111,7 +111,7 @@ def load(name: str, *, off_axis: bool) -> Vehicle:
 
 
 def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """Moments, their slopes and the slope of CY, as :func:`compute` gives them."""
+    """Return moments, their slopes and the slope of CY by :func:`compute`."""
     moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
     effectiveness, cells = make_effectiveness(vehicle), make_cells(_CAPACITY)
     variables, speed = make_variables(vehicle, **point), point["mach"] * AIR.sound_speed
@@ -134,9 +134,11 @@ def test_moment_effectiveness_and_side_force_slope_are_the_design_models(
     assert moments == pytest.approx(expected, rel=1e-10, abs=1e-10 * scale)
 
     for lane in range(N):
-        here = {key: value[lane] for key, value in point.items()}
+        lane_point = {key: value[lane] for key, value in point.items()}
         jacobian = slope(
-            lambda x, here=here: wrench_of(vehicle, here, here["sideslip"], x).moment,
+            lambda x, lane_point=lane_point: (
+                wrench_of(vehicle, lane_point, lane_point["sideslip"], x).moment
+            ),
             deflections[:, lane],
         )
         assert slopes[:, :, lane] == pytest.approx(
@@ -148,20 +150,22 @@ def test_moment_effectiveness_and_side_force_slope_are_the_design_models(
     _, _, side = look_at(vehicle, point)
 
     for lane in range(N):
-        here = {key: value[lane] for key, value in point.items()}
-        alpha = here["angle_of_attack"]
-        deflections = np.array([0.0, 0.0, here["elevator"]])
+        lane_point = {key: value[lane] for key, value in point.items()}
+        alpha = lane_point["angle_of_attack"]
+        deflections = np.array([0.0, 0.0, lane_point["elevator"]])
 
-        def wind_side_force(x, here=here, alpha=alpha, deflections=deflections):
+        def wind_side_force(x, lane_point=lane_point, alpha=alpha, deflections=deflections):
             force = wrench_of(
-                vehicle, here, x[0], deflections[:, None] + 0.0 * x
+                vehicle, lane_point, x[0], deflections[:, None] + 0.0 * x
             ).force  # eta 0: no thrust
             forward = force[0] * np.cos(alpha) + force[2] * np.sin(alpha)
             return np.stack([force[1] * np.cos(x[0]) - forward * np.sin(x[0])])
 
         expected = slope(wind_side_force, [0.0])[0, 0]
-        force = wrench_of(vehicle, here, 0.0, deflections).force[:, 0]
-        q_s = 0.5 * AIR.density * (here["mach"] * AIR.sound_speed) ** 2 * vehicle.constants.area
+        force = wrench_of(vehicle, lane_point, 0.0, deflections).force[:, 0]
+        q_s = (
+            0.5 * AIR.density * (lane_point["mach"] * AIR.sound_speed) ** 2 * vehicle.constants.area
+        )
         drag = -(force[0] * np.cos(alpha) + force[2] * np.sin(alpha)) / q_s
         assert side_force_slope(vehicle.constants, q_s, side[lane], drag) == pytest.approx(
             expected, rel=1e-9

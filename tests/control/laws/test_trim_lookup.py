@@ -1,4 +1,4 @@
-"""The look-up of trim data against scipy, from cells left behind, on nodes and outside of the tables."""
+"""Look-up of trim data against scipy, from other cells, on nodes and outside of the tables."""
 
 from pathlib import Path
 
@@ -20,8 +20,8 @@ _MACH = variable_row("mach")
 
 
 @kernel
-def look_up(trim, cells, points, found):
-    """Five numbers [round, 5, lane] of points [round, 3, lane], with the cells of the round before."""
+def look_up(trim, cells, points, results):
+    """Look up five numbers [round, 5, lane] at points [round, 3, lane], from the previous cells."""
     Z = np.zeros((s.LAW + 5, WIDTH))
     for turn in range(points.shape[0]):
         for lane in range(WIDTH):
@@ -31,7 +31,7 @@ def look_up(trim, cells, points, found):
         look_up_trim(Z, WIDTH, trim, cells, s.ALPHA_CMD, s.CMD_ETA, FIRST)
         for i in range(5):
             for lane in range(WIDTH):
-                found[turn, i, lane] = Z[FIRST + i, lane]
+                results[turn, i, lane] = Z[FIRST + i, lane]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def axes_of(trim):
 
 
 def values_of(trim, name):
-    """One table over its axes."""
+    """Return one table over its axes."""
     shape = [len(axis) for axis in axes_of(trim)]
     nodes = np.indices(shape).reshape(3, -1)
     corners = trim.group_start[0] + trim.group_stride[0] @ nodes
@@ -54,7 +54,7 @@ def values_of(trim, name):
 
 
 def draw_points(trim):
-    """Rounds that wander within cells, jump, stand on nodes and leave the tables."""
+    """Draw rounds that move within cells, jump, are on nodes and leave the tables."""
     generator = np.random.default_rng(5)
     points = np.empty((ROUNDS, 3, WIDTH))
     for i, axis in enumerate(axes_of(trim)):
@@ -68,13 +68,13 @@ def draw_points(trim):
     return points
 
 
-def test_trim_data_and_their_slopes_are_scipys_whatever_was_looked_up_before(trim):
+def test_trim_data_and_slopes_agree_with_scipy_for_any_previous_cell(trim):
     points = draw_points(trim)
-    found, fresh = np.empty((2, ROUNDS, 5, WIDTH))
-    look_up(trim, make_trim_cells(WIDTH), points, found)
+    warm, cold = np.empty((2, ROUNDS, 5, WIDTH))
+    look_up(trim, make_trim_cells(WIDTH), points, warm)
     for turn in range(ROUNDS):
-        look_up(trim, make_trim_cells(WIDTH), points[turn : turn + 1], fresh[turn : turn + 1])
-    assert np.array_equal(found, fresh)
+        look_up(trim, make_trim_cells(WIDTH), points[turn : turn + 1], cold[turn : turn + 1])
+    assert np.array_equal(warm, cold)
 
     axes = axes_of(trim)
     inside = np.stack(
@@ -82,7 +82,7 @@ def test_trim_data_and_their_slopes_are_scipys_whatever_was_looked_up_before(tri
     )
     for i, name in enumerate(("lift", "drag", "thrust")):
         exact = RegularGridInterpolator(axes, values_of(trim, name))(inside)
-        assert found[:, i] == pytest.approx(exact, rel=1e-12, abs=1e-14)
+        assert warm[:, i] == pytest.approx(exact, rel=1e-12, abs=1e-14)
     cell = np.clip(
         np.searchsorted(axes[1], inside[:20, ..., 1], side="right") - 1, 0, len(axes[1]) - 2
     )
@@ -92,6 +92,6 @@ def test_trim_data_and_their_slopes_are_scipys_whatever_was_looked_up_before(tri
     ]
     for i, name in ((3, "lift"), (4, "thrust")):
         low, high = (RegularGridInterpolator(axes, values_of(trim, name))(end) for end in ends)
-        assert found[:20, i] == pytest.approx(
+        assert warm[:20, i] == pytest.approx(
             (high - low) / np.diff(axes[1])[cell], rel=1e-9, abs=1e-12
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, RootModel, model_validator
 
 from abhv_mc.flight.channels import SOURCES
-from abhv_mc.flight.compile_metrics import FUNCTIONS, Known, compile_expression, known_sources
+from abhv_mc.flight.compile_metrics import FUNCTIONS, SourceRow, compile_expression, source_rows
 from abhv_mc.flight.metrics import (
     BUILT_IN,
     MARGIN_FAULTS,
@@ -148,7 +148,7 @@ def declare_metrics(
 
     ``effectors`` are those with actuators.
     """
-    sources = known_sources(pack_sources(user_channels), effectors, states)
+    sources = source_rows(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
         errors.append(
@@ -186,7 +186,7 @@ def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
 def _record(
     name: str,
     entry: MetricEntry,
-    sources: Mapping[str, Known],
+    sources: Mapping[str, SourceRow],
     nonnegative: bool,
     window: tuple[float, float],
 ) -> Metric:
@@ -210,7 +210,7 @@ def _record(
     return record if record.doc else replace(record, doc=record.counted)
 
 
-def _unit(name: str, entry: MetricEntry, sources: Mapping[str, Known]) -> str:
+def _unit(name: str, entry: MetricEntry, sources: Mapping[str, SourceRow]) -> str:
     """Return the unit of a metric from its entry, its channel and statistic, or its name."""
     if entry.unit is not None:
         return entry.unit

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.compile_metrics import Known, compile_expression
+from abhv_mc.flight.compile_metrics import SourceRow, compile_expression
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.kernel.flight.counting import Operation
 from abhv_mc.kernel.numerics.lane_math import sincos
@@ -66,7 +66,7 @@ def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> Deri
     """Return the instructions of a derived input. Raise Refusal."""
     index = parameters.index
     sources = {
-        parameter.replace(".", _DOT): Known(parameters[parameter].unit, index[parameter], 1.0)
+        parameter.replace(".", _DOT): SourceRow(parameters[parameter].unit, index[parameter], 1.0)
         for parameter in parameters.dispersible
     }
     try:

@@ -1,1 +1,1 @@
-"""Design before the flight: reference, nominal controls along it, trim tables and gains."""
+"""Controller design before the flight: reference, nominal controls, trim tables and gains."""

@@ -1,7 +1,8 @@
-"""The model that the controllers are designed on: Zhu and Shen 2014, (1), (3), (13), on a non-rotating sphere.
+"""Design model of the controllers: Zhu and Shen 2014, (1), (3), (13), on a non-rotating sphere.
 
-With sideslip and thrust inclination kept. Every argument may be complex and has points as its last axis: Jacobians
-come from complex steps (Squire and Trapp, SIAM Review 40, 1998). FRD axes, SI and radians.
+It includes sideslip and thrust inclination. Arguments may be complex and have points as their last
+axis, as Jacobians are computed by complex steps (Squire and Trapp, SIAM Review 40, 1998). Axes are
+forward, right, down; units are SI and radians.
 """
 
 from collections.abc import Callable
@@ -25,14 +26,17 @@ _RISE = 1.0  # m, half step of the slopes over altitude
 _STEP = 1e-30
 
 
-def slope(function: Callable[[Numbers], Numbers], at: Any) -> Floats:
-    """Jacobian [output, input] of a function of [input, point] at a real vector, by one call with complex steps."""
-    at = np.asarray(at, dtype=np.float64)
-    return np.asarray(np.imag(function(at[:, None] + 1j * _STEP * np.eye(at.size))) / _STEP)
+def slope(function: Callable[[Numbers], Numbers], x: Any) -> Floats:
+    """Return the Jacobian [output, input] at a real vector, by one call with complex steps.
+
+    ``function`` takes [input, point].
+    """
+    x = np.asarray(x, dtype=np.float64)
+    return np.asarray(np.imag(function(x[:, None] + 1j * _STEP * np.eye(x.size))) / _STEP)
 
 
 class Environment(NamedTuple):
-    """Air and Earth at a nominal, with their slopes over altitude."""
+    """Air and gravity at a nominal point, with their slopes over altitude."""
 
     altitude: float  # m
     density: float  # kg/m3
@@ -45,8 +49,8 @@ class Environment(NamedTuple):
     gravity_slope: float = 0.0
 
 
-class Places(NamedTuple):
-    """Air and Earth, each ``[place]``, SI."""
+class EnvironmentPoints(NamedTuple):
+    """Air and gravity, each ``[point]``, SI."""
 
     density: Floats
     sound_speed: Floats
@@ -55,14 +59,17 @@ class Places(NamedTuple):
 
 
 def density_factor(air: Floats, altitude: Floats) -> Floats:
-    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.kernel.plant.air_data`)."""
+    """Return the factor of a mission's nominal density on the standard density."""
     return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
 
 
-def make_places(
+def make_environment_points(
     earth: Earth, altitude: Floats, latitude: Floats, air: Floats | None = None
-) -> Places:
-    """Air, gravity and radius at geodetic altitudes (m) and latitudes (rad); ``air``: the mission's, not standard."""
+) -> EnvironmentPoints:
+    """Return air, gravity and radius at geodetic altitudes (m) and latitudes (rad).
+
+    ``air`` is the mission's nominal air, by default the standard atmosphere.
+    """
     result = np.empty((4, altitude.size))
     for i, (height, angle) in enumerate(zip(altitude, latitude, strict=True)):
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -75,23 +82,25 @@ def make_places(
         )
     if air is not None and len(air):
         result[0] *= density_factor(air, altitude)
-    return Places(*result)
+    return EnvironmentPoints(*result)
 
 
 def make_environment(
     earth: Earth, altitude: float, latitude: float, air: Floats | None = None
 ) -> Environment:
-    """Air and Earth at one place with their slopes over altitude."""
-    low, here, high = np.stack(
-        make_places(earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air),
+    """Return air and gravity at one point, with their slopes over altitude."""
+    low, middle, high = np.stack(
+        make_environment_points(
+            earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air
+        ),
         axis=1,
     ).tolist()
     slopes = [(above - below) / (2.0 * _RISE) for above, below in zip(high, low, strict=True)]
-    return Environment._make([altitude, *here, latitude, *slopes[:3]])
+    return Environment._make([altitude, *middle, latitude, *slopes[:3]])
 
 
 class Wrench(NamedTuple):
-    """Aerodynamics and thrust, body axes, about the centre of gravity."""
+    """Force and moment of aerodynamics and thrust, body axes, about the centre of gravity."""
 
     force: Numbers  # [3, ...], N
     moment: Numbers  # [3, ...], N m
@@ -99,20 +108,23 @@ class Wrench(NamedTuple):
 
 
 def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
-    """Force (N), moment (N m, about the aerodynamics' point), fuel flow of an engine function, or zeros: [7, ...]."""
+    """Return force (N), moment (N m) and fuel flow of an engine function, or zeros: [7, ...].
+
+    The moment is about the point of the aerodynamics' moments.
+    """
     if not vehicle.foreign.propulsion:
         return np.zeros((N_THRUST, *variables.shape[1:]))
-    _, made = evaluate_functions(vehicle, variables, density, speed)
-    fx, fy, fz = made[:3]
+    _, wrench = evaluate_functions(vehicle, variables, density, speed)
+    fx, fy, fz = wrench[:3]
     x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
     arm = np.stack([-z * fy, z * fx - x * fz, x * fy])
-    return np.concatenate([made[:3], made[3:6] + arm, made[6:]])
+    return np.concatenate([wrench[:3], wrench[3:6] + arm, wrench[6:]])
 
 
 def thrust_at(
     vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any
 ) -> Numbers:
-    """Magnitude of the thrust of an engine of tables, N."""
+    """Return the magnitude of the thrust of an engine given by tables, N."""
     stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
     return np.asarray(
         stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"]
@@ -122,19 +134,19 @@ def thrust_at(
 def guidance_rates(
     vehicle: Vehicle,
     trim_tables: Tables,
-    around: Environment,
+    environment: Environment,
     mass: float,
     state: Any,
     controls: Any,
 ) -> Numbers:
-    """(1): rates of (altitude, gamma, chi, V) for (alpha, bank, eta), with the data at trim."""
+    """Return the rates (1) of (altitude, gamma, chi, V) for (alpha, bank, eta), with trimmed data."""
     altitude, gamma, chi, speed = state
     alpha, bank, eta = controls
-    rise = altitude - around.altitude
-    density = around.density + around.density_slope * rise
-    sound_speed = around.sound_speed + around.sound_speed_slope * rise
-    gravity = around.gravity + around.gravity_slope * rise
-    radius = around.radius + rise
+    rise = altitude - environment.altitude
+    density = environment.density + environment.density_slope * rise
+    sound_speed = environment.sound_speed + environment.sound_speed_slope * rise
+    gravity = environment.gravity + environment.gravity_slope * rise
+    radius = environment.radius + rise
     variables = make_variables(
         vehicle, mach=speed / sound_speed, angle_of_attack=alpha, equivalence_ratio=eta
     )
@@ -149,7 +161,7 @@ def guidance_rates(
     ) * np.cos(gamma)
     chi_rate = normal * np.sin(bank) / (mass * speed * np.cos(gamma)) + speed / radius * np.cos(
         gamma
-    ) * np.sin(chi) * np.tan(around.latitude)
+    ) * np.sin(chi) * np.tan(environment.latitude)
     return np.stack(
         [speed * np.sin(gamma), gamma_rate, chi_rate, axial / mass - gravity * np.sin(gamma)]
     )
@@ -157,7 +169,7 @@ def guidance_rates(
 
 def wrench_at(
     vehicle: Vehicle,
-    around: Environment,
+    environment: Environment,
     mass: Any,
     speed: Any,
     alpha: Any,
@@ -166,12 +178,15 @@ def wrench_at(
     deflections: Any,
     eta: Any,
 ) -> Wrench:
-    """Forces and moments of the full tables; ``rates`` (p, q, r), ``deflections`` (aileron, rudder, elevator)."""
+    """Return forces and moments of the full tables.
+
+    ``rates`` are (p, q, r), ``deflections`` (aileron, rudder, elevator).
+    """
     constants = vehicle.constants
     half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)
     variables = make_variables(
         vehicle,
-        mach=speed / around.sound_speed,
+        mach=speed / environment.sound_speed,
         angle_of_attack=alpha,
         sideslip=beta,
         roll_rate_hat=rates[0] * half_span,
@@ -181,7 +196,7 @@ def wrench_at(
         rudder=deflections[1],
         elevator=deflections[2],
         equivalence_ratio=eta,
-        altitude=around.altitude,
+        altitude=environment.altitude,
         mass=mass,
     )
     rows = table_rows(vehicle.tables, variables)
@@ -197,21 +212,21 @@ def wrench_at(
     )
     up = np.stack([sa, 0.0 * sa, -ca])
     right = np.stack([0.0 * ca, 1.0 + 0.0 * ca, 0.0 * ca])
-    pressure_area = 0.5 * around.density * speed**2 * constants.area
+    pressure_area = 0.5 * environment.density * speed**2 * constants.area
     aero = pressure_area * (lift * up - drag * forward + side * right)
-    size = thrust_at(vehicle, fixed, eta, around.density, speed)
+    size = thrust_at(vehicle, fixed, eta, environment.density, speed)
     thrust = np.stack([size * constants.thrust_cos, 0.0 * size, -size * constants.thrust_sin])
-    engine = engine_at(vehicle, variables, around.density, speed)
+    engine = engine_at(vehicle, variables, environment.density, speed)
     moment = pressure_area * np.stack(
         [constants.span * rolling, constants.chord * pitching, constants.span * yawing]
     )
     # Lever arms from the centre of gravity to the moment reference and to the thrust line.
-    nothing = 0.0 * fixed["center_of_gravity_x"]
-    reference = np.stack([-fixed["center_of_gravity_x"], nothing, -fixed["center_of_gravity_z"]])
+    zero = 0.0 * fixed["center_of_gravity_x"]
+    reference = np.stack([-fixed["center_of_gravity_x"], zero, -fixed["center_of_gravity_z"]])
     line = np.stack(
         [
             -fixed["center_of_gravity_x"],
-            nothing,
+            zero,
             constants.thrust_offset_z - fixed["center_of_gravity_z"],
         ]
     )
@@ -220,14 +235,14 @@ def wrench_at(
         moment = moment + engine[3:6] + np.cross(reference, engine[:3], axis=0)
         thrust = thrust + engine[:3]
     jx, jy, jz, j13 = (fixed[f"inertia_{name}"] for name in ("xx", "yy", "zz", "13"))
-    inertia = np.array([[jx, nothing, j13], [nothing, jy, nothing], [j13, nothing, jz]])
+    inertia = np.array([[jx, zero, j13], [zero, jy, zero], [j13, zero, jz]])
     return Wrench(aero + thrust, moment, inertia)
 
 
 def attitude_rates(
     force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any
 ) -> Numbers:
-    """(13): rates of (alpha, beta, bank) under a body-axis force and the body rates (p, q, r)."""
+    """Return the rates (13) of (alpha, beta, bank) for a body-axis force and body rates (p, q, r)."""
     alpha, beta, bank = angles
     p, q, r = rates
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
@@ -247,7 +262,7 @@ def attitude_rates(
 
 
 def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
-    """(3): ``J^-1 (M - w x J w)``."""
+    """Return the rates (3) of the body rates, ``J^-1 (M - w x J w)``."""
     inertia, rates = np.asarray(inertia), np.asarray(rates)
     momentum = np.einsum("ij...,j...->i...", inertia, rates)
     torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)

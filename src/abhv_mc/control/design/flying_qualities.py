@@ -1,4 +1,4 @@
-"""Static margin, oscillatory modes and control powers of a vehicle in trim, its controls fixed."""
+"""Static margin, oscillatory modes and control powers of a trimmed vehicle with fixed controls."""
 
 import math
 from typing import NamedTuple
@@ -39,13 +39,13 @@ class FlyingQualities(NamedTuple):
 def find_flying_qualities(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, trim: TrimPoint, mass: float
 ) -> FlyingQualities:
-    """Linearize the attitude dynamics at a trim point, speed and flight path held.
+    """Linearize the attitude dynamics at a trim point, with speed and flight path fixed.
 
-    Short period: angle of attack and pitch rate; Dutch roll: the fastest oscillation of bank, sideslip, roll and yaw
-    rate. Slopes are those in the cells of the vehicle's tables.
+    The short period involves angle of attack and pitch rate; the Dutch roll is the fastest
+    oscillation of bank, sideslip, roll and yaw rate. Slopes are those in the cells of the tables.
     """
     nominal = Nominal(
-        around=make_environment(earth, point.altitude, point.latitude),
+        environment=make_environment(earth, point.altitude, point.latitude),
         mass=mass,
         speed=point.speed,
         flight_path_angle=trim.flight_path_angle,
@@ -83,11 +83,11 @@ def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
         alpha = angle[0]
         variables = make_variables(
             vehicle,
-            mach=nominal.speed / nominal.around.sound_speed,
+            mach=nominal.speed / nominal.environment.sound_speed,
             angle_of_attack=alpha,
             elevator=nominal.elevator,
             equivalence_ratio=nominal.equivalence_ratio,
-            altitude=nominal.around.altitude,
+            altitude=nominal.environment.altitude,
             mass=nominal.mass,
         )
         rows = table_rows(vehicle.tables, variables)

@@ -1,7 +1,8 @@
-"""Nominal controls along a trajectory: Zhu and Shen 2014, (12), solved on the trim tables by nested Brent searches.
+"""Nominal controls along a trajectory: Zhu and Shen 2014, (12), by nested Brent searches.
 
-The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times ``-tan^2 bank``). Here
-bank, explicit in the third, is inside each residual of the second, and angle of attack inside each of the first.
+The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times
+``-tan^2 bank``). Here each residual of the second equation solves the third for the bank, in which it
+is explicit, and each residual of the first solves the second for the angle of attack.
 """
 
 from typing import NamedTuple
@@ -33,10 +34,9 @@ class GuidanceTrim(NamedTuple):
     bank: Floats
     equivalence_ratio: Floats
     elevator: Floats
-    mass: Floats  # fuel burnt up to the point counted
-    status: NDArray[
-        np.int64
-    ]  # 0, or a sum of NO_EQUIVALENCE_RATIO, ...: then at the nearest end of the interval
+    mass: Floats  # reduced by the fuel burnt up to the point
+    # 0, or a sum of flags such as NO_EQUIVALENCE_RATIO, with the control at the end of its interval
+    status: NDArray[np.int64]
 
 
 def trim_along(
@@ -48,11 +48,11 @@ def trim_along(
     held_equivalence_ratio: float | None = None,
     warm_start: bool = True,
 ) -> GuidanceTrim:
-    """Solve (12) at every point in order, each search starting about the last solution.
+    """Solve (12) at every point in order, starting each search at the last solution.
 
-    mass: at the first point, kg; with ``tick`` (s between points) the fuel burnt on the way leaves it. If an interval
-    (trim tables, BANK_LIMIT, the elevator's limits) holds no root, the solution is the end with the smaller residual,
-    and the status says so.
+    ``mass`` is that at the first point, kg; with ``tick`` (s between points) it decreases by the fuel
+    burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no root, the
+    solution is the end with the smaller residual, and the status has a flag.
     """
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (
@@ -71,28 +71,39 @@ def trim_along(
     )
     points = GuidancePoints(*(np.array(x, dtype=np.float64) for x in np.broadcast_arrays(*points)))
     solution = np.empty((points.speed.size, 6))
-    held = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
+    fixed_equivalence_ratio = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
     rows = len(TRIM_ROWS)
     line = np.empty((alpha_nodes.size, rows))
     cut = Cut(alpha_nodes, eta_nodes, np.empty((eta_nodes.size, alpha_nodes.size, rows)), line)
-    fill_trim(trim_tables, constants, points, mass, tick, held, warm_start, bounds, cut, solution)
+    fill_trim(
+        trim_tables,
+        constants,
+        points,
+        mass,
+        tick,
+        fixed_equivalence_ratio,
+        warm_start,
+        bounds,
+        cut,
+        solution,
+    )
     alpha, bank, eta, elevator, masses, status = np.ascontiguousarray(solution.T)
     return GuidanceTrim(alpha, bank, eta, elevator, masses, status.astype(np.int64))
 
 
 def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
-    """A sentence for each equation that nominal controls within their limits do not fulfil at some point."""
-    words = {
+    """Return a sentence for each equation that no nominal control within its limits satisfies."""
+    sentences = {
         NO_EQUIVALENCE_RATIO: "no throttle within the engine's limits holds the speed",
         NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables carries the vehicle",
         NO_BANK: f"no bank within {np.rad2deg(BANK_LIMIT):.0f} deg turns the velocity",
         NO_ELEVATOR: "no elevator within its limit balances the pitching moment",
     }
     faults = []
-    for flag, sentence in words.items():
-        where = np.flatnonzero(trim.status & flag)
-        if where.size:
+    for flag, sentence in sentences.items():
+        points = np.flatnonzero(trim.status & flag)
+        if points.size:
             faults.append(
-                f"{sentence} at {where.size} of {times.size} points, first at {times[where[0]]:.2f} s"
+                f"{sentence} at {points.size} of {times.size} points, first at {times[points[0]]:.2f} s"
             )
     return faults

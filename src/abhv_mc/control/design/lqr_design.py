@@ -1,6 +1,6 @@
 """Gains of the LQR baseline along the reference: Zhu and Shen 2014, section 7, (22) and (23).
 
-Guidance is linearized with the data at trim, attitude with the full tables, both by complex steps.
+Guidance is linearized with trimmed data, attitude with the full tables, both by complex steps.
 """
 
 from typing import Any, NamedTuple
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.control.controller_file import LqrController, Weights
+from abhv_mc.control.design.design_cache import cache_results
 from abhv_mc.control.design.design_model import (
     Environment,
     attitude_rates,
@@ -20,20 +21,20 @@ from abhv_mc.control.design.design_model import (
     slope,
     wrench_at,
 )
-from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 _DEGREE = np.pi / 180.0
+_RESIDUAL = 1e-10  # of a Riccati equation, relative to its largest term
 _RAMP_SPACING = 0.1  # s between the knots in the ramps of the bank
 
 
 class Nominal(NamedTuple):
-    """One point of the reference, SI and radians."""
+    """Nominal operating point on the reference, SI and radians."""
 
-    around: Environment
+    environment: Environment
     mass: float
     speed: float
     flight_path_angle: float
@@ -44,22 +45,25 @@ class Nominal(NamedTuple):
     elevator: float
 
     def turn_rates(self) -> tuple[float, float, float]:
-        """Body rates of the coordinated turn: ``q = (g/V) sin s tan s``, ``r = (g/V) sin s`` in stability axes."""
-        turn = self.around.gravity / self.speed * np.sin(self.bank)
+        """Return the body rates of the coordinated turn.
+
+        In stability axes ``q = (g/V) sin s tan s`` and ``r = (g/V) sin s``.
+        """
+        turn = self.environment.gravity / self.speed * np.sin(self.bank)
         alpha = self.angle_of_attack
         return -turn * np.sin(alpha), turn * np.tan(self.bank), turn * np.cos(alpha)
 
 
 class LinearModels(NamedTuple):
-    """A and B of each regulator at one point, SI and radians."""
+    """Matrices A and B of each regulator at one point, SI and radians."""
 
     guidance: tuple[Floats, Floats]
-    longitudinal: tuple[Floats, Floats]  # by the elevator
-    lateral: tuple[Floats, Floats]  # by aileron and rudder
+    longitudinal: tuple[Floats, Floats]  # input elevator
+    lateral: tuple[Floats, Floats]  # inputs aileron and rudder
 
 
 class Piece(NamedTuple):
-    """Linear models along a stretch of the reference without a step, in a ramp or between two."""
+    """Linear models along a segment of the reference without a step, in a ramp or between two."""
 
     first: int  # tick
     end: int  # tick after the last
@@ -74,19 +78,23 @@ def make_lqr_gains(
     vehicle: Vehicle,
     trim_tables: Tables,
 ) -> Floats:
-    """``[tick, gain]`` in the order of LQR_GAINS: ``u = nominal - K (x - nominal)``, SI and radians.
+    """Return ``[tick, gain]`` in the order of LQR_GAINS, SI and radians.
 
-    Interpolated in time between knots, never across a step. Raises numpy.linalg.LinAlgError without a stabilising gain.
+    The law is ``u = nominal - K (x - nominal)``. Gains are interpolated in time between knots, never
+    across a step. Raise LinAlgError if there is no stabilizing gain.
     """
     pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
     return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
 
 
-@kept
+@cache_results
 def make_lqr_models(
     spacing: float, mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> list[Piece]:
-    """The linear models along the reference, a piece for each stretch in its ramps and between its ramps or steps."""
+    """Return the linear models along the reference, one piece per segment.
+
+    Segments are the ramps, and the intervals between ramps or steps.
+    """
     tick = reference[1, 0] - reference[0, 0]
     ramps = [
         tuple(int(np.ceil(time / tick - 1e-6)) for time in ramp) for ramp in ramp_times(mission)
@@ -111,30 +119,39 @@ def make_lqr_models(
 
 @one_blas_thread()
 def gains_of_models(controller: LqrController, pieces: list[Piece], times: Floats) -> Floats:
-    """``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
+    """Return ``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
     gains = np.empty((times.size, len(LQR_GAINS)))
     for first, end, knots, models in pieces:
-        at_knots = np.array([gains_at(controller, model) for model in models])
+        stacked = LinearModels._make(
+            tuple(map(np.array, zip(*pairs, strict=True))) for pairs in zip(*models, strict=True)
+        )
+        at_knots = gains_at(controller, stacked)
         for gain in range(len(LQR_GAINS)):
             gains[first:end, gain] = np.interp(times[first:end], times[knots], at_knots[:, gain])
     return gains
 
 
 def make_nominal(mission: Mission, row: Floats) -> Nominal:
-    """The nominal of one row of the reference."""
+    """Return the nominal operating point of one row of the reference."""
     value = dict(zip(REFERENCE, row.tolist(), strict=True))
-    still = mission.make_earth()._replace(rotation_rate=0.0)
+    fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     return Nominal(
-        make_environment(still, value["altitude"], value["latitude"], mission.make_air()),
+        make_environment(fixed_earth, value["altitude"], value["latitude"], mission.make_air()),
         *(value[name] for name in Nominal._fields[1:]),
     )
 
 
 def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> LinearModels:
-    """The three linear models at one point: A and B of (altitude, gamma, chi, V), (alpha, q) and (bank, beta, p, r)."""
-    around, mass, speed, gamma, chi, alpha, bank, eta, _ = nominal
-    at = [around.altitude, gamma, chi, speed, alpha, bank, eta]
-    guide = slope(lambda x: guidance_rates(vehicle, trim_tables, around, mass, x[:4], x[4:]), at)
+    """Return the three linear models at one point.
+
+    Their states are (altitude, gamma, chi, V), (alpha, q) and (bank, beta, p, r).
+    """
+    environment, mass, speed, gamma, chi, alpha, bank, eta, _ = nominal
+    operating_point = [environment.altitude, gamma, chi, speed, alpha, bank, eta]
+    guide = slope(
+        lambda x: guidance_rates(vehicle, trim_tables, environment, mass, x[:4], x[4:]),
+        operating_point,
+    )
     turn = attitude_slopes(vehicle, nominal)
     pitch, roll_yaw = turn[[0, 4]], turn[[2, 1, 3, 5]]
     return LinearModels(
@@ -145,33 +162,59 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
 
 
 def gains_at(controller: LqrController, models: LinearModels) -> Floats:
-    """All gains at one point, in the order of LQR_GAINS."""
-    guide = _gain(controller.guidance, models.guidance, 1.0)
-    pitch = _gain(controller.longitudinal, models.longitudinal, _DEGREE)
-    roll_yaw = _gain(controller.lateral, models.lateral, _DEGREE)
-    return np.concatenate([guide.ravel(), pitch.ravel(), roll_yaw.ravel()])
+    """Return all gains [..., gain] for models at one point or stacked, in the order of LQR_GAINS."""
+    gains = (
+        _gain(controller.guidance, models.guidance, 1.0),
+        _gain(controller.longitudinal, models.longitudinal, _DEGREE),
+        _gain(controller.lateral, models.lateral, _DEGREE),
+    )
+    return np.concatenate([gain.reshape(*gain.shape[:-2], -1) for gain in gains], axis=-1)
 
 
 def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float) -> Floats:
-    """A regulator's gain in SI; ``unit``: the input's unit that the weights are meant for."""
+    """Return a regulator's gains in SI; the weights are meant for inputs in ``unit``."""
     A, B = model
     Q, R = (
-        np.diag(np.array([w for _, w in part], dtype=np.float64))
-        for part in (weights.states, weights.inputs)
+        np.diag(np.array([weight for _, weight in pairs], dtype=np.float64))
+        for pairs in (weights.states, weights.inputs)
     )
     return unit * regulator(A, B * unit, Q, R)
 
 
 def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
-    """The gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``."""
-    from scipy.linalg import solve_continuous_are
+    """Return the gains K of ``u = -K x`` that minimise the integral of ``x'Qx + u'Ru``.
 
-    return np.asarray(np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R)))
+    ``A`` [..., state, state] and ``B`` [..., state, input] may be stacked. The Riccati equations are
+    solved together from the stable eigenvectors of their Hamiltonians. Where these are too few or
+    nearly dependent, the equation is solved by the Schur method, which raises
+    numpy.linalg.LinAlgError if there is no stabilising gain.
+    """
+    n = A.shape[-1]
+    B_transposed = B.swapaxes(-1, -2)
+    G = B @ np.linalg.solve(R, B_transposed)
+    hamiltonian = np.block([[A, -G], [np.broadcast_to(-Q, A.shape), -A.swapaxes(-1, -2)]])
+    poles, vectors = np.linalg.eig(hamiltonian)
+    order = np.argsort(poles.real, axis=-1)[..., :n]
+    stable = np.take_along_axis(vectors, order[..., None, :], axis=-1).swapaxes(-1, -2)
+    try:
+        X = np.linalg.solve(stable[..., :n], stable[..., n:]).real
+    except np.linalg.LinAlgError:
+        X = np.full(A.shape, np.nan)
+    slopes = A.swapaxes(-1, -2) @ X
+    residual = slopes + X @ A - X @ G @ X + Q
+    scale = np.abs(slopes).max(axis=(-1, -2)) + np.abs(Q).max()
+    is_solved = np.abs(residual).max(axis=(-1, -2)) <= _RESIDUAL * scale
+    is_solved &= np.count_nonzero(poles.real < 0.0, axis=-1) == n
+    for index in np.argwhere(~is_solved):
+        from scipy.linalg import solve_continuous_are
+
+        X[(*index,)] = solve_continuous_are(A[(*index,)], B[(*index,)], Q, R)
+    return np.asarray(np.linalg.solve(R, B_transposed @ X))
 
 
 def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
-    """Jacobian [6, 9] of :func:`attitude_model_rates` at the nominal in its coordinated turn."""
-    at = [
+    """Return the Jacobian [6, 9] of :func:`attitude_model_rates` in the coordinated turn."""
+    operating_point = [
         nominal.angle_of_attack,
         0.0,
         nominal.bank,
@@ -180,14 +223,17 @@ def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
         0.0,
         nominal.elevator,
     ]
-    return slope(lambda x: attitude_model_rates(vehicle, nominal, x), at)
+    return slope(lambda x: attitude_model_rates(vehicle, nominal, x), operating_point)
 
 
 def attitude_model_rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
-    """Rates of (alpha, beta, bank, p, q, r) for these and (aileron, rudder, elevator), on the full tables."""
-    around, mass, speed, gamma = nominal[:4]
+    """Return the rates of (alpha, beta, bank, p, q, r) by the full tables.
+
+    ``x`` contains these states and (aileron, rudder, elevator).
+    """
+    environment, mass, speed, gamma = nominal[:4]
     wrench = wrench_at(
-        vehicle, around, mass, speed, x[0], x[1], x[3:6], x[6:9], nominal.equivalence_ratio
+        vehicle, environment, mass, speed, x[0], x[1], x[3:6], x[6:9], nominal.equivalence_ratio
     )
-    angles = attitude_rates(wrench.force, mass, speed, around.gravity, gamma, x[:3], x[3:6])
+    angles = attitude_rates(wrench.force, mass, speed, environment.gravity, gamma, x[:3], x[3:6])
     return np.concatenate([angles, body_rate_rates(wrench.inertia, wrench.moment, x[3:6])])

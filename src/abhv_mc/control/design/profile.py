@@ -1,4 +1,4 @@
-"""Commanded altitude, speed and heading over the time of a mission, with their rates."""
+"""Commanded altitude, speed and heading of a mission against time, with their rates."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from abhv_mc.control.mission_tables import read_trajectory
 
 
 class Profile(NamedTuple):
-    """The wanted motion, each ``[time]``, SI and radians."""
+    """Commanded motion, each ``[time]``, SI and radians."""
 
     altitude: Floats
     altitude_rate: Floats
@@ -23,10 +23,13 @@ class Profile(NamedTuple):
 
 
 def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
-    """From when to when (s) an S establishes its bank and leaves it: a step lasts no time. Those within the mission."""
+    """Return start and end (s) of the ramps of the bank within the mission.
+
+    An S manoeuvre has a ramp at both ends; the ramp of a step has zero length.
+    """
     return tuple(
         (first, first + manoeuvre.bank_time)
-        for _, begin, manoeuvre in mission.moves()
+        for _, begin, manoeuvre in mission.list_manoeuvres()
         if isinstance(manoeuvre, m.SManoeuvre)
         for first in (begin, begin + manoeuvre.length - manoeuvre.bank_time)
         if first <= mission.duration
@@ -34,24 +37,29 @@ def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
 
 
 def make_profile(mission: m.Mission, times: Floats) -> Profile:
-    """The mission's motion at evenly spaced times from 0, manoeuvres added up; at a step the value right of it."""
+    """Return the mission's motion at evenly spaced times from 0, as the sum of its manoeuvres.
+
+    At a step it is the value after the step.
+    """
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
-    start, always = mission.start, np.ones_like(times)
-    # Each with its rate, the altitude with its acceleration, too.
-    altitude = np.outer([start.altitude, 0.0, 0.0], always)
+    start, ones = mission.start, np.ones_like(times)
+    # Each quantity with its rate; the altitude also with its acceleration.
+    altitude = np.outer([start.altitude, 0.0, 0.0], ones)
     speed, heading, path = (
-        np.outer([value, 0.0], always)
+        np.outer([value, 0.0], ones)
         for value in (start.speed, start.heading, start.flight_path_angle)
     )
     speed_now, path_now = start.speed, start.flight_path_angle
 
-    for _, begin, manoeuvre in mission.moves():
+    for _, begin, manoeuvre in mission.list_manoeuvres():
         since = times - begin
         if isinstance(manoeuvre, m.SManoeuvre):
-            sideways, sideways_rate = (part / speed_now for part in manoeuvre.lateral_motion(since))
+            lateral, lateral_rate = (
+                motion / speed_now for motion in manoeuvre.lateral_motion(since)
+            )
             heading = heading - np.stack(
-                [np.arcsin(sideways), sideways_rate / np.sqrt(1.0 - sideways**2)]
+                [np.arcsin(lateral), lateral_rate / np.sqrt(1.0 - lateral**2)]
             )
         elif isinstance(manoeuvre, m.Turn):
             heading = heading + manoeuvre.heading_change * _smooth(since, manoeuvre.length)[:2]
@@ -71,9 +79,11 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
             path_now = manoeuvre.flight_path_angle
 
     if path[0].any():
-        held = speed[0] * np.sin(path[0])
-        held_rate = speed[0] * np.cos(path[0]) * path[1] + speed[1] * np.sin(path[0])
-        altitude = altitude + np.stack([_integral(times, held, held_rate), held, held_rate])
+        climb_rate = speed[0] * np.sin(path[0])
+        climb_acceleration = speed[0] * np.cos(path[0]) * path[1] + speed[1] * np.sin(path[0])
+        altitude = altitude + np.stack(
+            [_integral(times, climb_rate, climb_acceleration), climb_rate, climb_acceleration]
+        )
     return _complete(altitude, speed, heading)
 
 
@@ -90,7 +100,7 @@ def _recorded(recorded: m.Recorded, duration: float, times: Floats) -> Profile:
 
 
 def _complete(altitude: Floats, speed: Floats, heading: Floats) -> Profile:
-    """The profile with the flight path angle that belongs to the climb."""
+    """Return the profile with the flight path angle that follows from the climb."""
     climb, climb_rate = altitude[1:]
     gamma = np.arcsin(np.clip(climb / speed[0], -1.0, 1.0))
     gamma_rate = (climb_rate - speed[1] * np.sin(gamma)) / (speed[0] * np.cos(gamma))
@@ -98,7 +108,7 @@ def _complete(altitude: Floats, speed: Floats, heading: Floats) -> Profile:
 
 
 def _smooth(since: Floats, length: float) -> Floats:
-    """A change from 0 to 1 over ``length`` s: share, rate and acceleration; the acceleration is continuous."""
+    """Return a smooth change from 0 to 1 over ``length`` s: value, rate, continuous acceleration."""
     phase = 2.0 * np.pi * np.clip(since / length, 0.0, 1.0)
     rate = (1.0 - np.cos(phase)) / length
     return np.stack(
@@ -107,7 +117,7 @@ def _smooth(since: Floats, length: float) -> Floats:
 
 
 def _integral(times: Floats, rate: Floats, acceleration: Floats) -> Floats:
-    """Integral from the first time: trapezoidal rule with the end slopes' correction, order 4."""
+    """Return the integral from the first time, by the end-corrected trapezoidal rule of order 4."""
     h = np.diff(times)
     parts = h * (rate[:-1] + rate[1:]) / 2.0 + h**2 * (acceleration[:-1] - acceleration[1:]) / 12.0
     return np.concatenate([[0.0], np.cumsum(parts)])

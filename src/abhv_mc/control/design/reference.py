@@ -1,11 +1,11 @@
-"""The mission's reference per control tick: the wanted motion and the nominal controls that fly it."""
+"""Reference of a mission at each control tick: commanded motion and nominal controls."""
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import density_factor, make_places
+from abhv_mc.control.design.design_cache import cache_results
+from abhv_mc.control.design.design_model import density_factor, make_environment_points
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
-from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
 from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
@@ -18,37 +18,41 @@ from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 
-_STEADY = 1e-9  # change of a Mach number that stays, between two points of the profile
-SETTLING = 5.0  # s after a ramp or a step of the reference that "settled" metrics leave out, as they do the ramp
+_STEADY = 1e-9  # largest change of a constant Mach number between two points of the profile
+# s after a ramp or a step of the reference that "settled" metrics exclude, in addition to the ramp
+SETTLING = 5.0
 
 
-@kept
+@cache_results
 def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
-    """Trim tables for the mission's speeds at the middle of its altitudes."""
+    """Make trim tables for the mission's speeds at the middle of its altitudes."""
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
-    middle = float(profile.altitude.min() + profile.altitude.max()) / 2.0
+    middle_altitude = float(profile.altitude.min() + profile.altitude.max()) / 2.0
     mach = profile.speed / np.array([atmosphere(height)[3] for height in profile.altitude])
     steady = np.unique(np.round(mach[1:][np.abs(np.diff(mach)) < _STEADY], 6))
-    return make_trim_tables(vehicle, middle, speeds, steady)
+    return make_trim_tables(vehicle, middle_altitude, speeds, steady)
 
 
-@kept
+@cache_results
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
-    """The reference, ``[tick, column]`` as REFERENCE, for ticks 0..ticks of ``tick`` s, and the trim behind it.
+    """Return the reference ``[tick, column]`` with the columns REFERENCE, and its trim.
 
-    At a step a tick takes the value right of it. Nominal controls are those of an Earth that does not turn, as in (1).
+    Ticks are 0..ticks of ``tick`` s; at a step a tick has the value after it. Nominal controls are
+    those on a non-rotating Earth, as in (1).
     """
-    still = mission.make_earth()._replace(rotation_rate=0.0)
+    fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
     profile = Profile(*(x[::2] for x in half_ticks))
-    north, east, latitude = make_track(mission, still, half_ticks, tick)
-    places = make_places(still, profile.altitude, latitude, mission.make_air())
+    north, east, latitude = make_track(mission, fixed_earth, half_ticks, tick)
+    environment_points = make_environment_points(
+        fixed_earth, profile.altitude, latitude, mission.make_air()
+    )
     points = GuidancePoints(
         profile.speed,
-        *places,
+        *environment_points,
         latitude,
         profile.flight_path_angle,
         profile.heading,
@@ -56,10 +60,12 @@ def solve_reference(
         profile.speed * profile.flight_path_angle_rate,
         profile.speed * profile.heading_rate,
     )
-    held = (
+    fixed_equivalence_ratio = (
         None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
-    )  # nothing holds a glider's speed
-    nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick, held)
+    )  # a glider cannot hold its speed
+    nominal = trim_along(
+        vehicle, trim_tables, points, vehicle.constants.mass_start, tick, fixed_equivalence_ratio
+    )
     times = np.arange(ticks + 1) * tick
     settled = np.ones(ticks + 1)
     for first, last in ramp_times(mission):
@@ -70,7 +76,7 @@ def solve_reference(
     column = {
         **profile._asdict(),
         **nominal._asdict(),
-        **places._asdict(),
+        **environment_points._asdict(),
         "time": times,
         "north": north,
         "east": east,
@@ -85,7 +91,10 @@ def solve_reference(
 def make_track(
     mission: Mission, earth: Earth, half_ticks: Profile, tick: float
 ) -> tuple[Floats, Floats, Floats]:
-    """North and east (integrals of the ground speed at altitude, m) and latitude (rad) at the ticks, by Simpson."""
+    """Return north and east (m) and latitude (rad) at the ticks, by Simpson's rule.
+
+    North and east are the integrals of the ground speed at altitude.
+    """
     forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
     north_speed, east_speed = (
         forward * np.cos(half_ticks.heading),
@@ -94,7 +103,7 @@ def make_track(
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2
-    ):  # the meridian's radius hardly changes on the way: each pass gains five digits
+    ):  # the meridian's radius hardly changes along the track: each pass gains five digits
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
         on_ticks = mission.start.latitude + _simpson(
             north_speed / (meridian + half_ticks.altitude), tick
@@ -104,14 +113,14 @@ def make_track(
 
 
 def _simpson(rate: Floats, tick: float) -> Floats:
-    """Integral at the ticks of a rate given at half ticks."""
+    """Return the integral at the ticks of a rate given at half ticks."""
     return np.concatenate(
         [[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))]
     )
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """The mission, for a vehicle without an engine begun on its glide path unless it gives a flight path angle."""
+    """Return the mission, with a glider's start on its glide path unless it gives another angle."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle
@@ -119,16 +128,16 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
     return mission.model_copy(update={"start": start})
 
 
-@kept
+@cache_results
 def make_start_trim(
     mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> TrimPoint:
-    """Controls at the start: steady flight, on the full tables, the Earth still as in the reference.
+    """Return the trim at the start, on the full tables and a non-rotating Earth.
 
-    ``push``: of custom dynamics, as of :class:`FlightPoint`; that of the rigid vehicle is zero.
+    ``push`` is the force and moment of custom dynamics, as in :class:`FlightPoint`.
     """
     start = mission.start
-    still = mission.make_earth()._replace(rotation_rate=0.0)
+    fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     point = FlightPoint(
         start.altitude,
         start.speed,
@@ -139,4 +148,4 @@ def make_start_trim(
         density_factor=float(density_factor(mission.make_air(), np.array([start.altitude]))[0]),
         push=push,
     )
-    return trim(vehicle, still, point)
+    return trim(vehicle, fixed_earth, point)

@@ -1,6 +1,7 @@
-"""TLC's gains along the reference: sub-loops 1 and 2 whole, and the PD spectra of sub-loops 3 and 4.
+"""Gains of TLC along the reference: sub-loops 1 and 2, and the PD spectra of sub-loops 3 and 4.
 
-Zhu and Shen 2014, (5)-(11) and (20); :mod:`abhv_mc.kernel.laws.tlc_loops` does sub-loops 3 and 4 in flight.
+Equations (5)-(11) and (20) of Zhu and Shen 2014. :mod:`abhv_mc.kernel.laws.tlc_loops` computes the
+gains of sub-loops 3 and 4 in flight.
 """
 
 from typing import Any
@@ -14,11 +15,11 @@ from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.vehicle.actuators import axis_limits
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
-_LARGEST_CONDITION = 1e12  # of B: what is left of an input without effect is rounding
+_LARGEST_CONDITION = 1e12  # of B; larger if an input has no effect except by rounding
 
 
 def make_tlc_settings(controller: TlcController, vehicle: Vehicle) -> Floats:
-    """The law's constants in the order of TLC_SETTINGS."""
+    """Return the law's constants in the order of TLC_SETTINGS."""
     differentiators = controller.differentiators
     limits = make_limit_settings(controller.limits, vehicle)
     return np.array([differentiators.attitude, differentiators.rates, *limits])
@@ -32,7 +33,7 @@ def make_limit_settings(limits: CommandLimits, vehicle: Vehicle) -> Floats:
 def make_tlc_gains(
     controller: TlcController, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> Floats:
-    """``[tick, gain]`` in the order of TLC_GAINS from a reference ``[tick, column]``."""
+    """Return ``[tick, gain]`` in the order of TLC_GAINS from a reference ``[tick, column]``."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     pressure = 0.5 * column["density"] * column["speed"] ** 2
 
@@ -47,22 +48,29 @@ def make_tlc_gains(
         spectrum(channel) for loop in (controller.attitude, controller.rates) for _, channel in loop
     ]
     columns = [a1 / forward, a2 / forward, *K2.reshape(len(reference), -1).T]
-    columns += [part for pair in online for part in pair]
+    columns += [gain for pair in online for gain in pair]
     return np.ascontiguousarray(np.stack(columns, axis=1))
 
 
 def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tuple[Floats, Floats]:
-    """(20) at each tick: ``a1 = wn^2``, ``a2 = 2 zeta wn - wn'/wn``; wn' is the slope right of the tick."""
+    """Return (20) at each tick: ``a1 = wn^2`` and ``a2 = 2 zeta wn - wn'/wn``.
+
+    ``wn'`` is the slope after the tick.
+    """
     if not isinstance(channel.bandwidth, Schedule):
         wn = np.full(times.size, channel.bandwidth)
         return wn**2, 2.0 * channel.damping * wn
     points = np.array(channel.bandwidth.points())
-    at = times if channel.bandwidth.over_time is not None else dynamic_pressure
-    wn = np.interp(at, points[:, 0], points[:, 1])
+    abscissa = times if channel.bandwidth.over_time is not None else dynamic_pressure
+    wn = np.interp(abscissa, points[:, 0], points[:, 1])
     if channel.bandwidth.over_time is not None:
-        cell = np.clip(np.searchsorted(points[:, 0], at, side="right") - 1, 0, len(points) - 2)
+        cell = np.clip(
+            np.searchsorted(points[:, 0], abscissa, side="right") - 1, 0, len(points) - 2
+        )
         slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
-        wn_rate = np.where((at >= points[0, 0]) & (at < points[-1, 0]), slopes[cell], 0.0)
+        wn_rate = np.where(
+            (abscissa >= points[0, 0]) & (abscissa < points[-1, 0]), slopes[cell], 0.0
+        )
     else:
         wn_rate = np.gradient(wn, times)
     return wn**2, 2.0 * channel.damping * wn - wn_rate / wn
@@ -71,7 +79,10 @@ def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tu
 def velocity_loop(
     reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> tuple[Floats, Floats]:
-    """Sub-loop 2's A and B (8)-(9), each ``[tick, 3, 3]``: states gamma, chi, V; inputs alpha, bank, eta."""
+    """Return A and B (8)-(9) of sub-loop 2, each ``[tick, 3, 3]``.
+
+    The states are gamma, chi and V, the inputs alpha, bank and eta.
+    """
     c = dict(zip(REFERENCE, reference.T, strict=True))
     speed, mass, gravity, radius = c["speed"], c["mass"], c["gravity"], c["radius"]
     gamma, chi, alpha, bank = c["flight_path_angle"], c["heading"], c["angle_of_attack"], c["bank"]
@@ -144,7 +155,10 @@ def velocity_loop(
 
 
 def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -> Floats:
-    """K2 ``[tick, 3, 6]`` with ``B K = A - A_c``. Raises LinAlgError where the inputs do not rule: no thrust."""
+    """Return K2 ``[tick, 3, 6]`` with ``B K = A - A_c``.
+
+    Raise LinAlgError if the velocity is not controllable, such as without thrust.
+    """
     if np.linalg.cond(B).max() > _LARGEST_CONDITION:
         raise np.linalg.LinAlgError("Singular matrix B")
     expected = np.zeros((len(A), 3, 6))
@@ -158,6 +172,6 @@ def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -
 def _coefficients(
     vehicle: Vehicle, trim_tables: Tables, mach: Any, alpha: Any, eta: Any
 ) -> Numbers:
-    """Trimmed lift, drag and thrust coefficients, [3, tick]."""
+    """Return the trimmed lift, drag and thrust coefficients, [3, tick]."""
     variables = make_variables(vehicle, mach=mach, angle_of_attack=alpha, equivalence_ratio=eta)
     return table_rows(trim_tables, variables)[1:4]

@@ -1,4 +1,4 @@
-"""Trim tables: the data that guidance flies on, of the vehicle with no pitching moment about its centre of gravity."""
+"""Trim tables for guidance: the vehicle's data at zero pitching moment."""
 
 from itertools import pairwise
 from typing import Any
@@ -19,10 +19,11 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
-# Longest cells, in Mach, radians and equivalence ratio. With them interpolation errs on the shipped vehicles by less
-# than 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of equivalence ratio.
+# Longest cells, in Mach, radians and equivalence ratio. The interpolation error of the shipped vehicles
+# is below 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of
+# equivalence ratio.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
-_SHORTEST = 0.04  # of the Mach cells that are shortened to keep nodes away from steady Mach numbers
+_SHORTEST = 0.04  # shortest Mach cell, if cells are shortened to avoid nodes at steady Mach numbers
 
 _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
 
@@ -33,13 +34,14 @@ def make_trim_tables(
     speed_range: tuple[float, float],
     steady_mach: Floats | None = None,
 ) -> Tables:
-    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio, at the altitude (m) where the mission flies.
+    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio, at the mission's altitude (m).
 
-    speed_range (m/s) is widened by a tenth on each side. T / (q_bar S) of a breathing engine goes with 1 / V, V of a
-    Mach number with the altitude: 2 % in 10 km. The elevator is not limited: it may be beyond the deflections that
-    the vehicle has, so that interpolation next to a limit is as good as elsewhere. steady_mach: Mach numbers that the
-    reference keeps, by default those of the ends of speed_range; no node is within a quarter of a cell of them, where
-    the slopes that gains are made of would be those of one side.
+    ``speed_range`` (m/s) is widened by a tenth on each side. T / (q_bar S) of an air-breathing engine
+    is proportional to 1 / V, which changes with altitude at constant Mach number: 2 % in 10 km. The
+    elevator is not limited to the vehicle's deflections, so that interpolation near a limit is as
+    accurate as elsewhere. ``steady_mach`` are constant Mach numbers of the reference, by default those
+    of the ends of ``speed_range``. No node is within a quarter of a cell of them, as slopes, and hence
+    gains, would be one-sided there.
     """
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
@@ -62,8 +64,8 @@ def make_trim_tables(
     mach, alpha, eta = (
         x.ravel() for x in np.meshgrid(*(axis.grid for axis in axes), indexing="ij")
     )
-    around = Environment(altitude, density, sound_speed, 0.0, 0.0, 0.0)
-    elevator = trim_elevator(vehicle, around, mach * sound_speed, alpha, eta)
+    environment = Environment(altitude, density, sound_speed, 0.0, 0.0, 0.0)
+    elevator = trim_elevator(vehicle, environment, mach * sound_speed, alpha, eta)
 
     variables = make_variables(
         vehicle,
@@ -83,7 +85,7 @@ def make_trim_tables(
         thrust_at(vehicle, fixed, eta, density, speed) / q_area,
         fixed["specific_impulse"],
     )
-    if vehicle.foreign.propulsion:  # along body x; what it has across goes with lift and drag
+    if vehicle.foreign.propulsion:  # along body x; the normal component is added to lift and drag
         engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
         lift, drag = lift - engine[2] * np.cos(alpha), drag - engine[2] * np.sin(alpha)
@@ -105,10 +107,10 @@ def make_trim_tables(
 
 
 def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tables:
-    """Trim tables from their numbers alone, as :class:`Tables` holds them. Raises ValueError where these do not fit."""
+    """Rebuild trim tables from their stored numbers. Raise ValueError if these do not match."""
     grids = np.split(grid, np.flatnonzero(inverse_step == 0.0) + 1)[
         : len(LONGEST)
-    ]  # 0 stands at an axis's last node
+    ]  # 0 marks an axis's last node
     axes = tuple(
         Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True)
     )
@@ -119,7 +121,7 @@ def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tab
 
 
 def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
-    """The tables of TRIM_ROWS and one of zeros, for what the trim has no use for."""
+    """Pack the tables of TRIM_ROWS and a table of zeros for the quantities that trim does not use."""
     impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
     fixed_entries = {
         name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS
@@ -131,12 +133,12 @@ def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
 
 
 def trim_elevator(
-    vehicle: Vehicle, around: Environment, speed: Floats, alpha: Floats, eta: Floats
+    vehicle: Vehicle, environment: Environment, speed: Floats, alpha: Floats, eta: Floats
 ) -> Floats:
-    """Return the elevator (rad) of zero pitching moment at each point, by Chandrupatla's method within its limits.
+    """Return the elevator (rad) of zero pitching moment at each point.
 
-    Where both limits leave a moment of the same sign, the straight line through the two gives a deflection beyond
-    the limit that is nearer to a balance, at most a right angle beyond.
+    Chandrupatla's method finds it within the limits. If the moment has the same sign at both, it is
+    extrapolated linearly beyond the limit with the smaller moment, by at most a right angle.
     """
     from scipy.optimize import elementwise
 
@@ -144,11 +146,11 @@ def trim_elevator(
     low, high = deflection_range(vehicle, 2)
 
     def pitching_moment(elevator: Any, speed: Any, alpha: Any, eta: Any) -> Any:
-        nothing = np.zeros_like(speed)
-        rates, deflections = (nothing, nothing, nothing), (nothing, nothing, elevator)
-        wrench = wrench_at(vehicle, around, mass, speed, alpha, nothing, rates, deflections, eta)
+        zero = np.zeros_like(speed)
+        rates, deflections = (zero, zero, zero), (zero, zero, elevator)
+        wrench = wrench_at(vehicle, environment, mass, speed, alpha, zero, rates, deflections, eta)
         return wrench.moment[1] / (
-            around.density * speed**2 * vehicle.constants.area * vehicle.constants.chord
+            environment.density * speed**2 * vehicle.constants.area * vehicle.constants.chord
         )
 
     at_low, at_high = (
@@ -172,10 +174,10 @@ def trim_elevator(
 
 
 def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | None = None) -> Axis:
-    """Axis between two ends with the vehicle's own nodes and cells no longer than LONGEST.
+    """Return an axis with the nodes of the vehicle's tables and cells no longer than LONGEST.
 
-    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. An own node that is
-    nearer to one than half of _SHORTEST gives way to a cell across it.
+    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. A node
+    closer to one than half of _SHORTEST is replaced by a cell across it.
     """
     nodes = nodes_of(tables, name)
     nodes = nodes[(nodes > low) & (nodes < high)]
@@ -197,8 +199,8 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
     """Return the smallest number of equal cells with every steady value in the middle half of one.
 
-    ``steady`` are fractions of the length. Without such a number: the one that comes nearest, of cells not shorter
-    than _SHORTEST.
+    ``steady`` are fractions of the length. If there is no such number, return the best one with cells
+    not shorter than _SHORTEST.
     """
     if not steady.size:
         return fewest

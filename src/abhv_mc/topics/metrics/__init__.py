@@ -60,7 +60,7 @@ def compute_metrics(results: FlownCampaign) -> Metrics:
     records = results.campaign.metrics
     table = {
         metric: MetricTable(
-            records[metric].as_words(),
+            records[metric].as_texts(),
             _unsettled(results, records[metric]),
             {
                 name: _of(results.flights[name], metric, records[metric])

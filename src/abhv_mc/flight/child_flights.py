@@ -1,6 +1,7 @@
-"""Flights of native code in a process that may be lost with them: the row of one that was, and where it was.
+"""Simulation of native control laws in a child process, which may crash with a flight.
 
-A flight that is flown alone there has its lanes' memory in a file, which outlives the process.
+A single flight has its memory in a file that outlives the process, so that its last tick can be
+reported.
 """
 
 import contextlib
@@ -14,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.arguments import Kept
+from abhv_mc.flight.arguments import SavedFlights
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
 from abhv_mc.kernel.flight import observe
@@ -27,8 +28,8 @@ from abhv_mc.user_code.unpack import laws_folder
 
 _LIMIT = 60.0  # s for up to 16 flights
 _FEW = 16
-_ROWS = Z_ROWS + O_ROWS + 1  # of the file; the last holds the control period
-_compiled: set[int] = set()  # numbers of lanes whose flights the child has, or finds on disk
+_ROWS = Z_ROWS + O_ROWS + 1  # of the file; the last contains the control period
+_compiled: set[int] = set()  # numbers of lanes whose compiled flight the child has loaded
 
 
 def fly_in_child(
@@ -39,11 +40,13 @@ def fly_in_child(
     lanes: int,
     *,
     keep_states: bool,
-    start: Kept | None = None,
+    start: SavedFlights | None = None,
 ) -> FlightBlock:
-    """What ``fly`` gives in the child: a flight that is lost alone twice has an outcome that says so."""
+    """Call ``fly`` in the child process.
 
-    if lanes not in _compiled:  # which is no flight's time
+    A flight that alone ends the process or exceeds the time limit twice gets an outcome for it.
+    """
+    if lanes not in _compiled:  # compilation does not count against the time limit
         in_child(fly, plan, parameters[:0], recording, lanes, keep_states)
         _compiled.add(lanes)
 
@@ -66,26 +69,26 @@ def fly_in_child(
             )
     try:
         return attempt(parameters)
-    except LostError as lost:
-        words = f"{lost.words}{describe_last_tick(lost.process)}"
+    except LostError as error:
+        reason = f"{error.words}{describe_last_tick(error.process)}"
         print(
-            f"{plan.controller}: the law was lost with a flight: {words}",
+            f"{plan.controller}: the control law failed in a flight: {reason}",
             file=sys.stderr,
             flush=True,
         )
-        outcome = find_lost_outcome(plan.law, lost.hung)
-        block = make_lost(plan, outcome, recording, len(plan.metrics), keep_states)
-        return replace(block, reasons={0: words})
+        outcome = find_lost_outcome(plan.law, error.hung)
+        block = make_failed_block(plan, outcome, recording, len(plan.metrics), keep_states)
+        return replace(block, reasons={0: reason})
 
 
-def make_lost(
+def make_failed_block(
     plan: FlightPlan,
     outcome: Outcome,
     recording: Recording,
     metrics: int,
     keep_states: bool = False,
 ) -> FlightBlock:
-    """The row of one flight of which nothing is known."""
+    """Return a block of one flight without results."""
     times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),
@@ -99,7 +102,10 @@ def make_lost(
 
 @contextlib.contextmanager
 def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory]:
-    """Memory of ``width`` lanes for any vehicle; for one flight, in a process that may be lost, shared by a file."""
+    """Yield memory of ``width`` lanes for any vehicle.
+
+    For a single flight in a process that may crash, a file contains the memory.
+    """
     if flights != 1 or width != LANES or not may_run_here():
         yield make_memory(width)
         return
@@ -115,12 +121,12 @@ def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory
 
 
 def describe_last_tick(process: int | None) -> str:
-    """Where the lone flight of a process that was lost was, as the end of a sentence; empty where there was none."""
-    words = ""
+    """Return the last tick of a crashed process's single flight as the end of a sentence, or ''."""
+    description = ""
     for path in laws_folder().glob(f"flying_{process}_*"):
         content = path.read_bytes()
         path.unlink()
-        if len(content) != 8 * _ROWS * LANES:  # of a process that was lost before it flew
+        if len(content) != 8 * _ROWS * LANES:  # the process ended before the first tick
             continue
         lane = np.frombuffer(content).reshape(_ROWS, LANES)[:, 0]
         tick = int(lane[Z_ROWS + observe.SAMPLES])
@@ -130,5 +136,5 @@ def describe_last_tick(process: int | None) -> str:
             f"{name} {v:.9g} {find_unit(f'measured.{name}')}"
             for name, v in zip(names, values, strict=True)
         ]
-        words = f", at {tick * lane[-1]:g} s (tick {tick}), measured: {', '.join(measured)}"
-    return words
+        description = f", at {tick * lane[-1]:g} s (tick {tick}), measured: {', '.join(measured)}"
+    return description
