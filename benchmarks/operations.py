@@ -75,7 +75,7 @@ def _count_flight(plan: FlightPlan) -> dict[str, float]:
 
 def _use_counted_floats() -> None:
     """Make the flight allocate counted arrays, and count square roots and assembled floats."""
-    from abhv_mc.flight import arguments, lost
+    from abhv_mc.flight import arguments, child_flights
     from abhv_mc.kernel.flight import memory
     from abhv_mc.kernel.numerics import float_bits, lane_math
     from benchmarks.counted import Counted, counted_sqrt, make_counted
@@ -87,7 +87,7 @@ def _use_counted_floats() -> None:
 
     # The check of types rejects arrays of objects.
     arguments.conform = lambda value, *_: value
-    lost.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
+    child_flights.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]
 

@@ -41,7 +41,7 @@ from abhv_mc.io.documents import read_document
 from abhv_mc.shipped import find_input
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc_tune.candidates import ControllerNumbers
-from abhv_mc_tune.method import Scores, pareto_front, tune
+from abhv_mc_tune.constrained_search import Scores, pareto_front, tune
 
 VEHICLES = (
     "seed-2",

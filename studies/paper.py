@@ -1,4 +1,4 @@
-"""Comparison with the paper's figures and claim: docs/explanation/paper.md and its figures.
+"""Comparison with the paper's figures and claim: docs/explanation/paper*.md and their figures.
 
     OPENBLAS_NUM_THREADS=1 python studies/paper.py [--flights N]
 
@@ -90,31 +90,14 @@ printed: the axis runs from 29.27 to 29.33 deg, ours starts at 29.3.
 
 Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits
 below. They are the largest such set among the candidates of some {searches} searches that have at least 18 of the 20
-ends inside, no end outside by more than 20 % of its axis, and all limits of the next section. Each member is a rigid
-body at both mass points, trims at least 0.1 deg from the nodes of the tables, and does not saturate.
+ends inside, no end outside by more than 20 % of its axis, and [plausible properties](paper-vehicles.md). Each member
+is a rigid body at both mass points, trims at least 0.1 deg from the nodes of the tables, and does not saturate.
 
 [VEHICLES]
 
 {spread}
 
 {ends}
-
-## Plausibility of the vehicles
-
-The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
-(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of an X-51; the wing
-loading has no effect on the flights. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over
-the Mach number. The tables begin at Mach 2.
-
-[CLASS]
-
-GHAME itself is outside most of these limits: its trimmed L/D here is {ghame_lift_to_drag}, its thrust over weight
-{ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at
-50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use GHAME's drag. The X-43A
-had a wing loading of 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach 4.74 is an L/D of 6.5;
-slender lifting bodies reach 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)).
-
-{sides}
 
 ## The claim, with the printed gains
 
@@ -153,6 +136,25 @@ Grey: the range of the paper's axis. Lines: nominal flights of `abhv`; dotted: t
 dispersed flights.
 
 [IMAGES]
+"""
+
+PLAUSIBILITY = """
+# Plausibility of the paper's vehicles
+
+The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
+(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of an X-51; the wing
+loading has no effect on the flights. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over
+the Mach number. The tables begin at Mach 2.
+
+[CLASS]
+
+GHAME itself is outside most of these limits: its trimmed L/D here is {ghame_lift_to_drag}, its thrust over weight
+{ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at
+50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use GHAME's drag. The X-43A
+had a wing loading of 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach 4.74 is an L/D of 6.5;
+slender lifting bodies reach 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)).
+
+{sides}
 """
 
 
@@ -286,8 +288,8 @@ def sides_words(members: list[dict[str, Any]]) -> str:
 
 def page(
     result: dict[str, Any], judged: dict[str, Any], flights: int, south: dict[str, float]
-) -> str:
-    """Return the page."""
+) -> tuple[str, str]:
+    """Return the page of the comparison and the page on the plausibility of the vehicles."""
     members, shipped = result["ensemble"], judged[ABHV]
     for member in judged.values():
         if any(
@@ -342,8 +344,13 @@ def page(
         "disk_tlc": disk["tlc"],
         "disk_lqr": disk["lqr"],
     }
+    return _fill(TEXT, tables, facts), _fill(PLAUSIBILITY, tables, facts)
+
+
+def _fill(text: str, tables: dict[str, Iterator[str]], facts: dict[str, Any]) -> str:
+    """Return the text of a page with its tables and numbers."""
     paragraphs = []
-    for paragraph in TEXT.strip().split("\n\n"):
+    for paragraph in text.strip().split("\n\n"):
         name = paragraph.strip("[]")
         paragraphs.append(
             "\n".join(map(wrapped, tables[name]))
@@ -389,7 +396,7 @@ def main() -> None:
     south = {
         law: radius * float(np.deg2rad(angles[0] - angles[-1])) for law, angles in latitude.items()
     }
-    text = page(result, judged, arguments.flights, south)
+    text, plausibility = page(result, judged, arguments.flights, south)
     mirrored = {end["figure"]: end["mirrored"] for end in judged[ABHV]["ends"]}
     for name in IMAGES:
         if name == "paper_fig02":
@@ -399,6 +406,7 @@ def main() -> None:
         channel = next(axis.channels[0] for axis in AXES if axis.channels[0].startswith(stem))
         write_png(plot_axis(channel, flown, mirrored), ROOT / f"docs/images/{name}.png")
     (ROOT / "docs/explanation/paper.md").write_text(text, encoding="utf-8")
+    (ROOT / "docs/explanation/paper-vehicles.md").write_text(plausibility, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 
 Both laws have the same number of free parameters: TLC's bandwidths and dampings of the two inner
 sub-loops, and LQR's weights except one of each regulator (only ratios count; the pitch rate has no
-weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.method``) and prefers
+weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``) and prefers
 candidates within the limits, then the smallest score. The result is written to a controller file.
 
 Limits (numbers in ``robust_flights.py``):
@@ -44,7 +44,7 @@ from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc_tune.candidates import ControllerNumbers
-from abhv_mc_tune.method import Scores, tune
+from abhv_mc_tune.constrained_search import Scores, tune
 
 FAR = 0.6  # relative excess of a margin limit from which no flights are run
 FRESH_SEED = 2015
@@ -215,10 +215,10 @@ def main() -> None:
     result = tune(search.measure, start, arguments.candidates, arguments.seed, arguments.step)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robust.yaml"
-        numbers.write(file, result.place)
+        numbers.write(file, result.best_point)
         lines, keeps_limits = describe(duel, file, f"python {shlex.join(sys.argv)}")
     print(*lines, sep="\n")
-    numbers.write(arguments.output, result.place, "\n".join(lines))
+    numbers.write(arguments.output, result.best_point, "\n".join(lines))
     if not keeps_limits:
         raise SystemExit(f"{arguments.output} violates a limit")
 

@@ -31,9 +31,9 @@ def make(examples: Path) -> dict[str, str]:
     pages: dict[str, str] = {}
     contents = [
         "# Commands\n",
-        "`abhv-mc COMMAND --help` prints the same. A campaign, mission, vehicle or controller is a path or the name of",
-        "a shipped one. `--json FILE` writes the results of a command as JSON, and `--json -` prints only JSON to",
-        "standard output. JSON is stable and meant for programs; printed text may change.\n",
+        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or controller is a path or the",
+        "name of a shipped one. `--json FILE` writes the numbers that a command prints, `--json -` writes only them to",
+        "standard output. Their format is stable; printed text may change.\n",
     ]
     panels: dict[str, list[str]] = {}
     for name, command in group.commands.items():
@@ -49,7 +49,7 @@ def make(examples: Path) -> dict[str, str]:
             if by_hand.exists():
                 parts += ["## Examples\n", by_hand.read_text(encoding="utf-8").strip(), ""]
             pages[f"commands/{name}.md"] = "\n".join(parts)
-        contents += [f"## {panel}\n", table(("command", "does"), rows)]
+        contents += [f"## {panel}\n", table(("command", "purpose"), rows)]
     toctree = "\n".join(f"commands/{name}" for names in panels.values() for name in names)
     contents.append(f"```{{toctree}}\n:hidden:\n\n{toctree}\n```\n")
     pages["commands.md"] = "\n".join(contents)

@@ -115,17 +115,18 @@ def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkey
     assert code == 0 and "95 % interval" in out
     page = Path("new.html").read_text(encoding="utf-8")
     assert f"{read_json('new.json')['fresh'][0]['best']:.4g} instead of" in page
-    assert "It is shown for this campaign" in page and page.count("<img ") == 1
+    assert read_json("new.json")["shown_better"] and page.count("<img ") == 1
     impossible = (
         Path("block.yaml")
         .read_text(encoding="utf-8")
         .replace("below_start_times: 1.5", "below: 0.01")
     )
     Path("block.yaml").write_text(impossible, encoding="utf-8")
-    code, out, err = abhv_mc(*command, "-o", "no.yaml")
-    assert code == 1 and "not shown to be better" in err and "no candidate kept every limit" in out
-    page = Path("no.html").read_text(encoding="utf-8")
-    assert "no candidate kept every limit" in page and "It is shown for" not in page
+    code, _, err = abhv_mc(*command, "-o", "no.yaml", "--json", "no.json")
+    assert code == 1 and "no.rejected.yaml" in err
+    limit = read_json("no.json")["fresh"][1]
+    assert not limit["keeps"] and limit["best"] > limit["limit"]
+    assert f"below {limit['limit']:.4g}" in Path("no.html").read_text(encoding="utf-8")
     assert not Path("no.yaml").exists() and Path("no.rejected.yaml").is_file()
 
 
