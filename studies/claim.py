@@ -1,8 +1,9 @@
-"""Is it true that 'with nearly the same control usage TLC tracks better'? Writes docs/explanation/claim.md.
+"""Page docs/explanation/claim.md on whether TLC tracks better with nearly the same control usage.
 
     python studies/claim.py
 
-All numbers come from studies/fronts/results.json (``fronts.py``, ``fronts_results.py``); nothing is flown here.
+All numbers come from studies/fronts/results.json (``fronts.py``, ``fronts_results.py``); no flight
+is run.
 """
 
 import json
@@ -24,7 +25,7 @@ NAMED = {
     "tlc_robust_abhv": "`tlc_robust_abhv`",
     "lqr_robust_abhv": "`lqr_robust_abhv`",
 }
-SLACK = 1.03  # of a budget: its usage was that of 16 flights
+SLACK = 1.03  # tolerance of a budget, which was applied to 16 flights
 HEAD = """# Does TLC track better with nearly the same control effort?
 
 ![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
@@ -73,39 +74,39 @@ seeds.
 
 
 def best(
-    found: dict[str, Any], law: str, budget: float, search: int | None = None
+    results: dict[str, Any], law: str, budget: float, search: int | None = None
 ) -> dict[str, Any] | None:
-    """The design of the smallest error within a budget."""
+    """Return the design with the smallest error within a budget."""
     searches = SEARCHES if search is None else (search,)
     designs = [
         design
-        for each in searches
-        for design in found["fronts"].get(f"{law} {each}", [])
+        for number in searches
+        for design in results["fronts"].get(f"{law} {number}", [])
         if design["mean_usage"][0] <= SLACK * budget
     ]
     return min(designs, key=lambda design: design["error"][0], default=None)
 
 
 def used(design: dict[str, Any]) -> str:
-    """The rms of aileron, elevator and rudder over Table 1's."""
+    """Return the rms of aileron, elevator and rudder over Table 1's as text."""
     return " / ".join(f"{design['usage'][2 * i]:.2f}" for i in range(3))
 
 
 def front_table(results: dict[str, Any]) -> Iterator[str]:
-    """The fronts at the budgets searched, each search's."""
+    """Yield the table of the fronts at the budgets, for each search."""
     yield "| vehicle, effort | TLC, both searches | LQR, both searches | rms of TLC, of LQR | best TLC / best LQR |"
     yield "|---|---|---|---|---|"
-    for vehicle, found in results.items():
+    for vehicle, vehicle_results in results.items():
         for budget in sorted(BUDGETS):
             cells = []
             for law in LAWS:
-                designs = [best(found, law, budget, search) for search in SEARCHES]
+                designs = [best(vehicle_results, law, budget, search) for search in SEARCHES]
                 cells.append(
                     ", ".join(
                         f"{design['error'][0]:.2f}" if design else "none" for design in designs
                     )
                 )
-            tlc, lqr = (best(found, law, budget) for law in LAWS)
+            tlc, lqr = (best(vehicle_results, law, budget) for law in LAWS)
             usages = "; ".join(used(design) if design else "none" for design in (tlc, lqr))
             ratio = ""
             if tlc and lqr:
@@ -117,7 +118,7 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
 
 
 def shipped_table(results: dict[str, Any]) -> Iterator[str]:
-    """Table 1, the printed weights and the shipped designs in the paper's box."""
+    """Yield the table of Table 1, the printed weights and the shipped designs."""
     yield f"| design | effort | all three | {' | '.join(ANGLES)} | least margins | early, oscillating |"
     yield "|---|---|---|---|---|---|---|---|"
     for name, design in results[VEHICLES[0]]["shipped"].items():
@@ -129,7 +130,7 @@ def shipped_table(results: dict[str, Any]) -> Iterator[str]:
 
 
 def answer(results: dict[str, Any]) -> str:
-    """What the fronts say of the paper's sentence."""
+    """Return the conclusion of the fronts on the paper's claim."""
     return (
         "**Not decided: TLC has the smaller error in all nine comparisons, but by less than two searches for one "
         "controller differ. With the mean control effort of Table 1 the error of TLC in the three angles together is "
@@ -141,34 +142,44 @@ def answer(results: dict[str, Any]) -> str:
 
 
 def ratio_words(results: dict[str, Any], budget: float, column: int | None = None) -> str:
-    """'0.74, 0.83 and 0.90': TLC's best error over LQR's, vehicle by vehicle; the three angles', or one of them."""
-    found = []
-    for each in results.values():
-        tlc, lqr = (best(each, law, budget) for law in LAWS)
+    """Return TLC's best error over LQR's for each vehicle as text, such as '0.74, 0.83 and 0.90'.
+
+    The error is that of the three angles, or of one of them.
+    """
+    texts = []
+    for vehicle_results in results.values():
+        tlc, lqr = (best(vehicle_results, law, budget) for law in LAWS)
         if tlc and lqr:
             a, b = ((d["error"] if column is None else d["angles"][column])[0] for d in (tlc, lqr))
-            found.append(f"{a / b:.2f}")
+            texts.append(f"{a / b:.2f}")
         else:
-            found.append("none")
-    return f"{', '.join(found[:-1])} and {found[-1]}"
+            texts.append("none")
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def agreement(results: dict[str, Any]) -> str:
-    """How far the two searches' fronts lie apart."""
-    apart = {
+    """Return a sentence on the differences between the fronts of the two searches."""
+    differences = {
         law: max(
             (max(pair) / min(pair) - 1.0)
-            for found in results.values()
+            for vehicle_results in results.values()
             for budget in BUDGETS
-            if len(pair := [d["error"][0] for n in SEARCHES if (d := best(found, law, budget, n))])
+            if len(
+                pair := [
+                    d["error"][0] for n in SEARCHES if (d := best(vehicle_results, law, budget, n))
+                ]
+            )
             > 1
         )
         for law in LAWS
     }
-    listed = " and ".join(f"{100.0 * value:.0f} % ({law.upper()})" for law, value in apart.items())
+    listed = " and ".join(
+        f"{100.0 * value:.0f} % ({law.upper()})" for law, value in differences.items()
+    )
     ratios = [
-        best(found, "tlc", budget, 2)["error"][0] / best(found, "lqr", budget, 2)["error"][0]
-        for found in results.values()
+        best(vehicle_results, "tlc", budget, 2)["error"][0]
+        / best(vehicle_results, "lqr", budget, 2)["error"][0]
+        for vehicle_results in results.values()
         for budget in BUDGETS
     ]
     return (
@@ -178,25 +189,31 @@ def agreement(results: dict[str, Any]) -> str:
 
 
 def effort(results: dict[str, Any]) -> str:
-    """How much was searched."""
-    candidates = sum(sum(found["candidates"].values()) for found in results.values())
-    hours = sum(found["hours"] for found in results.values())
+    """Return the number of candidates and the time of the searches as text."""
+    candidates = sum(
+        sum(vehicle_results["candidates"].values()) for vehicle_results in results.values()
+    )
+    hours = sum(vehicle_results["hours"] for vehicle_results in results.values())
     return f"{candidates:,} candidates in {hours:.1f} hours of a shared core"
 
 
 def main() -> None:
     """Draw the figure and write the page."""
-    told = json.loads(RESULTS.read_text(encoding="utf-8"))
-    results = {name: found for name, found in told.items() if found["fronts"]}
+    stored = json.loads(RESULTS.read_text(encoding="utf-8"))
+    results = {
+        name: vehicle_results
+        for name, vehicle_results in stored.items()
+        if vehicle_results["fronts"]
+    }
     write_png(plot_fronts(results), PICTURE)
     fills = {"effort": effort(results), "agreement": agreement(results), "answer": answer(results)}
-    parts = {"{fronts}": front_table(results), "{shipped}": shipped_table(told)}
+    sections = {"{fronts}": front_table(results), "{shipped}": shipped_table(stored)}
     lines: list[str] = []
     for line in HEAD.splitlines():
-        words = line
+        text_line = line
         for name, fill in fills.items():
-            words = words.replace(f"{{{name}}}", fill)
-        lines.extend(parts.get(line, [words]))
+            text_line = text_line.replace(f"{{{name}}}", fill)
+        lines.extend(sections.get(line, [text_line]))
     text = "\n".join(wrapped(line) for line in lines)
     (ROOT / "docs/explanation/claim.md").write_text(text.rstrip() + "\n", encoding="utf-8")
 

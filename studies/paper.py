@@ -1,11 +1,11 @@
-"""The paper's figures, claim and our vehicles side by side: docs/explanation/paper*.md and docs/images/paper_*.png.
+"""Comparison with the paper's figures and claim: docs/explanation/paper*.md and their figures.
 
     OPENBLAS_NUM_THREADS=1 python studies/paper.py [--flights N]
 
-Flies each vehicle of studies/paper_vehicle.json (made by paper_vehicle.py) under the paper's dispersions. The paper
-(Zhu and Shen 2014) gives no data: what it shows is where the axes of its Figures 3 to 11 end. All that is found goes to
-studies/paper_vehicle_claim.json; sentences that name numbers are written from them, and where a sentence would no
-longer be true this script stops.
+Each vehicle of studies/paper_vehicle.json (made by paper_vehicle.py) is simulated with the paper's
+dispersions. The paper (Zhu and Shen 2014) gives no data, but the ends of the axes of its Figures 3
+to 11. All results are written to studies/paper_vehicle_claim.json. Sentences with numbers are
+generated, and the script stops if a sentence would no longer be true.
 """
 
 import argparse
@@ -38,8 +38,8 @@ TABLE_1 = {
     "rates.pitch_rate": (3.4, 1.2),
     "rates.yaw_rate": (3.4, 1.5),
 }
-SEARCHES = 60  # searches that found studies/paper_vehicle_starts.json, about
-NEAR = 0.1  # of an axis: a figure that was left out and yet follows
+SEARCHES = 60  # approximate number of searches behind studies/paper_vehicle_starts.json
+NEAR = 0.1  # of an axis, largest error of a predicted figure
 IMAGES = {
     "paper_fig02": "Figure 2, ground track",
     "paper_fig03_altitude": "Figure 3, altitude",
@@ -158,54 +158,55 @@ slender lifting bodies reach 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/
 
 
 def check_gains() -> None:
-    """Raise SystemExit where the shipped controller is not Table 1."""
+    """Raise SystemExit if the shipped controller differs from Table 1."""
     tlc = CONTROLLERS["tlc"]
     if not isinstance(tlc, TlcController):
-        raise SystemExit("tlc.yaml is no TLC")
-    for name, wanted in TABLE_1.items():
+        raise SystemExit("tlc.yaml is not a TLC controller")
+    for name, expected in TABLE_1.items():
         channel: Any = tlc
-        for part in name.split("."):
-            channel = getattr(channel, part)
-        if (channel.damping, channel.bandwidth) != wanted:
+        for key in name.split("."):
+            channel = getattr(channel, key)
+        if (channel.damping, channel.bandwidth) != expected:
             raise SystemExit(
-                f"{name}: {channel.damping}, {channel.bandwidth} in the file, {wanted} in Table 1"
+                f"{name}: {channel.damping}, {channel.bandwidth} in the file, {expected} in Table 1"
             )
     if (tlc.differentiators.attitude, tlc.differentiators.rates) != (0.3, 1.5):
         raise SystemExit("the differentiators' bandwidths are not the paper's")
 
 
 def between(numbers: list[float], digits: int = 0) -> str:
-    """'a to b', or one number."""
+    """Return a range of numbers as text: 'a to b', or one number."""
     low, high = f"{min(numbers):.{digits}f}", f"{max(numbers):.{digits}f}"
     return low if low == high else f"{low} to {high}"
 
 
 def closer(judged: dict[str, Any], window: str, angle: str) -> list[float]:
-    """In what percent of each member's flights TLC is closer."""
-    return [one["claim"][window][angle]["closer_percent"] for one in judged.values()]
+    """Return the percentage of flights of each member in which TLC has the smaller error."""
+    return [member["claim"][window][angle]["closer_percent"] for member in judged.values()]
 
 
 def ratios(judged: dict[str, Any], window: str, angle: str) -> list[float]:
-    """TLC's median error over LQR's, for each member."""
-    found = [one["claim"][window][angle] for one in judged.values()]
-    return [each["tlc"] / each["lqr"] for each in found]
+    """Return TLC's median error over LQR's for each member."""
+    claims = [member["claim"][window][angle] for member in judged.values()]
+    return [errors["tlc"] / errors["lqr"] for errors in claims]
 
 
 def claim_words(judged: dict[str, Any]) -> Iterator[str]:
-    """What holds for all members, and what does not."""
-    for window, words in (
+    """Yield sentences on the claim that hold for all members."""
+    for window, label in (
         ("whole", "Over the whole flight"),
         ("settled", "Outside the transients"),
     ):
-        parts = [
+        phrases = [
             f"{name.replace('_', ' ')} in {between(closer(judged, window, name))} % of the flights (its median error "
             f"is {between(ratios(judged, window, name), 2)} of LQR's)"
             for name in ("angle_of_attack", "sideslip", "bank")
         ]
-        yield f"- {words} TLC has the smaller error in {parts[0]}, in {parts[1]} and in {parts[2]}."
+        yield f"- {label} TLC has the smaller error in {phrases[0]}, in {phrases[1]} and in {phrases[2]}."
     uses = {
         surface: [
-            one["use"][surface]["tlc"] / one["use"][surface]["lqr"] for one in judged.values()
+            member["use"][surface]["tlc"] / member["use"][surface]["lqr"]
+            for member in judged.values()
         ]
         for surface in ("aileron", "rudder", "elevator")
     }
@@ -214,52 +215,52 @@ def claim_words(judged: dict[str, Any]) -> Iterator[str]:
 
 
 def ends_words(judged: dict[str, Any]) -> str:
-    """Which ends resist, and on how many members."""
+    """Return a sentence on the ends outside their intervals, and on how many members."""
     resist: dict[str, list[float]] = {}
-    for one in judged.values():
-        for end in one["ends"]:
+    for member in judged.values():
+        for end in member["ends"]:
             for side, miss in zip(("lowest", "highest"), end["misses"], strict=True):
                 if miss > READING:
-                    words = f"Figure {end['figure']}, {end['axis']}, {side} end"
-                    resist.setdefault(words, []).append(100.0 * miss)
+                    label = f"Figure {end['figure']}, {end['axis']}, {side} end"
+                    resist.setdefault(label, []).append(100.0 * miss)
     if not resist:
         return "All ends are inside on every member."
     listed = "; ".join(
-        f"{words} on {len(misses)} (up to {max(misses):.0f} %)" for words, misses in resist.items()
+        f"{label} on {len(misses)} (up to {max(misses):.0f} %)" for label, misses in resist.items()
     )
-    full = [name for name, one in judged.items() if all_in(one)]
+    full = [name for name, member in judged.items() if all_in(member)]
     return (
         f"Ends outside their interval, number of members and largest distance in percent of the axis: {listed}. "
         f"All 20 ends are inside for {join(full) or 'no member'}."
     )
 
 
-def all_in(one: dict[str, Any]) -> bool:
-    """Whether every end of a member lies in its interval."""
-    return all(miss <= READING for end in one["ends"] for miss in end["misses"])
+def all_in(member: dict[str, Any]) -> bool:
+    """Return whether every end of a member is in its interval."""
+    return all(miss <= READING for end in member["ends"] for miss in end["misses"])
 
 
 def predicted_words(result: dict[str, Any]) -> str:
-    """What follows from the other figures, and what does not."""
+    """Return sentences on the figures that the others predict, and on those that they do not."""
     misses = largest_misses(result)
     near, far = (
-        [words for words, miss in misses.items() if (miss <= NEAR) == wanted]
-        for wanted in (True, False)
+        [label for label, miss in misses.items() if (miss <= NEAR) == is_near]
+        for is_near in (True, False)
     )
     return (
         f"The other figures predict {join(near)} within {100.0 * NEAR:.0f} % of the axis. They do not predict "
-        f"{join([f'{words} (outside by up to {100.0 * misses[words]:.0f} %)' for words in far])}, so the agreement "
+        f"{join([f'{label} (outside by up to {100.0 * misses[label]:.0f} %)' for label in far])}, so the agreement "
         "of a member with these figures is no test."
     )
 
 
-def join(words: list[str]) -> str:
-    """'a, b and c'."""
-    return ", ".join(words[:-1]) + f" and {words[-1]}" if len(words) > 1 else "".join(words)
+def join(items: list[str]) -> str:
+    """Return a list as text: 'a, b and c'."""
+    return ", ".join(items[:-1]) + f" and {items[-1]}" if len(items) > 1 else "".join(items)
 
 
 def spread_words(members: list[dict[str, Any]]) -> str:
-    """Which traits the figures fix, and which they leave free."""
+    """Return a sentence on the traits that the figures determine, and those that they do not."""
     shares = {}
     for name in TRAITS:
         sizes = [abs(member["traits"][name]) for member in members]
@@ -271,15 +272,15 @@ def spread_words(members: list[dict[str, Any]]) -> str:
 
 
 def sides_words(members: list[dict[str, Any]]) -> str:
-    """On which sides of the box members lie."""
-    at: dict[str, int] = {}
+    """Return a sentence on the sides of the box on which members lie."""
+    counts: dict[str, int] = {}
     for member in members:
         for name, free in FREE.items():
-            for side, words in ((free.low, "least"), (free.high, "most")):
+            for side, label in ((free.low, "least"), (free.high, "most")):
                 if abs(member["values"][name] - side) < 1e-3 * (free.high - free.low):
-                    at[f"{name} ({words})"] = at.get(f"{name} ({words})", 0) + 1
+                    counts[f"{name} ({label})"] = counts.get(f"{name} ({label})", 0) + 1
     listed = ", ".join(
-        f"{words}: {count}" for words, count in sorted(at.items(), key=lambda item: -item[1])
+        f"{label}: {count}" for label, count in sorted(counts.items(), key=lambda item: -item[1])
     )
     return f"Ends of the search box on which members lie: {listed or 'none'}."
 
@@ -287,34 +288,35 @@ def sides_words(members: list[dict[str, Any]]) -> str:
 def page(
     result: dict[str, Any], judged: dict[str, Any], flights: int, south: dict[str, float]
 ) -> tuple[str, str]:
-    """The page of the comparison and that of the vehicles' plausibility."""
-    members, shown = result["ensemble"], judged[ABHV]
-    for one in judged.values():
+    """Return the page of the comparison and the page on the plausibility of the vehicles."""
+    members, shipped = result["ensemble"], judged[ABHV]
+    for member in judged.values():
         if any(
-            one["margins"][law]["fault"] or one["lost"][law] or one["saturated"][law]
+            member["margins"][law]["fault"] or member["lost"][law] or member["saturated"][law]
             for law in LAWS
         ):
             raise SystemExit("a member is unstable, loses a flight or saturates")
     class_traits = {member["name"]: member["class_traits"] for member in members}
-    for name, words in (("ghame", "GHAME"), ("winged_cone", "winged cone")):
+    for name, label in (("ghame", "GHAME"), ("winged_cone", "winged cone")):
         vehicle = load_vehicle(ROOT / f"configs/vehicle/{name}.yaml")
-        class_traits[words] = measure(vehicle, *find_trim(vehicle))
+        class_traits[label] = measure(vehicle, *find_trim(vehicle))
     disk = {
-        law: between([one["margins"][law]["disk"] for one in judged.values()], 2) for law in LAWS
+        law: between([member["margins"][law]["disk"] for member in judged.values()], 2)
+        for law in LAWS
     }
     furthest = {}
     for law in LAWS:
         axes = [
             (axis, end)
-            for axis, end in zip(AXES, shown["ends"], strict=True)
+            for axis, end in zip(AXES, shipped["ends"], strict=True)
             if law in end["dispersed"]
         ]
-        share, words = max(
-            (left_by(axis, end, law), f"Figure {axis.figure}, {axis.words}") for axis, end in axes
+        share, label = max(
+            (left_by(axis, end, law), f"Figure {axis.figure}, {axis.label}") for axis, end in axes
         )
-        furthest[law] = f"{words} ({share:.0f} % of its width)"
+        furthest[law] = f"{label} ({share:.0f} % of its width)"
     tables = {
-        "FIGURES": figures(shown),
+        "FIGURES": figures(shipped),
         "VEHICLES": vehicles(members),
         "CLASS": table(class_traits),
         "CLAIM": claim(members, judged),
@@ -345,30 +347,30 @@ def page(
 
 
 def _fill(text: str, tables: dict[str, Iterator[str]], facts: dict[str, Any]) -> str:
-    """The text of a page with its tables and numbers."""
-    parts = []
-    for part in text.strip().split("\n\n"):
-        name = part.strip("[]")
-        parts.append(
+    """Return the text of a page with its tables and numbers."""
+    paragraphs = []
+    for paragraph in text.strip().split("\n\n"):
+        name = paragraph.strip("[]")
+        paragraphs.append(
             "\n".join(map(wrapped, tables[name]))
             if name in tables
-            else _paragraph(part.format(**facts))
+            else _paragraph(paragraph.format(**facts))
         )
-    return "\n\n".join(part.rstrip() for part in parts) + "\n"
+    return "\n\n".join(paragraph.rstrip() for paragraph in paragraphs) + "\n"
 
 
-def _paragraph(part: str) -> str:
-    """A paragraph or a list in the page's lines."""
-    entries = part.replace("\n  ", " ").split("\n- ")
+def _paragraph(text: str) -> str:
+    """Return a paragraph or a list wrapped for the page."""
+    entries = text.replace("\n  ", " ").split("\n- ")
     if len(entries) == 1:
-        return wrapped(part.replace("\n", " "))
+        return wrapped(text.replace("\n", " "))
     return "\n".join(
         wrapped("- " + entry.removeprefix("- ").replace("\n", " ")) for entry in entries
     )
 
 
 def main() -> None:
-    """Fly, write the page and its figures."""
+    """Run the flights, and write the page and its figures."""
     parser = argparse.ArgumentParser(description="Set the ensemble beside the paper.")
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
@@ -388,17 +390,19 @@ def main() -> None:
         law: fly_law(make_vehicle(values), make_mission(values), law, arguments.flights)[0]
         for law in LAWS
     }
-    radius = 6378.0  # km, of the Earth: for the page's 5 km only
+    radius = 6378.0  # km, of the Earth
     latitude = {law: flown[law]["latitude_deg"][0] for law in LAWS}
-    south = {law: radius * float(np.deg2rad(each[0] - each[-1])) for law, each in latitude.items()}
+    south = {
+        law: radius * float(np.deg2rad(angles[0] - angles[-1])) for law, angles in latitude.items()
+    }
     text, plausibility = page(result, judged, arguments.flights, south)
     mirrored = {end["figure"]: end["mirrored"] for end in judged[ABHV]["ends"]}
     for name in IMAGES:
         if name == "paper_fig02":
             write_png(plot_track(flown), ROOT / f"docs/images/{name}.png")
             continue
-        words = name.partition("_")[2].partition("_")[2]
-        channel = next(axis.channels[0] for axis in AXES if axis.channels[0].startswith(words))
+        stem = name.partition("_")[2].partition("_")[2]
+        channel = next(axis.channels[0] for axis in AXES if axis.channels[0].startswith(stem))
         write_png(plot_axis(channel, flown, mirrored), ROOT / f"docs/images/{name}.png")
     (ROOT / "docs/explanation/paper.md").write_text(text, encoding="utf-8")
     (ROOT / "docs/explanation/paper-vehicles.md").write_text(plausibility, encoding="utf-8")

@@ -1,16 +1,18 @@
-"""Section 6 of Zhu and Shen (2014) repeated for TLC: writes docs/explanation/tuning.md and docs/images/tuning_*.png.
+"""Repetition of section 6 of Zhu and Shen (2014) for TLC: docs/explanation/tuning.md and figures.
 
     python studies/tune_tlc.py [--vehicle FILE]
 
-1. Damping from 0.707 upwards, all channels of the inner loops (3 and 4), then of the outer ones (1 and 2).
-2. Order: inner bandwidths as slow as the outer ones that rely on them, and half as slow again; `abhv-mc validate` warns
-   of each.
-3. Differentiators: that of sub-loop 3 from zero upwards, that of sub-loop 4 at 3, 4 and 5 times it, until a clear
-   oscillation is seen: a surface that makes MANY swings of more than SWING between one step of the bank and the next.
-   One more flight has noise on the measured angles and rates: what a differentiator is kept slow for.
+1. Damping from 0.707 upwards, for all channels of the inner loops (3 and 4), then of the outer
+   loops (1 and 2).
+2. Order: inner bandwidths equal to the outer ones that rely on them, and half of them; `abhv-mc
+   validate` warns of each.
+3. Differentiators: that of sub-loop 3 from zero upwards and that of sub-loop 4 at 3, 4 and 5 times
+   it, up to a clear oscillation, in which a surface makes MANY swings of more than SWING between
+   two steps of the bank. Another flight has noise on the measured angles and rates, which limits
+   the bandwidth of a differentiator.
 4. Sensitivity: every bandwidth at 1/3 to 3 times Table 1, one at a time.
 
-Flights are the nominal S and the corners of the paper's dispersions; numbers are means over them.
+Numbers are means over the nominal S and the corners of the paper's dispersions.
 """
 
 import argparse
@@ -70,24 +72,24 @@ LISTED = (0.0, 0.3, 2.0, 8.0, 12.0, 30.0)  # rows of the page
 
 
 def cells(numbers: Floats) -> str:
-    """A row's numbers to three digits."""
+    """Return the numbers of a row with three digits."""
     return " | ".join(f"{number:.3g}" for number in numbers)
 
 
 def damping_rows(tuning: Tuning) -> Iterator[str]:
-    """A row for each damping of the inner and of the outer loops."""
-    for words, channels in (("inner", INNER), ("outer", OUTER)):
+    """Yield a row for each damping of the inner and of the outer loops."""
+    for label, channels in (("inner", INNER), ("outer", OUTER)):
         for damping in DAMPINGS:
             changes = {f"{channel}.damping": damping for channel in channels}
             flown = tuning.fly(changes)
             if flown is None:
-                yield f"| {words} | {damping:g} | a flight ends early |" + " |" * (len(SHOWN) + 1)
+                yield f"| {label} | {damping:g} | a flight ends early |" + " |" * (len(SHOWN) + 1)
                 continue
-            yield f"| {words} | {damping:g} | {tuning.overshoot(changes):.2f} | {flown[1]} | {cells(flown[0])} |"
+            yield f"| {label} | {damping:g} | {tuning.overshoot(changes):.2f} | {flown[1]} | {cells(flown[0])} |"
 
 
 def sensitivities(tuning: Tuning) -> dict[str, list[tuple[Floats, int] | None]]:
-    """For each bandwidth of TLC, the flights at FACTORS times Table 1."""
+    """Return the flights at FACTORS times Table 1 for each bandwidth of TLC."""
     channels = (*OUTER, *INNER, "differentiators.attitude", "differentiators.rates")
     return {
         channel: [
@@ -124,7 +126,10 @@ def order_ranges(tuning: Tuning) -> list[str]:
 def differentiator_rows(
     tuning: Tuning,
 ) -> tuple[list[str], dict[float, list[tuple[float, int]]], dict[float, float]]:
-    """Rows, (bandwidth, swings) for each ratio, and the largest bandwidth of sub-loop 3 without an oscillation."""
+    """Return rows, (bandwidth, swings) for each ratio, and the largest stable bandwidths.
+
+    These are the bandwidths of sub-loop 3 without an oscillation.
+    """
     rows: list[str] = []
     curves: dict[float, list[tuple[float, int]]] = {}
     largest: dict[float, float] = {}
@@ -133,8 +138,11 @@ def differentiator_rows(
         largest[ratio] = 0.0
         calm = True
         for bandwidth in DIFFERENTIATORS:
-            at = max(bandwidth, 1e-6)  # the file wants a positive one
-            changes = {"differentiators.attitude": at, "differentiators.rates": ratio * at}
+            positive = max(bandwidth, 1e-6)  # the file requires a positive bandwidth
+            changes = {
+                "differentiators.attitude": positive,
+                "differentiators.rates": ratio * positive,
+            }
             flown = tuning.fly(changes)
             start = f"| {bandwidth:g} |"
             if flown is None:
@@ -153,7 +161,7 @@ def differentiator_rows(
 
 
 def header(first: Sequence[str]) -> list[str]:
-    """A table's head: columns, then errors (rms) and surface travel."""
+    """Return the head of a table: columns, then errors (rms) and surface travel."""
     names = (
         *first,
         *(
@@ -165,8 +173,8 @@ def header(first: Sequence[str]) -> list[str]:
 
 
 def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
-    """The page and its figures."""
-    found = sensitivities(tuning)
+    """Return the page and its figures."""
+    results = sensitivities(tuning)
     rows, curves, largest = differentiator_rows(tuning)
     worst = {
         head: max(
@@ -174,7 +182,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
                 max(flight[0][i] / flown[FACTORS.index(1.0)][0][i] for flight in flown if flight),
                 channel,
             )  # type: ignore[index]
-            for channel, flown in found.items()
+            for channel, flown in results.items()
         )
         for i, head in enumerate(HEADS[: len(ERRORS)])
     }
@@ -248,13 +256,13 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
     ]
     figures = {
         "tuning_differentiators": plot_differentiators(curves),
-        "tuning_sensitivity": plot_sensitivities(found),
+        "tuning_sensitivity": plot_sensitivities(results),
     }
     return "\n".join(wrapped(line) for line in lines), figures
 
 
 def main() -> None:
-    """Fly and write."""
+    """Run the flights, and write the page and its figures."""
     parser = argparse.ArgumentParser(description="Repeat section 6 of the paper.")
     parser.add_argument("--vehicle", type=Path, default=ROOT / "configs/vehicle/ghame_x.yaml")
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")

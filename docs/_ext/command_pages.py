@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import typer
 from tables import table
@@ -10,9 +11,10 @@ from typer.cli import get_docs_for_click
 from abhv_mc.cli.app import app
 
 
-def _options(name: str, command: object, context: typer.Context) -> str:
-    """What typer says of a command, its headings below the page's own."""
+def _options(name: str, command: Any, context: typer.Context) -> str:
+    """Return the help of a command, with headings below that of the page."""
     text = get_docs_for_click(obj=command, ctx=context, indent=1, name=f"abhv-mc {name}")
+    text = text.replace(command.epilog or "\0", "")  # the page has examples of its own
     text = re.sub(r"\A#+ .*\n", "", text)
     text = re.sub(r"^### ", "## ", text, flags=re.MULTILINE)  # commands of a command
     return (
@@ -23,7 +25,7 @@ def _options(name: str, command: object, context: typer.Context) -> str:
 
 
 def make(examples: Path) -> dict[str, str]:
-    """The pages ``commands/<name>.md`` and their table of contents."""
+    """Return the pages ``commands/<name>.md`` and their table of contents."""
     group = typer.main.get_command(app)
     context = typer.Context(group, info_name="abhv-mc")
     pages: dict[str, str] = {}

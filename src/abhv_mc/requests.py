@@ -86,16 +86,19 @@ _CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind, for values
 }
 
 CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
-Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
-Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
+Controller = Annotated[str | None, Option("Controller to use.", "controller", "the first")]
+Seed = Annotated[
+    int | None, Option("Seed of the random numbers.", "count", "the campaign's", low=0)
+]
 Workers = Annotated[
-    int | None, Option("Flights in parallel.", "count", "cores", low=1, high=MOST_WORKERS)
+    int | None,
+    Option("Number of parallel workers.", "count", "cores", low=1, high=MOST_WORKERS),
 ]
 Scheduler = Annotated[
     str | None,
-    Option("Compute on this cluster, as tcp://host:8786 of Dask.", "scheduler"),
+    Option("Address of a Dask scheduler, such as tcp://host:8786, to run on.", "scheduler"),
 ]
-Fresh = Annotated[bool, Option("Delete the previous campaign in the folder first.", "flag")]
+Fresh = Annotated[bool, Option("Delete the campaign in the folder first, and start again.", "flag")]
 
 
 class CheckedRequest:
@@ -116,35 +119,43 @@ class Request(CheckedRequest):
     campaign: CampaignPath
     output: Annotated[
         Paths | None,
-        Option("Folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"),
+        Option(
+            "Results folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"
+        ),
     ] = None
     runs: Annotated[
-        int | None, Option("Flights of each controller.", "count", "the campaign's", low=1)
+        int | None,
+        Option("Number of flights of each controller.", "count", "the campaign's", low=1),
     ] = None
     seed: Seed = None
     controllers: Annotated[
-        Sequence[str] | None, Option("Only these of its controllers.", "controllers")
+        Sequence[str] | None,
+        Option("Controllers of the campaign to simulate, instead of all.", "controllers"),
     ] = None
     workers: Workers = None
     fresh: Fresh = False
     scheduler: Scheduler = None
     shard: Annotated[
-        tuple[int, int] | None, Option("Run only part I of N; merge joins the parts.", "shard")
+        tuple[int, int] | None,
+        Option("Run only shard I of N; 'merge' joins the shards.", "shard"),
     ] = None
     plans: Annotated[
-        Paths | None, Option("Use the plans in this campaign's folder.", "results", "new")
+        Paths | None,
+        Option("Results folder whose flight plans are used, for equal bits.", "results", "new"),
     ] = None
     trust_code: Annotated[
-        bool, Option("Run Python code in the folder that you have not run before.", "flag")
+        bool,
+        Option("Allow Python code of the campaign to run that has not been run here.", "flag"),
     ] = False
     check_workers: Annotated[
-        bool, Option("Re-run one flight of each worker here and compare its bits.", "flag")
+        bool,
+        Option("Re-run one flight of each worker locally and compare the bits.", "flag"),
     ] = False
     baseline: Annotated[
         Paths | None,
         Option(
-            "Earlier campaign on the same samples, with which the report compares. Its points of unknowns are "
-            "also run.",
+            "Results folder of an earlier campaign with the same samples: its points of unknowns "
+            "are simulated, too, and the report lists the changes.",
             "results",
         ),
     ] = None
@@ -157,7 +168,11 @@ class SearchRequest(CheckedRequest):
     campaign: CampaignPath
     output: Annotated[
         Paths,
-        Option("Folder for the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"),
+        Option(
+            "Results folder for the flights and the page.",
+            "folder",
+            "reports/CAMPAIGN_SEARCH_NAME",
+        ),
     ]
     _: KW_ONLY
     controller: Controller = None
@@ -177,17 +192,19 @@ class SearchRequest(CheckedRequest):
 class WorstRequest(SearchRequest):
     """Request of a search for the worst value of a metric."""
 
-    metric: Annotated[str, Option("Metric to search.", "metric")]
+    metric: Annotated[str, Option("Metric whose worst value is searched.", "metric")]
     _: KW_ONLY
     bad: Annotated[
         Literal["high", "low"] | None,
-        Option("Whether large or small values are bad.", "side", "as in the campaign"),
+        Option("Whether large or small values are bad.", "side", "that of the metric"),
     ] = None
     flights: Annotated[
-        int, Option("Flights of the search, and of the random ones after it.", "count", low=1)
+        int,
+        Option("Number of flights of the search; as many random ones follow.", "count", low=1),
     ] = 2000
     box: Annotated[
-        float, Option("Half-width for unbounded distributions, sigma.", "number", low=0.1, high=8.0)
+        float,
+        Option("Range of unbounded distributions in sigma.", "number", low=0.1, high=8.0),
     ] = 3.0
 
 
@@ -195,11 +212,15 @@ class WorstRequest(SearchRequest):
 class RareRequest(SearchRequest):
     """Request of an estimate of the probability of a failure."""
 
-    requirement: Annotated[str, Option("Requirement, by ID or metric.", "requirement")]
+    requirement: Annotated[
+        str, Option("Requirement to violate: its ID or its metric.", "requirement")
+    ]
     _: KW_ONLY
     target_cov: Annotated[
         float | str,
-        Option("Coefficient of variation to reach, as 0.2 or 20 %.", "share", low=0.01, high=1.0),
+        Option(
+            "Coefficient of variation to reach, such as 0.2 or 20 %.", "share", low=0.01, high=1.0
+        ),
     ] = 0.2
     flights: Annotated[int, Option("Largest number of flights.", "count", low=1)] = 20_000
 

@@ -9,7 +9,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json
 from abhv_mc.cli.outputs import output_file
-from abhv_mc.cli.printing import announce_compiling, answer, beside, print_section, say
+from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
 from abhv_mc.cli.request_options import takes_options
 from abhv_mc_tune.request import TuneRequest
 
@@ -33,10 +33,10 @@ def tune(request: TuneRequest, json: Json = None) -> None:
     from abhv_mc_tune.tuning import rejected_file
 
     def print_result(result: "TuneFound") -> None:
-        answer(result.as_json(), json, lambda: print_section(make_tune_answer(result).section))
+        show_result(result.as_json(), json, lambda: print_section(make_tune_answer(result).section))
 
     result = tune(**vars(request) | {"tell": print_result})
-    stream = beside(json)
+    stream = text_stream(json)
     say(f"report    {page}", file=stream)
     if not result.shown:
         out = Path(request.output)

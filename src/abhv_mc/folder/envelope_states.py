@@ -169,7 +169,7 @@ def _times_of(block: Singles, channels: int) -> Floats:
 def _ends(
     extremes: Singles, count: NDArray[np.int64], shape: tuple[int, int]
 ) -> tuple[Floats, Floats]:
-    """Return the smallest and largest values ``[time, channel]``; NaN after the last flight's end."""
+    """Return the smallest and largest values ``[time, channel]``; NaN after all flights ended."""
     low, high = (
         np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in extremes
     )

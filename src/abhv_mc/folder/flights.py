@@ -227,7 +227,7 @@ def write_pieces(
 
 
 def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
-    """Return the path of a block's file, named after the controller and flights first .. stop - 1."""
+    """Return the path of the file with flights first .. stop - 1 of a controller."""
     return folder / f"{controller}-{first:09d}-{stop:09d}.parquet"
 
 

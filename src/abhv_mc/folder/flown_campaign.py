@@ -169,7 +169,7 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 def read_flown(root: Path, requirements: RequirementSource | None = None) -> FlownCampaign:
     """Read a campaign's folder, with its own or other ``requirements``.
 
-    Raise InputError if a file is missing or invalid, or if the requirements do not fit the campaign.
+    Raise InputError if a file is missing or invalid, or if the requirements do not fit.
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)

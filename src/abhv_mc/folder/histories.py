@@ -23,8 +23,9 @@ _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
 MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band if there are unknowns
 _DOCS = {
-    "min": "smallest value at any control tick, or returned sample, from the time before to the time after",
-    "max": "largest value at any control tick, or returned sample, from the time before to the time after",
+    name: f"{adjective} value at any control tick, or returned sample, from the time before to the "
+    "time after"
+    for name, adjective in (("min", "smallest"), ("max", "largest"))
 } | {
     name: f"{name[1:]} % quantile over the flights, linear between order statistics"
     for name in QUANTILE_COLUMNS
@@ -155,7 +156,8 @@ def _doc(column: str, points: int) -> str:
     if points == 1 or column in ("min", "max"):
         return _DOCS[column]
     which = "least" if column in QUANTILE_COLUMNS[:3] else "most"
-    return f"{which} of {points} values, each the {_DOCS[column.removesuffix('_most')]} at one point of the unknowns"
+    doc = _DOCS[column.removesuffix("_most")]
+    return f"{which} of {points} values, each the {doc} at one point of the unknowns"
 
 
 def write_envelopes(

@@ -22,8 +22,9 @@ _CLOSED = (
     errno.ELOOP,
 )
 _UNWRITABLE = (
-    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP,
-)  # fmt: skip
+    *(*_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT),
+    *(errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP),
+)
 _LARGEST_LOG = 1 << 20  # bytes
 _recorders: list[Callable[[Path, str], None]] = []  # called for every file that is written
 
@@ -112,7 +113,7 @@ class CampaignFolder:
             )
 
     def clear(self) -> None:
-        """Delete a campaign's files, the manifest first so that the rest is not read as a campaign."""
+        """Delete a campaign's files, first the manifest, without which it is not a campaign."""
         import shutil
 
         self.manifest.unlink(missing_ok=True)
@@ -161,7 +162,7 @@ def is_inside(name: str) -> bool:
 
 @contextlib.contextmanager
 def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
-    """Raise StorageFullError or InputError instead of OSError for a full disk or missing permission.
+    """Convert OSError of a full disk or missing permission to StorageFullError or InputError.
 
     With ``writing`` further errors are explained that prevent writing ``path``, such as a missing
     folder, which elsewhere may be a defect.

@@ -1,7 +1,8 @@
 """Lock of a campaign's folder: one process computes flights there at a time.
 
-The lock is `flock`, which the system drops when its holder dies. Some file systems have none; there the holder
-creates a lease, a file that names its host, its process and the time when the process started.
+The lock is `flock`, which the system drops when its holder dies. Some file systems have none; there
+the holder creates a lease, a file that names its host, its process and the time when the process
+started.
 """
 
 import contextlib

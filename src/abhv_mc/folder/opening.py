@@ -63,7 +63,7 @@ def begin_folder(
 
 
 def _write_plans(folder: CampaignFolder, plans: Mapping[str, Plan]) -> None:
-    """Write the plans of a mission; the plans of custom simulators follow from the campaign file."""
+    """Write the plans of a mission; plans of custom simulators follow from the campaign file."""
     for name, plan in plans.items():
         if plan.timing is not None:
             write_plan(folder.plan(name), plan)

@@ -40,7 +40,7 @@ def _read_key(path: Path) -> str | None:
 
 
 class Products:
-    """Products of a campaign of ``runs`` flights with each of its controllers, without histories."""
+    """Products of a campaign of ``runs`` flights with each controller, without histories."""
 
     def __init__(self, folder: CampaignFolder, controllers: Iterable[str], runs: int) -> None:
         names = " ".join(sorted(controllers))
@@ -52,7 +52,7 @@ class Products:
         self.margins = Product(folder.margins, names)
 
     def forget_stale(self, files: FileHashes) -> None:
-        """Remove stale products from the list of files, so that a resumed run computes them again."""
+        """Remove stale products from the list of files; a resumed run computes them again."""
         files.forget(
             *(product.path for product in vars(self).values() if not product.is_current(files))
         )

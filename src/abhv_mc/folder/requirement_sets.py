@@ -18,7 +18,9 @@ from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest, RequirementSet, read_manifest, write_manifest
 from abhv_mc.io.documents import read_document, write_document
 
-_HEAD = "Requirements by which the flights of this folder were judged, until the set with the next number."
+_HEAD = (
+    "Requirements by which this folder's flights were judged, until the set with the next number."
+)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Campaign folders by path or address: local folders, and the stores that packages register for addresses."""
+"""Campaign folders by path or address: local folders, and stores of packages for addresses."""
 
 import contextlib
 import os
