@@ -11,9 +11,9 @@ from abhv_mc.io.units import DIMENSIONS, dimension_of
 
 _INTRODUCTIONS = {
     "campaign": "What is flown, how often, with which uncertainties, and what has to come out.",
-    "vehicle": "The vehicle's numbers, its tables, and how its coefficients are built from them. "
+    "vehicle": "Constants and tables of a vehicle, and the build-up of its coefficients. "
     "[Your own vehicle](../../../tutorials/own-vehicle.md) has a whole example, the axes and the signs.",
-    "mission": "Where a flight starts, what it is asked to fly, and where it ends.",
+    "mission": "Start, manoeuvres, environment and end conditions of a flight.",
     "controller": "A control law with its gains or weights. The defaults are those of the paper.",
 }
 _ENUMERATIONS = {  # named in words here: their tables have pages of their own
