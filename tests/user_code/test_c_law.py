@@ -163,7 +163,7 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
 
 
 REFUSED = {
-    "memory of its own": PLAIN.replace(
+    "hidden memory": PLAIN.replace(
         "double alpha =", "static double x; x += m->bank;\n    double alpha = x +"
     ),
     "SIGSEGV, at 0.31 s (tick 31), measured: altitude 20": PLAIN.replace(

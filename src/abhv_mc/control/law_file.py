@@ -244,7 +244,7 @@ def find_files(law: UserController) -> dict[str, Path]:
 def expand(
     folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
 ) -> list[Path]:
-    """Return the files that entries of ``files`` name in a folder. Raise Refusal if there are none."""
+    """Return the files that match entries of ``files``. Raise Refusal if there are none."""
     files: dict[Path, None] = {}
     for i, pattern in enumerate(patterns):
         if pattern in empty_folders:

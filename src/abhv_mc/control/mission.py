@@ -1,4 +1,4 @@
-"""Model of the mission file: start, manoeuvres, environment and end conditions of a flight."""
+"""Model of the mission file: start, manoeuvres, environment and end of a flight."""
 
 import math
 from pathlib import Path
@@ -43,7 +43,7 @@ GravitationalParameter = Annotated[
 
 
 class Start(StrictModel):
-    """Start of a flight, trimmed, straight and level unless a bank or flight path angle is given.
+    """Start of a flight, trimmed, by default straight and level.
 
     The reference starts along the flight path angle and keeps it until a manoeuvre changes it. The
     bank applies to the vehicle only, such as the bank that the first manoeuvre needs immediately.
@@ -175,7 +175,7 @@ InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(disc
 
 
 class Phases(StrictModel):
-    """Sequence of manoeuvres; each starts at the end of the previous one, with its final values."""
+    """Sequence of manoeuvres, each starting with the final values of the previous one."""
 
     kind: Literal["phases"] = Field(description=_KIND)
     phases: Annotated[tuple[InPhases, ...], Field(min_length=1)] = Field(
@@ -419,7 +419,7 @@ class Mission(StrictModel):
 
 @made_once
 def read_mission(path: str | Path) -> Mission:
-    """Read and check a mission file and the files it names. Raise InputError if one is invalid."""
+    """Read and check a mission file and its tables. Raise InputError if one is invalid."""
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)

@@ -1,4 +1,4 @@
-"""Reading of the CSV tables of a mission: recorded trajectory, and nominal air over altitude."""
+"""Reading of a mission's CSV tables: recorded trajectory, nominal air over altitude."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -118,7 +118,7 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
 
 
 def join_air(wind: Floats | None, density: Floats | None) -> Floats:
-    """Return the nominal air on the altitudes of both tables, so that it is exact between them.
+    """Return the nominal air on the altitudes of both tables.
 
     The columns are those of :mod:`abhv_mc.kernel.plant.air_data`.
     """

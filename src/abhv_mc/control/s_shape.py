@@ -11,7 +11,9 @@ _SAME_TIME = 1e-9  # s, tolerance of ticks at the ends of the manoeuvre
 def s_shape(
     since: Floats, offset: float, length: float, bank_time: float, sharpness: float
 ) -> tuple[Floats, Floats]:
-    """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start; 0 outside.
+    """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start.
+
+    Both are 0 outside the manoeuvre.
 
     They are along ``offset`` (m). The acceleration is proportional to ``sign(c) |c|^sharpness``,
     ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both ends. If

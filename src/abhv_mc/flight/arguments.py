@@ -1,4 +1,4 @@
-"""Arguments of the compiled flight: plan, parameters and result arrays, checked for type and shape."""
+"""Arguments of the compiled flight, checked for type and shape."""
 
 import math
 from collections.abc import Sequence
@@ -61,7 +61,10 @@ def make_results(
     keep_states: bool,
     save_memory: bool = False,
 ) -> KernelResults:
-    """Return empty result arrays. With ``save_memory`` the kernel saves the memory of each flight."""
+    """Return empty result arrays.
+
+    With ``save_memory`` the kernel saves the memory of each flight.
+    """
     samples, channels = recording.count_samples(plan.timing), len(recording.channels)
     bins = (samples if recording.extremes else 0, channels)
     return KernelResults(
@@ -141,7 +144,7 @@ def make_kernel_plan(
 
 
 def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
-    """Return the rows [flight, parameter] with the settings and initial states of the vehicle file added.
+    """Return rows [flight, parameter] with the vehicle file's settings and initial states.
 
     Rows that have them already are returned unchanged, except for settings of control laws, which
     follow them: only those of the plan's own law remain.

@@ -1,4 +1,6 @@
-"""Table of sources, the quantities that channels record and metrics count. Order is array order.
+"""Table of sources, the quantities that channels record and metrics count.
+
+The order is that of arrays.
 
 A source is a row of the lane memory (a state of :mod:`abhv_mc.kernel.plant.state`, a variable of
 the tables or a named row, in SI and radians, converted to degrees if the unit is degrees) or a row

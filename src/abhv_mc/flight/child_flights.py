@@ -121,7 +121,7 @@ def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory
 
 
 def describe_last_tick(process: int | None) -> str:
-    """Return the last tick of a crashed process's single flight as the end of a sentence, or ''."""
+    """Return the last tick of a crashed process's flight as the end of a sentence, or ''."""
     description = ""
     for path in laws_folder().glob(f"flying_{process}_*"):
         content = path.read_bytes()

@@ -39,7 +39,7 @@ _NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| times step
 def start_custom(
     mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
 ) -> tuple[TrimPoint, Floats, list[str]]:
-    """Return the trim with static deflection, the initial custom states and warnings about the step.
+    """Return the trim with static deflection, initial custom states and warnings.
 
     ``rigid`` is the trim of the rigid vehicle; ``make_state`` returns the state of a trim. Raise
     InputError if there is no equilibrium or the step is too long.

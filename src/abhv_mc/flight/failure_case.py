@@ -25,7 +25,9 @@ def describe_failure(name: str) -> str:
 def failure_cases(
     names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats
 ) -> list[str]:
-    """Return the case of each flight: its failures before the mission's end joined by ' + ', or ``none``.
+    """Return the case of each flight: its failures joined by ' + ', or ``none``.
+
+    Failures before the end of the mission count.
 
     ``end_time`` is in s, [flight]. A failure drawn for a time after an early termination counts too,
     so that all controllers have the same flights in each case. An engine that failed for

@@ -97,7 +97,7 @@ class Metric(Signal):
 
 
 def name_end(unit: str) -> str:
-    """Return the suffix of names of a unit, without underscore: 'mps', 'j_m2'; '' if it has none."""
+    """Return the suffix of names of a unit, without underscore: 'mps', 'j_m2' or ''."""
     return _ENDS.get(unit, unit.lower().replace("/", "_").replace(" ", "_"))
 
 
@@ -131,7 +131,7 @@ def _count(
     bad: Bad | None = None,
     **fields: Any,
 ) -> Metric:
-    """Make a metric; by default the statistic determines which values are bad and the empty value."""
+    """Make a metric; by default the statistic determines bad and empty values."""
     never = is_never_negative(statistic, nonnegative)
     empty = (
         {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0)
@@ -315,7 +315,7 @@ NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 
 def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
-    """Pack metrics that a campaign declares as text ``[metric, field]``, the form that plans store."""
+    """Pack declared metrics as text ``[metric, field]``, which plans store."""
     rows = [[_as_text(getattr(metric, name)) for name in _TEXT] for metric in metrics]
     return np.array(rows, dtype=np.str_) if rows else NO_METRICS
 

@@ -24,7 +24,7 @@ _LONGEST = 600.0  # s, compiling included
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Simulate two flights separately, together and in swapped order; they must agree bit for bit.
+    """Check that two flights agree separately, together and in swapped order, bit for bit.
 
     Each version of the law's files is checked once. Raise InputError if they differ or the law fails.
     """
@@ -40,9 +40,7 @@ def check_native(plan: FlightPlan) -> None:
             file, problem, "a control law that returns a command at each tick"
         ) from None
     if not is_independent:
-        problem = (
-            "a law that keeps memory of its own: a flight depends on those beside it or before it"
-        )
+        problem = "a control law with hidden memory: a flight depends on other flights"
         expected = (
             "all memory in the flight's state; for generated code with global structures three lines around its step: "
             "'model_DW = saved->dw; model_step(); saved->dw = model_DW;' (docs/how-to/c-law.md)"

@@ -1,4 +1,4 @@
-"""Outcomes of flights, with code and sentence, and the limits that terminate a flight early."""
+"""Outcomes of flights, with code and sentence, and limits that terminate flights early."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -108,7 +108,7 @@ OUTCOMES = Outcomes(
 
 
 def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
-    """Return the outcomes of a custom simulator, which ``declared`` extends by code and sentence."""
+    """Return the outcomes of a custom simulator, extended by those it declares."""
     codes = {int(o): o.code for o in _OF_A_SIMULATOR} | dict(enumerate(declared, _FIRST_DECLARED))
     return Outcomes(
         codes, {o.code: sentence for o, sentence in _OF_A_SIMULATOR.items()} | dict(declared)

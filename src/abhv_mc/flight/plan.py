@@ -1,4 +1,4 @@
-"""Plan of one controller's flights as plain arrays, prepared once, and blocks of their results."""
+"""Plan of one controller's flights as plain arrays, and blocks of their results."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -192,7 +192,7 @@ class FlightBlock:
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
-        """Least and greatest values ``[time, channel]``, of every tick if recorded, else of samples."""
+        """Least and greatest values ``[time, channel]`` of all ticks, or else of samples."""
         if self.low is None or self.high is None:
             return np.fmin.reduce(self.history, axis=0), np.fmax.reduce(self.history, axis=0)
         return self.low, self.high

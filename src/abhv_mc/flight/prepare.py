@@ -1,4 +1,4 @@
-"""Preparation of a flight plan from the three input files: reference, gains, trim and initial state."""
+"""Preparation of a flight plan from its input files: reference, gains and trim."""
 
 import functools
 from pathlib import Path
@@ -152,7 +152,7 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
 
 
 def read_around(law: PythonController) -> TlcController | LqrController | None:
-    """Read the controller whose measurement a law filters; None for a law that computes commands.
+    """Read the controller whose measurement a law filters, None for other laws.
 
     Raise InputError if it is not a built-in controller.
     """
@@ -186,7 +186,7 @@ def user_law_of(plan: FlightPlan, controller: Controller) -> UserLaw | None:
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
-    """Return whether control allocation can solve for the deflections at the start of the mission."""
+    """Return whether control allocation is solvable at the start of the mission."""
     start = mission.start
     environment = make_environment(
         mission.make_earth(), start.altitude, start.latitude, mission.make_air()
@@ -211,7 +211,7 @@ def make_plan(
     mission_file: str | Path | None = None,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Make the plan of one controller's flights, with warnings where the mission has no nominal trim.
+    """Make the plan of one controller's flights, with warnings about missing nominal trim.
 
     Raise InputError with ``mission_file`` if the vehicle cannot be trimmed anywhere on the mission.
     """
@@ -294,7 +294,7 @@ def make_plan(
 def make_gains(
     controller: Controller, user_code: UserLaw | None, model: DesignModel
 ) -> tuple[tuple[str, ...], Floats, Floats]:
-    """Return the gain names of a custom law, gains [tick, gain] along the reference, and settings.
+    """Return gain names of a custom law, gains [tick, gain] and settings.
 
     The names are empty for a built-in law. Raise InputError if the design fails.
     """
@@ -335,7 +335,7 @@ def limit_faults(controller: TlcController | LqrController, reference: Floats) -
 
 
 def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
-    """Return a sentence for each variable that is outside its tables along the reference for a second or more."""
+    """Return a sentence for each variable that leaves its tables for a second or more."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     column["mach"] = column["speed"] / column["sound_speed"]
     faults = []
@@ -357,7 +357,10 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
 
 
 def make_timing(mission: Mission, rate: float) -> Timing:
-    """Divide the control period 1 / rate (Hz) into equal integrator steps, at most the mission's step."""
+    """Divide the control period 1 / rate (Hz) into equal integrator steps.
+
+    A step is at most that of the mission.
+    """
     tick = 1.0 / rate
     steps = max(1, int(np.ceil(tick / mission.step - 1e-9)))
     return Timing(tick / steps, steps, round(mission.duration * rate))

@@ -54,7 +54,10 @@ def weakest(values: Iterable[Repeatability | None]) -> Repeatability | None:
 
 
 def relative_difference(a: Floats, b: Floats) -> Floats:
-    """Return ``|a - b|`` in units of the larger value; 0 for equal values and two NaN, infinite for one NaN."""
+    """Return ``|a - b|`` in units of the larger value.
+
+    It is 0 for equal values and two NaN, infinite for one NaN.
+    """
     is_equal = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore", divide="ignore"):
         difference = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))

@@ -1,4 +1,4 @@
-"""Compiled custom code of a plan (control law, channels, vehicle functions) as the kernel calls it."""
+"""Compiled custom code of a plan: control law, channels and vehicle functions."""
 
 import contextlib
 import re
@@ -35,7 +35,7 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
-    """Yield the addresses of a vehicle's functions for ``width`` lanes; zeros for a vehicle of tables."""
+    """Yield the addresses of a vehicle's functions for ``width`` lanes, zeros for tables."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
     functions: tuple[Any, ...] = (None, None, None)  # referenced while the kernel uses them
     if foreign.digest.any():
@@ -54,7 +54,7 @@ def open_law(
     flights: int = TOGETHER,
     dispersed: bool = False,
 ) -> Iterator[UserCode]:
-    """Yield the addresses of a plan's custom code for ``width`` lanes; zeros for built-in laws.
+    """Yield the addresses of a plan's custom code for ``width`` lanes, zeros for none.
 
     With ``memory_in_rows`` a law in plain Python or native code has its memory in the lane memory, as
     a compiled law does, see :func:`law_memory`. With ``dispersed`` each flight has its own settings
@@ -163,7 +163,7 @@ def _checked(source: UserSource | None, digest: str) -> UserSource:
 
 
 def _find_backend(law: str, file: str) -> LawBackend:
-    """Return the backend of a native law. Raise InputError if no installed package registers it."""
+    """Return the backend of a native law. Raise InputError if none is registered."""
     if law == "c":
         return LawBackend(open_c_law, find_c_memory)
     backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
@@ -181,7 +181,7 @@ def check_native_law(document: Document, law: str, source: UserSource) -> None:
 
 
 def native_memory(plan: FlightPlan) -> dict[str, float]:
-    """Return the memory of a native law at the start of a flight. Raise InputError if it is hidden."""
+    """Return the initial memory of a native law. Raise InputError if it is hidden."""
     memory = in_child(
         _find_backend(plan.law, plan_source(plan).file).find_memory,
         plan_source(plan),
@@ -229,7 +229,7 @@ def _python_memory(law: Law) -> dict[str, float]:
 
 
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
-    """Return the lane-memory row and the initial value of each number in the law's memory, by name.
+    """Return lane-memory row and initial value of each number in the law's memory, by name.
 
     They include the last commands if the law receives them (``onboard``). Raise InputError if the
     memory is hidden.

@@ -1,4 +1,4 @@
-"""Parameters of a vehicle's flights: the built-in ones, then those of custom functions and laws."""
+"""Parameters of a vehicle's flights: built-in ones, then those of custom code."""
 
 import ast
 import functools
@@ -35,7 +35,7 @@ def vehicle_parameters(code: VehicleCode | None) -> Parameters:
 def read_vehicle_parameters(
     vehicle: str | Path, controllers: Iterable[Path] = ()
 ) -> tuple[Parameters, tuple[tuple[str, str], ...]]:
-    """Return the parameters of a vehicle and its controllers, and names and units of its custom states.
+    """Return the parameters of a vehicle and its controllers, and its custom states.
 
     Raise InputError if a file is invalid.
     """
@@ -44,7 +44,7 @@ def read_vehicle_parameters(
 
 
 def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> Parameters:
-    """Return the parameters followed by the dispersable settings of Python laws, as ``law.NAME``.
+    """Return the parameters and the dispersable settings of Python laws, as ``law.NAME``.
 
     Their nominal values are those of the controller files. No law is run. Raise InputError for
     settings that cannot be dispersed.
@@ -78,7 +78,7 @@ def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> P
 
 
 def _find_dispersable(path: Path) -> tuple[str, ...]:
-    """Return the names in ``@controller(dispersable=(...))`` of a law's file, without running it."""
+    """Return the names in ``@controller(dispersable=(...))`` without running the file."""
     for node in ast.walk(compile_text(read_source(path), ast.PyCF_ONLY_AST)):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "controller":
             for word in node.keywords:

@@ -26,7 +26,7 @@ from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.vehicle.actuators import axis_limits, drive, name_effectors
-from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, refuse_oscillation
+from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, oscillation_conflict
 
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
 
@@ -64,8 +64,8 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
         if late := find_invalid_sensor_time(rows, plan.timing.tick):
             raise refuse_input(campaign, name, *late)
     moving = [name for name in DISTURBANCES if name in campaign.varied]
-    if refused := refuse_oscillation(plan.limits.loads, moving):
-        raise refuse_input(campaign, moving[0], refused, STILL_AIR)
+    if conflict := oscillation_conflict(plan.limits.loads, moving):
+        raise refuse_input(campaign, moving[0], conflict, STILL_AIR)
     failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
     if failing and plan.vehicle.constants.driven:
         problem = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
@@ -78,8 +78,8 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
     if late := find_invalid_sensor_time(parameters, plan.timing.tick):
         raise InputError("dispersions", *late)
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
-    if refused := refuse_oscillation(plan.limits.loads, moving):
-        raise InputError("dispersions", refused, STILL_AIR)
+    if conflict := oscillation_conflict(plan.limits.loads, moving):
+        raise InputError("dispersions", conflict, STILL_AIR)
 
 
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:

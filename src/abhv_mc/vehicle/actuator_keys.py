@@ -46,7 +46,7 @@ class ThrustLine(StrictModel):
 
 
 class Unstart(StrictModel):
-    """Flow in which the inlet stays started; outside it the engine fails as ``failure.engine`` does."""
+    """Flow in which the inlet stays started; outside it the engine fails."""
 
     angle_of_attack: AngleRange = Field(
         default=(-math.inf, math.inf), description="least and greatest"
@@ -96,7 +96,7 @@ class Relight(StrictModel):
 
 
 class Engine(StrictModel):
-    """One of several engines, which may fail separately; positions are relative to the thrust line."""
+    """One of several engines, which may fail separately."""
 
     share: Annotated[Fraction, Positive] | None = Field(
         None, description="share of the thrust; left out: equal shares"

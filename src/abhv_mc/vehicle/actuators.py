@@ -98,7 +98,7 @@ def list_actuators(vehicle: Vehicle) -> Effectors:
 
 
 def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
-    """Return the vehicle with an actuator at each effector, or with actuators of the three axes."""
+    """Return the vehicle with actuators at the effectors, or at the three axes."""
     return vehicle._replace(constants=vehicle.constants._replace(driven=float(driven)))
 
 
@@ -108,7 +108,7 @@ def axis_limits(vehicle: Vehicle) -> Floats:
 
 
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
-    """Return the least and greatest deflection (rad) of an axis alone that its effectors can follow."""
+    """Return the range of deflections (rad) of an axis alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
         for mix, actuator in zip(

@@ -53,7 +53,7 @@ class Reference(StrictModel):
 
 
 class MassPoint(StrictModel):
-    """Mass properties at one mass, with the centre of gravity relative to the moment reference."""
+    """Mass properties at one mass; the centre of gravity is from the moment reference."""
 
     mass: Annotated[Mass, Positive] = Field(description="mass at which these properties hold")
     inertia_xx: Annotated[Inertia, Positive] = Field(

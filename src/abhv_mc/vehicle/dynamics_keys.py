@@ -1,4 +1,4 @@
-"""Keys of custom dynamics in the vehicle file: states that are integrated with the vehicle."""
+"""Keys of custom dynamics in the vehicle file: states integrated with the vehicle."""
 
 import keyword
 from typing import Annotated

@@ -34,7 +34,10 @@ def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
 
 
 def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
-    """Interpolate all tables, constant beyond the edges: ``[row, point]`` of ``[variable, point]``."""
+    """Interpolate all tables: ``[row, point]`` of ``[variable, point]``.
+
+    Values are constant beyond the edges.
+    """
     rows = np.empty((tables.n_rows, *variables.shape[1:]))
     for g in range(tables.group_start.size):
         corners = [
@@ -62,7 +65,10 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 
 
 def table_rows(tables: Tables, variables: Numbers) -> Numbers:
-    """Interpolate all tables at possibly complex variables; a complex step gives a cell's exact slope."""
+    """Interpolate all tables at possibly complex variables.
+
+    A complex step gives a cell's exact slope.
+    """
     low, weight = [], []
     for variable, start, length in zip(
         tables.axis_variable, tables.axis_start, tables.axis_length, strict=True
@@ -120,7 +126,7 @@ def evaluate_coefficients(
 def evaluate_fixed(
     vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None
 ) -> dict[str, Numbers]:
-    """Return the propulsion and mass tables by their names in FIXED_TABLE_ROWS, each ``[point]``."""
+    """Return the propulsion and mass tables by names in FIXED_TABLE_ROWS, each ``[point]``."""
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     return {
         name: rows[row]

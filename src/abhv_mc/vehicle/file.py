@@ -103,7 +103,10 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
 
 
 def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
-    """Read mass properties from columns such as ``mass_kg`` and ``inertia_xx_kg_m2``. Raise InputError."""
+    """Read mass properties from columns such as ``mass_kg`` and ``inertia_xx_kg_m2``.
+
+    Raise InputError if they are invalid.
+    """
     table = read_foreign_table(path)
     columns = table.find(MassPoint.model_fields)
     indices = {column.position: name for name, column in columns.items()}
@@ -149,7 +152,7 @@ def _check_mass(document: Document, content: VehicleDocument, points: Sequence[M
 
 
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
-    """Pack a vehicle; ``factor_index`` maps names such as ``aero.lift.elevator`` to parameters."""
+    """Pack a vehicle; ``factor_index`` maps ``aero.lift.elevator`` and so on to parameters."""
     content = file.content
     entries: list[Table] = []
     entry_of: dict[tuple[str, float], int] = {}
@@ -211,7 +214,7 @@ def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
 
 
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
-    """Return tables over the mass, with the centre of gravity relative to the moment reference."""
+    """Return tables over the mass; the centre of gravity is from the moment reference."""
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}

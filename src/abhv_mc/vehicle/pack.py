@@ -47,7 +47,7 @@ def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
 
 
 def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
-    """Group tables of equal axes, with a group's values contiguous at each node; also return rows.
+    """Group tables of equal axes, contiguous at each node, and return each entry's row.
 
     ``fixed`` maps FIXED_TABLE_ROWS to entries; a missing one becomes a constant. Constants join the
     first one-dimensional group, so that they need no look-up.

@@ -95,8 +95,8 @@ def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
     return LoadBounds(*map(min, bounds, other))
 
 
-def refuse_oscillation(loads: LoadBounds, disturbances: Sequence[str]) -> str:
-    """Return the conflict of a limit on oscillation with gusts, turbulence or noise, '' if none."""
+def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
+    """Return the conflict of a limit on oscillation with gusts or noise, '' if none."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 

@@ -70,7 +70,7 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
 def _find_role(
     rows: ForeignTable, column: int, columns: Mapping[str, Role], effectors: Sequence[str]
 ) -> Role:
-    """Return the role of a column, by the vehicle file or its header. Raise InputError if unknown."""
+    """Return the role of a column by vehicle file or header. Raise InputError if unknown."""
     head = rows.heads[column]
     name, unit = read_head(head, (*_PLAIN, *_DIMENSIONS, *ALIASES, *effectors, VALUE))
     unit = unit or split_head(head)[1] or rows.units[column]
@@ -138,7 +138,9 @@ def _check_plausible(
 
 
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
-    """Return the grids of the axes from sorted ``points[row, axis]``; ``order`` holds their rows in the file.
+    """Return the grids of the axes from sorted ``points[row, axis]``.
+
+    ``order`` contains their rows in the file.
 
     Raise InputError unless the grid is complete.
     """

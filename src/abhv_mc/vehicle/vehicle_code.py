@@ -137,7 +137,7 @@ def reference_point(content: VehicleDocument) -> tuple[float, float]:
 
 
 def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
-    """Read the code that a vehicle file names, without running it; None for a vehicle of tables.
+    """Read the code that a vehicle file names without running it, None for tables.
 
     Raise InputError if it is invalid.
     """
@@ -222,7 +222,7 @@ def register(digest: bytes, evaluate: Evaluator) -> None:
 def evaluate_functions(
     vehicle: Vehicle, variables: Any, density: Any = None, speed: Any = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return coefficients ``[coefficient, point]`` in stability axes and thrust ``[7, point]``.
+    """Return stability-axis coefficients ``[coefficient, point]`` and thrust ``[7, point]``.
 
     The imaginary part of complex arguments is a direction, along which slopes are central
     differences. Density (kg/m3) and speed (m/s) default to those of the standard atmosphere at the

@@ -1,4 +1,4 @@
-"""Warnings about implausible vehicles: no fuel, a derivative's unit or sign, the shape of the drag.
+"""Warnings about implausible vehicles: no fuel, units or signs of derivatives, drag.
 
 A derivative per degree instead of per radian is 57.3 times too small. The ranges are wider than those
 of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B; GHAME; NASA's

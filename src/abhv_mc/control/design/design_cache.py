@@ -1,4 +1,4 @@
-"""Cache of design results, as the controllers of a campaign share their vehicle and mission."""
+"""Cache of design results, which the controllers of a campaign share."""
 
 import functools
 import hashlib

@@ -1,4 +1,4 @@
-"""Design model of the controllers: Zhu and Shen 2014, (1), (3), (13), on a non-rotating sphere.
+"""Design model of controllers: Zhu and Shen 2014, (1), (3), (13), non-rotating sphere.
 
 It includes sideslip and thrust inclination. Arguments may be complex and have points as their last
 axis, as Jacobians are computed by complex steps (Squire and Trapp, SIAM Review 40, 1998). Axes are
@@ -139,7 +139,7 @@ def guidance_rates(
     state: Any,
     controls: Any,
 ) -> Numbers:
-    """Return the rates (1) of (altitude, gamma, chi, V) for (alpha, bank, eta), with trimmed data."""
+    """Return the rates (1) of (altitude, gamma, chi, V) for (alpha, bank, eta), trimmed."""
     altitude, gamma, chi, speed = state
     alpha, bank, eta = controls
     rise = altitude - environment.altitude
@@ -242,7 +242,7 @@ def wrench_at(
 def attitude_rates(
     force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any
 ) -> Numbers:
-    """Return the rates (13) of (alpha, beta, bank) for a body-axis force and body rates (p, q, r)."""
+    """Return the rates (13) of (alpha, beta, bank) for a body-axis force and body rates."""
     alpha, beta, bank = angles
     p, q, r = rates
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)

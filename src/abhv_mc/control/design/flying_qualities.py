@@ -1,4 +1,4 @@
-"""Static margin, oscillatory modes and control powers of a trimmed vehicle with fixed controls."""
+"""Static margin, oscillatory modes and control powers of a trimmed vehicle."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ _ALPHA, _BETA, _BANK, _P, _Q, _R, _AILERON, _RUDDER, _ELEVATOR = range(9)
 
 
 class FlyingQualities(NamedTuple):
-    """Flying qualities at one trim point, SI and radians; not-a-number if there is no such mode."""
+    """Flying qualities at one trim point, SI and radians; NaN if there is no such mode."""
 
     static_margin: float  # -dCm/dCL about the centre of gravity, of the air alone, in chords
     short_period_frequency: float  # rad/s, undamped
@@ -77,7 +77,7 @@ def find_flying_qualities(
 
 
 def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
-    """Return -dCm/dCL at a fixed elevator, about the centre of gravity, without the engine's forces."""
+    """Return -dCm/dCL at a fixed elevator about the centre of gravity, without the engine."""
 
     def lift_and_moment(angle: Numbers) -> Numbers:
         alpha = angle[0]

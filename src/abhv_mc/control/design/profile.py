@@ -108,7 +108,7 @@ def _complete(altitude: Floats, speed: Floats, heading: Floats) -> Profile:
 
 
 def _smooth(since: Floats, length: float) -> Floats:
-    """Return a smooth change from 0 to 1 over ``length`` s: value, rate, continuous acceleration."""
+    """Return a change from 0 to 1 over ``length`` s: value, rate, continuous acceleration."""
     phase = 2.0 * np.pi * np.clip(since / length, 0.0, 1.0)
     rate = (1.0 - np.cos(phase)) / length
     return np.stack(
@@ -117,7 +117,7 @@ def _smooth(since: Floats, length: float) -> Floats:
 
 
 def _integral(times: Floats, rate: Floats, acceleration: Floats) -> Floats:
-    """Return the integral from the first time, by the end-corrected trapezoidal rule of order 4."""
+    """Return the integral from the first time, by the end-corrected trapezoidal rule."""
     h = np.diff(times)
     parts = h * (rate[:-1] + rate[1:]) / 2.0 + h**2 * (acceleration[:-1] - acceleration[1:]) / 12.0
     return np.concatenate([[0.0], np.cumsum(parts)])

@@ -120,7 +120,7 @@ def _simpson(rate: Floats, tick: float) -> Floats:
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """Return the mission, with a glider's start on its glide path unless it gives another angle."""
+    """Return the mission, with a glider's start on its glide path by default."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle

@@ -1,4 +1,4 @@
-"""Gains of TLC along the reference: sub-loops 1 and 2, and the PD spectra of sub-loops 3 and 4.
+"""Gains of TLC along the reference: sub-loops 1 and 2, and PD spectra of 3 and 4.
 
 Equations (5)-(11) and (20) of Zhu and Shen 2014. :mod:`abhv_mc.kernel.laws.tlc_loops` computes the
 gains of sub-loops 3 and 4 in flight.

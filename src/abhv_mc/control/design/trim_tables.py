@@ -34,7 +34,7 @@ def make_trim_tables(
     speed_range: tuple[float, float],
     steady_mach: Floats | None = None,
 ) -> Tables:
-    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio, at the mission's altitude (m).
+    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio at an altitude (m).
 
     ``speed_range`` (m/s) is widened by a tenth on each side. T / (q_bar S) of an air-breathing engine
     is proportional to 1 / V, which changes with altitude at constant Mach number: 2 % in 10 km. The
@@ -121,7 +121,7 @@ def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tab
 
 
 def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
-    """Pack the tables of TRIM_ROWS and a table of zeros for the quantities that trim does not use."""
+    """Pack the tables of TRIM_ROWS and a table of zeros for unused quantities."""
     impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
     fixed_entries = {
         name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS
@@ -197,7 +197,7 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 
 
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
-    """Return the smallest number of equal cells with every steady value in the middle half of one.
+    """Return the smallest number of cells with all steady values in middle halves.
 
     ``steady`` are fractions of the length. If there is no such number, return the best one with cells
     not shorter than _SHORTEST.
