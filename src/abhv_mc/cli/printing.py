@@ -207,12 +207,12 @@ def print_section(section: "Section") -> None:
 
 def announce_compiling() -> None:
     """From here on, tell standard error what is compiled instead of found in the cache, or waited for, and how long."""
-    from abhv_mc.kernel.jit import PLAIN, tell_compiling
+    from abhv_mc.kernel.jit import PLAIN, set_compile_listener
 
     if PLAIN:
         words = "NUMBA_DISABLE_JIT is set: nothing is compiled, and flights take thousands of times as long"
         say(f"warning: {words}", file=sys.stderr, flush=True)
-    tell_compiling(_tell)
+    set_compile_listener(_tell)
 
 
 @contextmanager
