@@ -1,7 +1,9 @@
-"""How often the advised number of flights suffices, and the chance that is said: python benchmarks/advised_flights.py
+"""Study of the advised number of flights and its predicted chance of PASS.
 
-True failure rates are uniform between zero and the allowed one. The true chance is that all verdicts are PASS with the
-advised number of flights.
+    python benchmarks/advised_flights.py
+
+True failure rates are uniform between zero and the allowed one. The true chance is that of PASS for
+all verdicts with the advised number of flights.
 """
 
 import sys
@@ -19,7 +21,10 @@ RISK = 0.1
 def study(
     requirements: int, flights: int, probability: float, campaigns: int, seed: int = 5
 ) -> tuple[float, np.ndarray]:
-    """Return the share of open campaigns that get a number, and their said and true chances [campaign, 2]."""
+    """Return the share of undecided campaigns with advice, and the chances [campaign, 2].
+
+    The chances are the predicted and the true one.
+    """
     draw = np.random.default_rng(seed)
     rows, open_campaigns = [], 0
     while open_campaigns < campaigns:
@@ -32,26 +37,26 @@ def study(
         if "NOT SHOWN" not in statuses or "FAIL" in statuses:
             continue
         open_campaigns += 1
-        if found := advise(verdicts):
-            most = most_failures(found.flights, probability, RISK)
+        if advice := advise(verdicts):
+            most = most_failures(advice.flights, probability, RISK)
             allowed = most - np.array([verdict.failures for verdict in verdicts])
-            true = np.prod(stats.binom.cdf(allowed, found.flights - flights, rates))
-            rows.append((found.chance, true))
+            true = np.prod(stats.binom.cdf(allowed, advice.flights - flights, rates))
+            rows.append((advice.chance, true))
     return len(rows) / campaigns, np.reshape(rows, (-1, 2))
 
 
 def main() -> None:
-    """Print a row of each probability, number of requirements and number of flights."""
+    """Print a row for each probability, number of requirements and number of flights."""
     campaigns = 3 if sys.argv[1:] == ["--smoke"] else CAMPAIGNS
     for probability in (0.9973, 0.99):
         for requirements in (1, 5):
             for flights in (500, 2000, 6000):
                 answered, chances = study(requirements, flights, probability, campaigns)
-                said, true = chances.mean(axis=0) if len(chances) else (np.nan, np.nan)
+                predicted, true = chances.mean(axis=0) if len(chances) else (np.nan, np.nan)
                 print(
-                    f"{100 * probability:g} %, {requirements} requirements, {flights} flights: a number in "
-                    f"{answered:.2f} of open campaigns, said {said:.2f}, true {true:.2f}, "
-                    f"largest said {chances[:, 0].max(initial=0.0):.3f}",
+                    f"{100 * probability:g} %, {requirements} requirements, {flights} flights: "
+                    f"advice in {answered:.2f} of undecided campaigns, predicted {predicted:.2f}, "
+                    f"true {true:.2f}, largest predicted {chances[:, 0].max(initial=0.0):.3f}",
                     flush=True,
                 )
 

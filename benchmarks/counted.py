@@ -1,4 +1,4 @@
-"""A float that counts what is done with it, and arrays that hold nothing else."""
+"""Floats that count their arithmetic operations, and arrays of such floats."""
 
 import math
 from collections import Counter
@@ -13,12 +13,12 @@ _sqrt = math.sqrt
 
 
 class Counted(float):
-    """A float whose additions, subtractions, multiplications and divisions are counted, and give such floats again."""
+    """Float whose additions, subtractions, multiplications and divisions are counted."""
 
-    __array_ufunc__ = None  # numpy's scalars leave the arithmetic to this class
+    __array_ufunc__ = None  # numpy's scalars use the arithmetic of this class
     __slots__ = ()
 
-    def __neg__(self) -> "Counted":  # a flipped bit, no operation
+    def __neg__(self) -> "Counted":  # changes a bit; not counted
         return Counted(float.__neg__(self))
 
     def __abs__(self) -> "Counted":
@@ -31,9 +31,9 @@ class Counted(float):
 def _counting(kind: str, name: str) -> Callable[[Counted, Any], Counted]:
     operation = getattr(float, name)
 
-    def operate(one: Counted, other: Any) -> Counted:
+    def operate(x: Counted, y: Any) -> Counted:
         COUNTS[kind] += 1
-        return Counted(operation(one, float(other)))
+        return Counted(operation(x, float(y)))
 
     return operate
 
@@ -49,22 +49,22 @@ for _kind, _names in {
 
 
 def counted_sqrt(x: float) -> Counted:
-    """The square root, counted."""
+    """Return the square root and count it."""
     COUNTS["square_roots"] += 1
     return Counted(_sqrt(x))
 
 
 class CountedArray(np.ndarray):
-    """An array of objects that turns every float put into it into a counted one; so do its slices."""
+    """Array of objects that converts every assigned float to a counted one, as do its slices."""
 
-    def __setitem__(self, at: Any, value: Any) -> None:
-        super().__setitem__(at, Counted(value) if isinstance(value, float) else value)
+    def __setitem__(self, index: Any, value: Any) -> None:
+        super().__setitem__(index, Counted(value) if isinstance(value, float) else value)
 
 
 def make_counted(values: Any) -> CountedArray:
-    """An array of counted floats with the values of ``values``."""
+    """Return an array of counted floats."""
     array = np.asarray(values, dtype=np.float64)
     counted = np.empty(array.shape, dtype=object).view(CountedArray)
-    for at, value in np.ndenumerate(array):
-        counted[at] = float(value)
+    for index, value in np.ndenumerate(array):
+        counted[index] = float(value)
     return counted

@@ -1,7 +1,9 @@
-"""How often intervals of rank regression coefficients miss the truth: python benchmarks/driver_intervals.py [--smoke]
+"""Coverage study of the intervals of rank regression coefficients.
 
-The truth of a case is the coefficient of 200,000 flights. Printed are the shares of campaigns whose interval misses it,
-for all inputs of a case together and for the worst one.
+    python benchmarks/driver_intervals.py [--smoke]
+
+The true coefficients of a case are those of 200,000 flights. The script prints the share of
+campaigns whose interval misses them, for all inputs of a case together and for the worst one.
 """
 
 import sys
@@ -46,7 +48,7 @@ def _correlated(draw: np.random.Generator, flights: int) -> tuple[np.ndarray, np
 
 
 def _folded(draw: np.random.Generator, flights: int) -> tuple[np.ndarray, np.ndarray]:
-    """A largest error, with distances from the medians as inputs, a switch, and lost flights."""
+    """Draw a largest error, with distances from the medians, a switch and early terminations."""
     x = _normal(draw, flights)[:, :3]
     x[:, 2] = x[:, 2] > 1.3
     y = np.abs(x[:, 0] + 0.3 * x[:, 1]) + 0.5 * x[:, 2] + 0.4 * draw.standard_normal(flights)
@@ -70,20 +72,20 @@ def miss(
     flights: int,
     campaigns: int,
 ) -> np.ndarray:
-    """Share of campaigns whose interval misses the true coefficients [input]."""
+    """Return the share of campaigns [input] whose interval misses the true coefficient."""
     missed = np.zeros(len(truth))
     for seed in range(campaigns):
-        found = rank_drivers(*_pair(case(np.random.default_rng(100 + seed), flights)))
-        missed += ((found.srrc_low > truth) | (found.srrc_high < truth))[:, 0]
+        drivers = rank_drivers(*_pair(case(np.random.default_rng(100 + seed), flights)))
+        missed += ((drivers.srrc_low > truth) | (drivers.srrc_high < truth))[:, 0]
     return missed / campaigns
 
 
-def _pair(flown: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    return flown[0], flown[1][:, None]
+def _pair(sample: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    return sample[0], sample[1][:, None]
 
 
 def main() -> None:
-    """Print a row of each case and number of flights."""
+    """Print a row for each case and number of flights."""
     campaigns, many = (2, 2000) if sys.argv[1:] == ["--smoke"] else (CAMPAIGNS, 200_000)
     for name, case in CASES.items():
         truth = rank_drivers(*_pair(case(np.random.default_rng(1), many))).srrc

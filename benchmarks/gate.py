@@ -1,6 +1,7 @@
-"""How often the gate of `compare --fail-if-worse` stops what is worse, and what is not: python benchmarks/gate.py
+"""Error rates of the gate `compare --fail-if-worse`: python benchmarks/gate.py
 
-Errors of 300 and 1000 flights, lognormal with a 95 % quantile of 105 m, required below 150 m; a share of 5 %.
+Errors of 300 and 1000 flights are lognormal with a 95 % quantile of 105 m and required below 150 m;
+the tolerated increase is 5 %.
 """
 
 import sys
@@ -14,7 +15,7 @@ LIMIT, SHARE = 150.0, 0.05  # m
 
 
 def worse_on(share, factor):
-    """Worse by a factor on a share of the flights, drawn anew."""
+    """Return a change that multiplies the error of a random share of the flights."""
 
     def change(error, draw):
         chosen = draw.permutation(error.size) < round(share * error.size)
@@ -24,12 +25,12 @@ def worse_on(share, factor):
 
 
 def weaken(error, _draw):
-    """Where the error exceeds 65 m: 95 % quantile 105 -> 161 m, beyond 150 m 1.7 -> 13 % of the flights."""
+    """Increase errors above 65 m: 95 % quantile from 105 to 161 m, above 150 m from 1.7 to 13 %."""
     return np.where(error > 65.0, error + 84.0 * np.exp((65.0 - error) / 100.0), error)
 
 
 def noise(sigma):
-    """The same law with another noise."""
+    """Return a change that multiplies the error by random noise."""
     return lambda error, draw: error * (1.0 + sigma * draw.standard_normal(error.size))
 
 
@@ -45,7 +46,7 @@ CHANGES = {
 
 
 def count_stopped(change, flights, systems, seed=23, required=True):
-    """How many of so many systems the gate stops, with the requirement or by the metric alone."""
+    """Return how many systems the gate rejects, with the requirement or only by the metric."""
     draw, stopped = np.random.default_rng(seed), 0
     none = np.zeros(flights, bool), np.zeros(flights, bool)
     for _ in range(systems):

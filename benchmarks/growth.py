@@ -1,14 +1,16 @@
-"""How the default campaign grows with its flights: time, memory and disk of ``abhv-mc run`` and ``abhv-mc report``.
+"""Time, memory and disk of ``abhv-mc run`` and ``abhv-mc report`` by number of flights.
 
-    python -m benchmarks.growth [--flights 100 1000 10000 100000] [--repeats 3] [--controllers tlc] [--million]
+    python -m benchmarks.growth [--flights 100 1000] [--repeats 3] [--controllers tlc] [--million]
 
-Every command runs in processes of its own, one worker for each core, as a user starts it. Kept are the metrics of all
-flights, the envelopes and the histories of the worst 20. A line is fitted to each quantity, deviations counting in per
-cent. Writes ``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of
+Every command runs in new processes with one worker per core, as a user starts it. The campaign
+stores the metrics of all flights, the envelopes and the histories of the worst 20. A line is fitted
+to each quantity by relative deviations. The results are written to
+``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of
 ``docs/explanation/performance.md``.
 
-``--million`` measures instead 1e4, 1e5 and 1e6 flights of the manoeuvre's first 2 s: all that a campaign does beside
-flying, in minutes. Writes ``benchmarks/results/million.json`` and its own table.
+``--million`` measures 1e4, 1e5 and 1e6 flights of the first 2 s of the manoeuvre instead, which is
+the cost of a campaign without simulation. The results are written to
+``benchmarks/results/million.json`` and another table.
 """
 
 import argparse
@@ -30,8 +32,8 @@ FIGURE = ROOT / "docs" / "images" / "growth.png"
 DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 
 MILLION = [10_000, 100_000, 1_000_000]
-SHORT = 2  # s, of a flight of the million
-QUANTITIES = {  # name: (what, unit, unit of a thousandth)
+SHORT = 2  # s, duration of flights with --million
+QUANTITIES = {  # name: (label, unit, unit of a thousandth)
     "run_s": ("flying, to the last file", "s", "ms"),
     "report_s": ("report", "s", "ms"),
     "run_memory_mb": ("peak memory, flying", "MB", "kB"),
@@ -39,16 +41,16 @@ QUANTITIES = {  # name: (what, unit, unit of a thousandth)
     "disk_mb": ("disk, without the report", "MB", "kB"),
 }
 
-Series = dict[str, list[float]]  # by quantity, one value a size
-Lines = dict[str, dict[str, float]]  # by quantity: intercept, slope, largest_deviation
+Series = dict[str, list[float]]  # quantity -> value of each size
+Lines = dict[str, dict[str, float]]  # quantity -> intercept, slope, largest_deviation
 
 
 def measure(campaign: Path, flights: int, controllers: str) -> dict[str, float]:
-    """One campaign of ``flights`` flights of each controller, and its report."""
+    """Measure a campaign of ``flights`` flights of each controller, and its report."""
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder) / "out")
-        words = ("run", str(campaign), "--output", out, "--runs", str(flights), "--no-report")
-        run = run_command(*words, "--controllers", controllers)
+        command = ("run", str(campaign), "--output", out, "--runs", str(flights), "--no-report")
+        run = run_command(*command, "--controllers", controllers)
         disk = measure_disk(Path(out))
         report = run_command("report", out)
     return {
@@ -63,8 +65,8 @@ def measure(campaign: Path, flights: int, controllers: str) -> dict[str, float]:
 def measure_all(
     campaign: Path, flights: list[int], controllers: str, repeats: int
 ) -> dict[str, list[Spread]]:
-    """By quantity, what ``repeats`` campaigns of each size took: one spread a size."""
-    found: dict[str, list[Spread]] = {name: [] for name in QUANTITIES}
+    """Return the spread of each quantity over the repeated campaigns, for each size."""
+    spreads: dict[str, list[Spread]] = {name: [] for name in QUANTITIES}
     for count in flights:
         campaigns = []
         for _ in range(repeats):
@@ -76,18 +78,18 @@ def measure_all(
                 flush=True,
             )
         for name, spread in find_spreads(campaigns).items():
-            found[name].append(spread)
-    return found
+            spreads[name].append(spread)
+    return spreads
 
 
 def write_short_campaign(folder: Path) -> Path:
-    """The default campaign on a mission of ``SHORT`` seconds, in a folder. Returns its path."""
+    """Write the default campaign with a mission of ``SHORT`` seconds, and return its path."""
     mission = MISSION.read_text(encoding="utf-8")
     campaign = CAMPAIGN.read_text(encoding="utf-8")
     short = mission.replace("duration: 60 s", f"duration: {SHORT} s")
     if short == mission or "../configs/mission/s_manoeuvre.yaml" not in campaign:
         raise RuntimeError(
-            "the default campaign or its mission is no longer what this benchmark shortens"
+            "the default campaign or its mission has changed and cannot be shortened"
         )
     (folder / "mission.yaml").write_text(short, encoding="utf-8")
     campaign = campaign.replace("../configs/mission/s_manoeuvre.yaml", "mission.yaml")
@@ -99,7 +101,7 @@ def write_short_campaign(folder: Path) -> Path:
 
 
 def fit_line(flights: list[int], values: list[float]) -> dict[str, float]:
-    """Intercept, slope and the largest deviation, residuals weighed as shares of the values."""
+    """Return intercept, slope and largest deviation of a fit by relative residuals."""
     import numpy as np
 
     slope, intercept = np.polyfit(flights, values, 1, w=1.0 / np.asarray(values))
@@ -110,12 +112,12 @@ def fit_line(flights: list[int], values: list[float]) -> dict[str, float]:
 
 
 def describe_slope(name: str, line: dict[str, float]) -> str:
-    """The slope in the unit of a single flight."""
+    """Return the slope as text in the unit of a single flight."""
     return f"{1e3 * line['slope']:.3g} {QUANTITIES[name][2]} a flight"
 
 
-def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> None:
-    """Three panels: time, memory, disk; points as measured and the fitted lines."""
+def plot_growth(path: Path, flights: list[int], medians: Series, lines: Lines) -> None:
+    """Plot time, memory and disk in three panels, with measured points and fitted lines."""
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -138,7 +140,7 @@ def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> 
                 what, unit, _ = QUANTITIES[name]
                 label = f"{what}:\n{line['intercept']:.3g} {unit} + {describe_slope(name, line)}"
                 axes.plot(
-                    flights, found[name], MARKERS[i], color=CYCLE[i], markersize=4, label=label
+                    flights, medians[name], MARKERS[i], color=CYCLE[i], markersize=4, label=label
                 )
                 axes.plot(dense, line["intercept"] + line["slope"] * dense, color=CYCLE[i])
             axes.set(xscale="log", xlabel="flights", ylabel=title)
@@ -156,16 +158,16 @@ def plot_growth(path: Path, flights: list[int], found: Series, lines: Lines) -> 
 
 
 def show(value: float) -> str:
-    """Three digits, or all of an integer."""
+    """Return a number with three digits, or as an integer."""
     return f"{value:.3g}" if value < 1e3 else f"{value:,.0f}"
 
 
-def make_table(flights: list[int], found: Series, lines: Lines, note: str) -> str:
-    """The table as Markdown."""
+def make_table(flights: list[int], medians: Series, lines: Lines, note: str) -> str:
+    """Return the table as Markdown."""
     heads = [f"{what}, {unit}" for what, unit, _ in QUANTITIES.values()]
     table = [note, "", f"| flights | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for i, count in enumerate(flights):
-        table.append(f"| {count:,} | {' | '.join(show(found[name][i]) for name in QUANTITIES)} |")
+        table.append(f"| {count:,} | {' | '.join(show(medians[name][i]) for name in QUANTITIES)} |")
     fits = [
         f"{lines[name]['intercept']:.3g} + {describe_slope(name, lines[name])}"
         for name in QUANTITIES
@@ -201,11 +203,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         campaign = write_short_campaign(Path(folder)) if options.million else CAMPAIGN
         spreads = measure_all(campaign, flights, options.controllers, options.repeats)
-    found, lowest, highest = (
-        {quantity: [getattr(one, end) for one in sizes] for quantity, sizes in spreads.items()}
+    medians, lowest, highest = (
+        {
+            quantity: [getattr(spread, end) for spread in sizes]
+            for quantity, sizes in spreads.items()
+        }
         for end in Spread._fields
     )
-    lines = {quantity: fit_line(flights, values) for quantity, values in found.items()}
+    lines = {quantity: fit_line(flights, values) for quantity, values in medians.items()}
     if options.smoke:
         print(lines)
         return
@@ -217,11 +222,11 @@ def main() -> None:
         "controllers": options.controllers,
         "flight_s": seconds,
     }
-    record |= {"repeats": options.repeats, "flights": flights, "medians": found, "lines": lines}
+    record |= {"repeats": options.repeats, "flights": flights, "medians": medians, "lines": lines}
     record |= {"lowest": lowest, "highest": highest}
     write_json(RESULTS / f"{name}.json", record)
     if not options.million:
-        plot_growth(FIGURE, flights, found, lines)
+        plot_growth(FIGURE, flights, medians, lines)
     note = (
         f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores, load {load:.1f} before the start; "
         f"controllers {options.controllers}; "
@@ -231,7 +236,7 @@ def main() -> None:
             else f"medians of {options.repeats} campaigns of each size."
         )
     )
-    replace_part(DOCUMENT, name, make_table(flights, found, lines, note))
+    replace_part(DOCUMENT, name, make_table(flights, medians, lines, note))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""How often intervals miss the truth on each side: python benchmarks/interval_coverage.py
+"""Coverage study of intervals on each side: python benchmarks/interval_coverage.py
 
-`whatif` in widened tails, and differences of quantiles of dependent pairs.
+The intervals are those of `whatif` in widened tails, and of differences of quantiles of dependent
+pairs.
 """
 
 import sys
@@ -29,9 +30,10 @@ FAILS = {
 
 
 def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=True, shift=0.0):
-    """The share of campaigns that is answered, and how often of these the share and the quantile miss on each side.
+    """Return the share of answered campaigns, and in these the misses of share and quantile.
 
-    ``widened``: with what no flight reaches counted in, as `whatif` does.
+    Misses are on each side. With ``widened`` the unobserved probability is included, as in
+    `whatif`.
     """
     draw = np.random.default_rng(7)
     old, new = stats.norm(), stats.norm(shift, scale)
@@ -61,24 +63,27 @@ def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=Tr
     return answered / campaigns, missed / max(answered, 1)
 
 
-def differences(words, law, size, together, campaigns):
-    """Print how often the difference of quantiles lies outside its interval, on each side, at its worst level."""
+def differences(description, law, size, together, campaigns):
+    """Print how often the true difference of quantiles is outside its interval on each side.
+
+    The shares are those of the worst level.
+    """
     normal = np.random.default_rng(8).standard_normal((2, campaigns, size))
     normal[1] = together * normal[0] + np.sqrt(1.0 - together**2) * normal[1]
     a, b = law(stats.norm.cdf(normal))
     b = 2.0 * b
     missed = np.zeros((2, len(LEVELS)))
-    for one, other in zip(a, b, strict=True):
-        for k, found in enumerate(quantile_differences(one, other, LEVELS)):
+    for sample, other_sample in zip(a, b, strict=True):
+        for k, interval in enumerate(quantile_differences(sample, other_sample, LEVELS)):
             truth = -float(law(LEVELS[k]))
-            missed[:, k] += truth < found.low, truth > found.high
+            missed[:, k] += truth < interval.low, truth > interval.high
     print(
-        f"difference, {words}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / campaigns}"
+        f"difference, {description}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / campaigns}"
     )
 
 
 def main():
-    """All cases."""
+    """Print all cases."""
     campaigns = 2 if sys.argv[1:] == ["--smoke"] else CAMPAIGNS
     for case in (
         *(("sum", 3, 1.2, 2000, truth) for truth in (3.8e-3, 1e-3, 2e-2)),
@@ -87,9 +92,10 @@ def main():
         ("sum", 5, 1.1, 1000, 3.8e-3),
     ):
         answered, (share, quantile) = whatif(*case, campaigns)
-        words = "whatif {}, {} inputs, sigma x {}, {} flights, P {:g}".format(*case)
+        description = "whatif {}, {} inputs, sigma x {}, {} flights, P {:g}".format(*case)
         print(
-            f"{words}: answers {answered:.2f}; truth below and above the share's {share}, the quantile's {quantile}"
+            f"{description}: answers {answered:.2f}; truth below and above the share's {share}, "
+            f"the quantile's {quantile}"
         )
     answered, (share, quantile) = whatif(
         "one", 1, 1.0, 2000, 3.8e-3, campaigns=campaigns, shift=0.8
@@ -100,10 +106,10 @@ def main():
     )
     laws = {"normal": stats.norm.ppf, "t3": stats.t(3).ppf, "lognormal": stats.lognorm(1.0).ppf}
     laws["discrete"] = lambda p: np.floor(2.0 * stats.lognorm(1.0).ppf(p))
-    for words, law in laws.items():
+    for description, law in laws.items():
         for size in (30, 100, 1000):
             for together in (-1.0, -0.5, 0.0, 0.5, 0.9, 1.0):
-                differences(words, law, size, together, campaigns)
+                differences(description, law, size, together, campaigns)
 
 
 if __name__ == "__main__":

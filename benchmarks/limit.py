@@ -1,8 +1,9 @@
-"""``python -m abhv_mc_verification.bench`` in several processes: the medians of its figures, and how far they spread.
+"""Medians and ranges of ``python -m abhv_mc_verification.bench`` over several processes.
 
     python -m benchmarks.limit [--processes 3] [--json FILE]
 
-Writes ``benchmarks/results/bench.json`` and a table of ``docs/explanation/performance.md``.
+The results are written to ``benchmarks/results/bench.json`` and a table of
+``docs/explanation/performance.md``.
 """
 
 import os
@@ -15,7 +16,7 @@ from benchmarks.spread import describe_machine, find_spread, make_note, make_par
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "bench.json"
 
-GOALS = {  # figure: (words, goal as text)
+GOALS = {  # figure: (label, goal as text)
     "peak_gflops_per_core": ("peak of a core, GFLOP/s", ""),
     "flights_per_second_per_core": (
         "flights per second and core",
@@ -34,26 +35,26 @@ GOALS = {  # figure: (words, goal as text)
 
 
 def make_rows(runs: list[dict[str, Any]]) -> list[str]:
-    """One row for each figure: median, and lowest to highest of the processes."""
+    """Return a row for each figure: median, and lowest to highest of the processes."""
     rows = []
-    for name, (words, goal) in GOALS.items():
+    for name, (label, goal) in GOALS.items():
         if name in runs[0]:
-            rows.append(_make_row(words, [run[name] for run in runs], goal))
+            rows.append(_make_row(label, [run[name] for run in runs], goal))
             continue
         for controller in runs[0]["controllers"]:
             values = [run["controllers"][controller][name] for run in runs]
             of_another = goal.startswith("TLC") and controller != "tlc"
             rows.append(
-                _make_row(f"{words}, {controller.upper()}", values, "" if of_another else goal)
+                _make_row(f"{label}, {controller.upper()}", values, "" if of_another else goal)
             )
     return rows
 
 
-def _make_row(words: str, values: list[float], goal: str) -> str:
+def _make_row(label: str, values: list[float], goal: str) -> str:
     middle, low, high = (
         f"{value:.3g}" if value < 1e4 else f"{value:,.0f}" for value in find_spread(values)
     )
-    return f"| {words} | {middle} | {low} to {high} | {goal} |"
+    return f"| {label} | {middle} | {low} to {high} | {goal} |"
 
 
 def main() -> None:

@@ -1,7 +1,10 @@
-"""How long 10,000 linearizations with their margins take: ``python benchmarks/margins.py [--flights N] [--cores C]``.
+"""Time of 10,000 linearizations with their stability margins.
 
-Dispersed flights of ghame_x on the level mission at their trims, 200 frequencies, all four loops, the structured
-singular value of all inputs included; processes side by side, each with the compiled code loaded before the clock runs.
+    python benchmarks/margins.py [--flights N] [--cores C]
+
+Dispersed flights of ghame_x on the level mission are analysed at their trims, with 200 frequencies,
+all four loops and the structured singular value of all inputs. Parallel processes load the compiled
+code before the time is measured.
 """
 
 import argparse
@@ -11,7 +14,7 @@ import os
 import time
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"  # small matrices: the processes are the parallel part
+    os.environ[_name] = "1"  # the processes run in parallel, and the matrices are small
 
 import numpy as np  # noqa: E402
 
@@ -55,14 +58,14 @@ def _work(controller, flights, seed, ready, go, results):
     ready.release()
     go.wait()
     start = time.process_time()
-    found = margins_of_flights(plan, plan, parameters, ["trim"])
+    margins = margins_of_flights(plan, plan, parameters, ["trim"])
     results.put(
         {
             "flights": flights,
             "processor_seconds": time.process_time() - start,
-            "without_margins": sum(map(bool, found.faults[0])),
-            "gain_margin_median_db": float(np.median(found.table[:, 0])),
-            "disk_margin_median": float(np.median(found.table[:, 3])),
+            "without_margins": sum(map(bool, margins.faults[0])),
+            "gain_margin_median_db": float(np.median(margins.table[:, 0])),
+            "disk_margin_median": float(np.median(margins.table[:, 3])),
         }
     )
 
@@ -89,7 +92,7 @@ def main():
         ready.acquire()
     start = time.perf_counter()
     go.set()
-    found = [results.get() for _ in workers]
+    shares = [results.get() for _ in workers]
     seconds = time.perf_counter() - start
     for worker in workers:
         worker.join()
@@ -99,7 +102,7 @@ def main():
                 "seconds": seconds,
                 "cores": options.cores,
                 "controller": options.controller,
-                "parts": found,
+                "parts": shares,
             }
         )
     )

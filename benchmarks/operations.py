@@ -1,12 +1,13 @@
-"""How many floating-point operations a flight takes: the flight itself, flown in plain Python by counted floats.
+"""Number of floating-point operations of a flight, counted in plain Python.
 
     python -m benchmarks.operations        counts the default campaign's flights
 
-They are written to src/abhv_mc_verification/bench/operations.json.
+The results are written to src/abhv_mc_verification/bench/operations.json.
 
-Counted is what depends on the lane: the state, the dispersions, the tables' values and all that follows from them.
-What the lanes share (constants, gains and references of a tick, weights computed from those alone) is not; nor are
-comparisons, choices, conversions and look-ups. Where the flight takes one of two ways, the one taken is counted.
+Operations are counted on values that depend on the lane: the state, the dispersions, the values of
+tables and all that is computed from them. Not counted are operations on values that all lanes share
+(constants, gains and references of a tick, and weights computed from these), comparisons,
+selections, conversions and look-ups. Of two branches the executed one is counted.
 """
 
 import json
@@ -25,11 +26,11 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc_verification.bench.speed import OPERATIONS_FILE, make_work
 from benchmarks.document import write_json
 
-_FIRST, _LAST = 5, 25  # ticks: past the start, where differentiators and hints settle
+_FIRST, _LAST = 5, 25  # ticks, after the start-up of differentiators and search hints
 
 
 def count_operations(plans: dict[str, FlightPlan]) -> dict[str, dict[str, int]]:
-    """The operations of each plan's flight, counted over some ticks in a process of its own without the compiler."""
+    """Return the operations of each plan's flight, counted in a process without compiled code."""
     from abhv_mc.folder.plan_file import write_plan
 
     with tempfile.TemporaryDirectory() as folder:
@@ -51,7 +52,7 @@ def count_operations(plans: dict[str, FlightPlan]) -> dict[str, dict[str, int]]:
 
 
 def _count(plan: FlightPlan, ticks: int) -> dict[str, int]:
-    """Operations of the first ``ticks`` ticks of a flight."""
+    """Return the operations of the first ``ticks`` ticks of a flight."""
     from abhv_mc.flight.fly import fly, nominal_parameters
     from benchmarks.counted import COUNTS
 
@@ -61,20 +62,20 @@ def _count(plan: FlightPlan, ticks: int) -> dict[str, int]:
 
 
 def _count_flight(plan: FlightPlan) -> dict[str, float]:
-    """A flight's operations: its start, and as many ticks as it has of those counted."""
+    """Return the operations of a flight, extrapolated from the counted ticks."""
     from benchmarks.counted import make_counted
 
     tables = plan.vehicle.tables._replace(data=make_counted(plan.vehicle.tables.data))
     trim = plan.trim_tables._replace(data=make_counted(plan.trim_tables.data))
     counted = replace(plan, vehicle=plan.vehicle._replace(tables=tables), trim_tables=trim)
     few, many = _count(counted, _FIRST), _count(counted, _LAST)
-    rest = (plan.timing.ticks - _FIRST) / (_LAST - _FIRST)
-    return {kind: few[kind] + rest * (many[kind] - few[kind]) for kind in many}
+    repetitions = (plan.timing.ticks - _FIRST) / (_LAST - _FIRST)
+    return {kind: few[kind] + repetitions * (many[kind] - few[kind]) for kind in many}
 
 
 def _use_counted_floats() -> None:
-    """Have the flight allocate counted arrays, and its square roots and assembled floats counted."""
-    from abhv_mc.flight import arguments, lost
+    """Make the flight allocate counted arrays, and count square roots and assembled floats."""
+    from abhv_mc.flight import arguments, child_flights
     from abhv_mc.kernel.flight import memory
     from abhv_mc.kernel.numerics import float_bits, lane_math
     from benchmarks.counted import Counted, counted_sqrt, make_counted
@@ -84,10 +85,9 @@ def _use_counted_floats() -> None:
             return type(value)(*map(count_in, value))
         return make_counted(value) if value.dtype == np.float64 else value
 
-    arguments.conform = lambda value, *_: (
-        value
-    )  # counted arrays hold objects, which the check of types refuses
-    lost.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
+    # The check of types rejects arrays of objects.
+    arguments.conform = lambda value, *_: value
+    child_flights.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]
 

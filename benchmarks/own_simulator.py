@@ -1,8 +1,9 @@
-"""What abhv-mc itself costs a flight of a user's simulator: processor time of runs that do nothing in their flights.
+"""Overhead of abhv-mc per flight of a custom simulator that computes nothing.
 
-    python -m benchmarks.own_simulator        a Python function and a C program (needs cc); milliseconds a flight
+    python -m benchmarks.own_simulator        a Python function and a C program (needs cc)
 
-It is the difference between a run of 40,000 and one of 4000 flights, all processes together, without the report.
+The overhead is processor time in milliseconds: the difference between runs of 40,000 and 4000
+flights, for all processes together, without the report.
 """
 
 import json
@@ -32,7 +33,7 @@ int main(void) {
 
 
 def write_campaign(folder: Path, simulator: dict[str, object]) -> Path:
-    """A campaign of two inputs and a metric, whose simulator does nothing."""
+    """Write a campaign with two inputs and a metric whose simulator computes nothing."""
     laws = {name: {"distribution": "normal", "sigma": 1.0} for name in ("a", "b")}
     content = {
         "name": "nothing",
@@ -49,7 +50,7 @@ def write_campaign(folder: Path, simulator: dict[str, object]) -> Path:
 
 
 def seconds(campaign: Path, flights: int, workers: int) -> float:
-    """Processor time of a run with all its processes, s."""
+    """Return the processor time of a run with all its processes, s."""
     with tempfile.TemporaryDirectory() as out:
         command = [
             sys.executable,
@@ -67,23 +68,23 @@ def seconds(campaign: Path, flights: int, workers: int) -> float:
 
 
 def milliseconds_a_flight(campaign: Path, workers: int = 2) -> float:
-    """Of processor time."""
+    """Return the processor time per flight, ms."""
     return 1e3 * (seconds(campaign, MANY, workers) - seconds(campaign, FEW, workers)) / (MANY - FEW)
 
 
 def main() -> None:
-    """Print both, three times each."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    """Print the overhead of both simulators, three times each."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
         (folder / "nothing.py").write_text(PYTHON)
         (folder / "nothing.c").write_text(C)
         subprocess.run(["cc", "-O2", "-o", folder / "nothing", folder / "nothing.c"], check=True)
-        for words, simulator in (
+        for label, simulator in (
             ("python", {"python": "nothing.py"}),
             ("command", {"command": ["./nothing"]}),
         ):
             campaign = write_campaign(folder, simulator)
-            print(words, *(f"{milliseconds_a_flight(campaign):.4f} ms" for _ in range(3)))
+            print(label, *(f"{milliseconds_a_flight(campaign):.4f} ms" for _ in range(3)))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""What the launching process does for each flight, and how many workers it can feed: canned blocks in workers' place.
+"""Work of the launching process per flight, and the number of workers that it can supply.
 
     python -m benchmarks.parent [--flights N] [--files N] [--json FILE]
 
-A batch is flown once for real; every block of a campaign beyond 4096 flights is then made of copies of it, pickled as
-it would come through a worker's pipe, after the time that a core takes to fly it, give or take a fifth. So a campaign
-of 64 workers runs on any machine; the network is not in it. Few workers fly up to eight times as fast, which gives the
-launching process no more to do than 64. Prints its processor time a flight, and the flights a second of so many.
+A batch is simulated once. Every block of a campaign after 4096 flights consists of copies of it,
+pickled as they would come through a worker's pipe, after the time that a core takes to compute
+them, plus or minus 20 %. A campaign of 64 workers thus runs on any machine, without the network.
+Few workers are up to eight times as fast, so that the launching process has the work of 64. The
+script prints its processor time per flight, and the flights per second by number of workers.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from unittest import mock
 import numpy as np
 
 from abhv_mc.execution import runner
-from abhv_mc.execution.attest import sign
+from abhv_mc.execution.attestation import sign
 from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.requests import Request
 from abhv_mc.simulators.vehicle_simulator import make_engine
@@ -38,7 +39,7 @@ FLIGHT = 1.25e-3  # s of a core for a flight, TLC and LQR mixed
 
 
 class CannedWorkers:
-    """Gives blocks that were flown before, as many at once as threads ask."""
+    """Workers that return blocks computed before, to any number of threads."""
 
     def __init__(self, fly: Any, seconds: float) -> None:
         self._fly, self._seconds = fly, seconds  # of a flight
@@ -46,7 +47,7 @@ class CannedWorkers:
         self._lock, self._spread = threading.Lock(), random.Random(1)
 
     def fly(self, plan: Any, parameters: np.ndarray, recorded: Any = None) -> Any:
-        """A block of as many flights; what is recorded is flown for real."""
+        """Return a block of the same number of flights; recorded flights are simulated."""
         if recorded is not None:
             return self._fly(plan, parameters, recorded)
         key, start = (id(plan), len(parameters)), time.perf_counter()
@@ -70,7 +71,10 @@ class CannedWorkers:
 def run(
     flights: int, workers: int, seconds: float, out: Path | None = None, laws: Any = ("tlc", "lqr")
 ) -> Any:
-    """Processor and wall time of a flight in the middle half of a campaign, s: no canned blocks are made there."""
+    """Return processor and wall time per flight in the middle half of a campaign, s.
+
+    All copied blocks exist by then.
+    """
     engine = make_engine()
     crew, marks = CannedWorkers(engine.fly, seconds), []
     keep = runner._Run._keep
@@ -98,7 +102,7 @@ def run(
 
 
 def count_files(flights: int) -> None:
-    """Print what a campaign of one controller leaves."""
+    """Print the number of files of a campaign of one controller, and its cost."""
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         own, _ = run(flights, 2, 0.0, Path(folder) / "out", ("tlc",))
@@ -112,7 +116,7 @@ def count_files(flights: int) -> None:
 
 
 def main() -> None:
-    """Print the figures."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "--flights", type=int, default=131_072, help="of each controller, for the launching process"
@@ -122,26 +126,26 @@ def main() -> None:
     )
     parser.add_argument("--json", type=Path)
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
-    given = parser.parse_args()
-    if given.smoke:
+    options = parser.parse_args()
+    if options.smoke:
         print(run(2 * _BLOCK, 2, 0.0))
         return
-    if given.files:
-        count_files(given.files)
+    if options.files:
+        count_files(options.files)
         return
-    own, _ = run(given.flights, 2, 0.0)
-    found: dict[str, Any] = {"ms_per_flight": 1e3 * own, "flights_per_second": {}}
+    own, _ = run(options.flights, 2, 0.0)
+    result: dict[str, Any] = {"ms_per_flight": 1e3 * own, "flights_per_second": {}}
     print(f"the launching process: {1e3 * own:.4f} ms of processor time a flight", flush=True)
     for workers in WORKERS:
         faster = max(1, min(8, WORKERS[-1] // workers))
         _, seconds = run(_BLOCK // 2 * max(32, 8 * workers), workers, FLIGHT / faster)
-        found["flights_per_second"][workers] = rate = 1.0 / (faster * seconds)
+        result["flights_per_second"][workers] = rate = 1.0 / (faster * seconds)
         print(
             f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of their cores",
             flush=True,
         )
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

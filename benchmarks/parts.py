@@ -1,9 +1,12 @@
-"""Where a flight's time goes: each part of a tick alone, all lanes of a batch, as a share of the whole flight's time.
+"""Time of each part of a control tick as a share of the time of a flight.
 
-    python -m benchmarks.parts [--processes 3] [--json FILE]      or, of one process and to the screen, --once
+    python -m benchmarks.parts [--processes 3] [--json FILE]
+    python -m benchmarks.parts --once        one process, printed only
 
-A part alone runs from the nearest cache; in a flight all parts take turns, and lanes stand in different cells: what the
-sum leaves over. Writes ``benchmarks/results/parts.json`` and a table of ``docs/explanation/performance.md``.
+Each part is measured alone with all lanes of a batch, and then finds its data in the nearest cache.
+In a flight the parts alternate and lanes are in different table cells, which is why the sum is less
+than the time of the flight. The results are written to ``benchmarks/results/parts.json`` and a
+table of ``docs/explanation/performance.md``.
 """
 
 import json
@@ -53,7 +56,7 @@ RESULT = ROOT / "benchmarks" / "results" / "parts.json"
 DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 REPEATS = 9
 
-# name: (number in the kernel, calls in a tick, laws that fly it)
+# name: (number in the kernel, calls per tick, control laws that use it)
 BOTH = ("tlc", "lqr")
 PARTS = {
     "air data: atmosphere, flow angles": (0, 4, BOTH),
@@ -73,12 +76,12 @@ PARTS = {
     "TLC: attitude loops and allocation": (14, 1, ("tlc",)),
 }
 SLOW, REST = "of it divisions and roots", "the flight beyond its parts"
-N = 1024  # numbers of an array in the nearest cache
+N = 1024  # size of arrays that fit into the nearest cache
 
 
 @kernel
-def run_part(plan, lqr_plan, memory, results, part, calls):
-    """One part ``calls`` times at the start of the mission, of TLC's plan or of LQR's."""
+def run_part(plan, lqr_plan, memory, results, number, calls):
+    """Run one part ``calls`` times at the start of the mission, with the plan of TLC or LQR."""
     if not has_width(memory, LANES):
         return 0.0
     Z, O, T, cells = memory.Z, memory.O, memory.T, memory.cells
@@ -88,46 +91,46 @@ def run_part(plan, lqr_plan, memory, results, part, calls):
     for lane in range(width):
         memory.order[lane] = lane
     start_lanes(plan, memory, width, find_active, memory.order, width)
-    still = runge_kutta_stage(0, 0.0)  # the state stays where it is
+    still = runge_kutta_stage(0, 0.0)  # does not change the state
     active = find_active(Z, width, plan)
     evaluate(plan, memory, width, still, active)
     for _ in range(calls):
-        if part == 0:
+        if number == 0:
             air_data(Z, width, vehicle, earth)
-        elif part == 1:
+        elif number == 1:
             deflections(Z, width)
             place_effectors(Z, memory.A, width, vehicle, False, -1)
-        elif part == 2:
+        elif number == 2:
             find_cells(Z, width, vehicle.tables, cells)
-        elif part == 3:
+        elif number == 3:
             interpolate_groups(T, width, vehicle.tables, cells)
-        elif part == 4:
+        elif number == 4:
             build_up(Z, T, width, vehicle.build_up, vehicle.build_up.factor)
-        elif part == 5:
+        elif number == 5:
             equations_of_motion(Z, width, vehicle, earth, still, active)
-        elif part == 6:
+        elif number == 6:
             run_actuators(Z, width, vehicle.constants, step, False)
             set_actuators(Z, width)
-        elif part == 7:
+        elif number == 7:
             finish_step(Z, width, step, O[observe.ALIVE])
-        elif part == 8:
+        elif number == 8:
             navigate(Z, width, step, False)
             calm(Z, width)
             disturb(Z, width, plan.vehicle.constants.span, active.disturbances, step, step, False)
             add_biases(Z, width)
             sense(Z, width, active.sensor_errors, step, 1)
-        elif part == 9:
+        elif number == 9:
             observe_tick(plan, memory, results, width, active, memory.order, width, 1)
-        elif part == 10:
+        elif number == 10:
             lqr_tick(lqr_plan, memory, width, 1)
-        elif part == 11:
+        elif number == 11:
             tlc_guidance(Z, width, vehicle, reference, gains, settings, 1, step)
-        elif part == 12:
+        elif number == 12:
             nominal_variables(Z, width, vehicle, reference, 1)
             nominal_vehicle(plan, memory, width, active)
-        elif part == 13:
+        elif number == 13:
             look_up_trim(Z, width, plan.trim_tables, memory.trim, s.ALPHA_CMD, s.CMD_ETA, T_LIFT)
-        elif part == 14:
+        elif number == 14:
             tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, 1, step, False)
     return Z[s.X, 0]
 
@@ -135,7 +138,7 @@ def run_part(plan, lqr_plan, memory, results, part, calls):
 @kernel
 def divide(x, y, out, times):
     for time in range(times):
-        x[0] = float(time)  # no two passes alike
+        x[0] = float(time)  # makes each pass different
         for i in range(x.size):
             out[i] = x[i] / y[i]
 
@@ -149,7 +152,7 @@ def take_roots(x, y, out, times):
 
 
 def time_of_one(operation: Callable[..., None]) -> float:
-    """Seconds of one operation in a loop over arrays, median."""
+    """Return the median time of one operation in a loop over arrays, s."""
     x, y, out = np.full(N, 2.0), np.full(N, 1.5), np.empty(N)
 
     operation(x, y, out, 1)
@@ -158,19 +161,22 @@ def time_of_one(operation: Callable[..., None]) -> float:
     )
 
 
-def time_of(part: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
-    """Seconds of processor time for ``calls`` calls with all lanes, median."""
+def time_of(number: int, calls: int, plans: dict[str, FlightPlan], parameters: Floats) -> float:
+    """Return the median processor time of ``calls`` calls with all lanes, s."""
     tlc, lqr = (make_kernel_plan(plans[law], parameters, Recording(0)) for law in BOTH)
     memory, results = make_memory(LANES), make_results(plans["tlc"], LANES, Recording(0), False)
-    run_part(tlc, lqr, memory, results, part, 1)
+    run_part(tlc, lqr, memory, results, number, 1)
     return median(
-        measure_time(lambda: run_part(tlc, lqr, memory, results, part, calls))
+        measure_time(lambda: run_part(tlc, lqr, memory, results, number, calls))
         for _ in range(REPEATS)
     )
 
 
 def measure_parts() -> dict[str, dict[str, float]]:
-    """By law and part: ms of a flight; ``flight`` is the whole, ``SLOW`` what divisions and roots alone take."""
+    """Return the time per flight in ms by law and part.
+
+    ``flight`` is the complete flight, and ``SLOW`` the time of divisions and roots alone.
+    """
     plans, parameters = make_work(LANES)
     ticks = plans["tlc"].timing.ticks
     seconds = {
@@ -179,24 +185,24 @@ def measure_parts() -> dict[str, dict[str, float]]:
     }
     division, root = time_of_one(divide), time_of_one(take_roots)
     counts = read_operations()
-    found = {}
+    times = {}
     for law, plan in plans.items():
         ms = {
             name: 1e3 * seconds[name] / LANES for name, (_, _, laws) in PARTS.items() if law in laws
         }
         fly(plan, parameters)
-        whole = median(
+        flight_time = median(
             measure_time(lambda plan=plan: fly(plan, parameters)) for _ in range(REPEATS)
         )
         slow = counts[law]["divisions"] * division + counts[law]["square_roots"] * root
-        found[law] = {**ms, "flight": 1e3 * whole / LANES, SLOW: 1e3 * slow}
-    return found
+        times[law] = {**ms, "flight": 1e3 * flight_time / LANES, SLOW: 1e3 * slow}
+    return times
 
 
 def find_shares(parts: dict[str, float]) -> dict[str, float]:
-    """A law's parts in one process as shares of the flight in the same, and what they leave over."""
-    whole = parts["flight"]
-    shares = {name: ms / whole for name, ms in parts.items() if name != "flight"}
+    """Return the parts of a law as shares of its flight in the same process, and the remainder."""
+    flight_time = parts["flight"]
+    shares = {name: ms / flight_time for name, ms in parts.items() if name != "flight"}
     return {**shares, REST: 1.0 - sum(share for name, share in shares.items() if name != SLOW)}
 
 
@@ -205,17 +211,17 @@ def make_record(
     runs: list[dict[str, dict[str, float]]],
     shares: dict[str, dict[str, Spread]],
 ) -> dict[str, Any]:
-    """What is kept: by law medians in ms; shares with their ends."""
+    """Return the record to store: medians in ms by law, and shares with their range."""
     ms = {
         law: {
-            name: round(one.median, 4)
-            for name, one in find_spreads([run[law] for run in runs]).items()
+            name: round(spread.median, 4)
+            for name, spread in find_spreads([run[law] for run in runs]).items()
         }
         for law in BOTH
     }
     ends = {
         key: {
-            law: {name: round(getattr(one, end), 5) for name, one in shares[law].items()}
+            law: {name: round(getattr(spread, end), 5) for name, spread in shares[law].items()}
             for law in BOTH
         }
         for key, end in {"shares": "median", "lowest": "lowest", "highest": "highest"}.items()
@@ -226,7 +232,7 @@ def make_record(
 def make_table(
     machine: dict[str, Any], processes: int, shares: dict[str, dict[str, Spread]]
 ) -> str:
-    """The medians as Markdown, in per cent; their ends are in the record."""
+    """Return the medians as Markdown, in per cent; their range is in the record."""
     lines = [make_note(machine, processes), ""]
     lines += [f"| part ({machine['simd']}) | TLC | LQR |", "|---|---|---|"]
     for name in (*PARTS, SLOW, REST):

@@ -1,7 +1,8 @@
-"""How often `place` puts honest flights outside, and finds a wrong drag: python benchmarks/placement.py [--smoke]
+"""False alarms and detections of `place`: python benchmarks/placement.py [--smoke]
 
-Campaigns of a point mass that holds altitude and speed in gusts; density, lift, drag (5 % each, normal) and the initial
-state are dispersed. The measured noise is that of air data: 1 m/s, 5 m, 0.1 deg, 0.005.
+The campaigns simulate a point mass that holds altitude and speed in gusts. Density, lift, drag (5 %
+each, normal) and the initial state are dispersed. The measurement noise is that of air data: 1 m/s,
+5 m, 0.1 deg, 0.005.
 """
 
 import sys
@@ -13,7 +14,7 @@ from abhv_mc.statistics.placement import joint_p_value, set_p_value, simultaneou
 
 CAMPAIGNS, FLIGHTS = 20, 1000
 HONEST, WRONG, SETS, IN_SET = 100, 20, 5, 10  # test flights of each campaign
-BIAS = 0.2  # deg, of the angle of attack: nothing unusual by itself
+BIAS = 0.2  # deg, of the angle of attack, which is within the usual range
 NOISE = np.array([1.0, 5.0, 0.1, 0.005])
 _STEP, _TIME = 0.1, 60.0
 _SPEED, _ALTITUDE, _MASS, _AREA = 1500.0, 25_000.0, 50_000.0, 200.0
@@ -22,9 +23,10 @@ _SPEED, _ALTITUDE, _MASS, _AREA = 1500.0, 25_000.0, 50_000.0, 200.0
 def fly(
     draw: np.random.Generator, flights: int, drag: float | None = None, times: float = 1.0
 ) -> np.ndarray:
-    """Return histories [flight, time, channel] of speed (m/s), altitude (m), angle of attack (deg) and throttle.
+    """Return histories [flight, time, channel] of simulated flights.
 
-    `drag`, if given, is that of each flight; `times` multiplies it.
+    The channels are speed (m/s), altitude (m), angle of attack (deg) and throttle. `drag`, if
+    not None, is the drag factor of all flights; `times` multiplies it.
     """
     density, lift, k_drag = 1.0 + 0.05 * draw.standard_normal((3, flights))
     k_drag = times * (k_drag if drag is None else np.full(flights, drag))
@@ -90,16 +92,16 @@ def study(campaigns: int, flights: int, noise: np.ndarray | None) -> dict[str, f
                 )
                 p_value = set_p_value(pool, IN_SET)
                 outside.setdefault(f"{name}, sets of ten", []).append(p_value <= 1.0 - CONFIDENCE)
-    return {name: float(np.mean(found)) for name, found in outside.items()}
+    return {name: float(np.mean(flags)) for name, flags in outside.items()}
 
 
 def main() -> None:
-    """Print the shares without noise, with declared noise on both sides, and with noise that is not declared."""
+    """Print the shares without noise and with declared noise."""
     smoke = sys.argv[1:] == ["--smoke"]
     campaigns, flights = (1, 100) if smoke else (CAMPAIGNS, FLIGHTS)
-    for words, noise in (("without noise", None), ("with declared noise", NOISE)):
+    for label, noise in (("without noise", None), ("with declared noise", NOISE)):
         for name, share in study(campaigns, flights, noise).items():
-            print(f"{words}, {name}: outside in {share:.3f}", flush=True)
+            print(f"{label}, {name}: outside in {share:.3f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Commands as a user starts them, each with all of its processes: how long, and how much memory together."""
+"""Time and memory of commands with all their processes, started as a user starts them."""
 
 import contextlib
 import json
@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import psutil
 
-# Nobody waits for the fork server of a run, so neither its time nor that of its workers was counted. A subreaper
-# (prctl's option 36, of Linux) becomes the parent of such processes, and waits for all of them.
+# No process waits for the fork server of a run, so that its time and that of its workers would not
+# be counted. A subreaper (option 36 of prctl on Linux) becomes the parent of such processes and
+# waits for all of them.
 _MEASURED = """
 import ctypes, json, os, resource, subprocess, sys
 if sys.platform == "linux":
@@ -29,26 +30,26 @@ except ChildProcessError:
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(json.dumps([code, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3]))
 """
-INTERVAL = 0.25  # s between looks at the memory
+INTERVAL = 0.25  # s between measurements of the memory
 
 
 class Usage(NamedTuple):
-    """What a command took."""
+    """Time and memory of a command."""
 
-    seconds: float  # by the clock on the wall
-    memory_mb: float  # at the peak, of the command and the processes that it started, together
+    seconds: float  # wall time
+    memory_mb: float  # peak of the command and all its processes together
 
 
-def run_command(*words: str) -> Usage:
-    """Run ``abhv-mc`` with these words. Raises RuntimeError where it fails; a failed requirement is no failure."""
+def run_command(*arguments: str) -> Usage:
+    """Run ``abhv-mc``. Raise RuntimeError if it fails; a failed requirement is accepted."""
     start = time.perf_counter()
     with tempfile.TemporaryFile("w+") as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "abhv_mc", *words], stdout=subprocess.DEVNULL, stderr=errors
+            [sys.executable, "-m", "abhv_mc", *arguments], stdout=subprocess.DEVNULL, stderr=errors
         )
         ended = threading.Event()
-        together: list[float] = []
-        watch = threading.Thread(target=_watch_memory, args=(process.pid, ended, together))
+        totals: list[float] = []
+        watch = threading.Thread(target=_watch_memory, args=(process.pid, ended, totals))
         watch.start()
         _, status, usage = os.wait4(process.pid, 0)
         seconds = time.perf_counter() - start
@@ -57,10 +58,10 @@ def run_command(*words: str) -> Usage:
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode not in {0, 1}:  # 1: a requirement of the campaign failed
             errors.seek(0)
-            raise RuntimeError(f"abhv-mc {' '.join(words)}: {errors.read()[-2000:]}")
-    # The kernel's peak of the largest single process misses nothing between two looks.
+            raise RuntimeError(f"abhv-mc {' '.join(arguments)}: {errors.read()[-2000:]}")
+    # The operating system's peak of the largest process includes times between measurements.
     largest = usage.ru_maxrss / (1e3 if sys.platform == "linux" else 1e6)
-    return Usage(seconds, max([largest, *together]))
+    return Usage(seconds, max([largest, *totals]))
 
 
 def measure_all(
@@ -68,9 +69,10 @@ def measure_all(
     environment: Mapping[str, str] | None = None,
     folder: Path | None = None,
 ) -> tuple[float, float]:
-    """Return the processor time (s) of a command with all its processes, and the memory (MB) of the largest.
+    """Return the processor time of a command, s, and the memory of its largest process, MB.
 
-    It starts in ``folder``. Raises RuntimeError if it fails; a failed requirement is no failure.
+    The time includes all its processes. The command starts in ``folder``. Raise RuntimeError if
+    it fails; a failed requirement is accepted.
     """
     ended = subprocess.run(
         [sys.executable, "-S", "-c", _MEASURED, *command],
@@ -86,18 +88,19 @@ def measure_all(
     return seconds, memory
 
 
-def _watch_memory(pid: int, ended: threading.Event, found: list[float]) -> None:
-    """Append the memory of a process and its descendants, MB, until ``ended``."""
+def _watch_memory(pid: int, ended: threading.Event, totals: list[float]) -> None:
+    """Append the memory of a process and its descendants, MB, until ``ended`` is set."""
     with contextlib.suppress(psutil.NoSuchProcess):
         root = psutil.Process(pid)
         while not ended.wait(INTERVAL):
-            found.append(
-                sum(_own_memory(one) for one in (root, *root.children(recursive=True))) / 1e6
+            totals.append(
+                sum(_own_memory(process) for process in (root, *root.children(recursive=True)))
+                / 1e6
             )
 
 
 def _own_memory(process: psutil.Process) -> int:
-    """Bytes of one process, where the system tells: a page that several share counts once in their sum."""
+    """Return the memory of a process in bytes; shared pages count once in a sum if possible."""
     try:
         memory = process.memory_full_info()
     except (psutil.NoSuchProcess, psutil.AccessDenied):
@@ -106,5 +109,5 @@ def _own_memory(process: psutil.Process) -> int:
 
 
 def measure_disk(folder: Path) -> float:
-    """Size of all files in a folder, MB."""
+    """Return the size of all files in a folder, MB."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6

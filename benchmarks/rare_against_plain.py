@@ -1,13 +1,14 @@
-"""`abhv-mc rare` beside plain sampling, where plain sampling can see the failures.
+"""Comparison of `abhv-mc rare` with plain sampling of a failure that is not too rare.
 
     abhv-mc run benchmarks/rare_tail.yaml -o DIR/plain --no-report
     abhv-mc rare benchmarks/rare_tail.yaml --requirement altitude_error_max_m --seed 5 -o DIR/rare
     python benchmarks/rare_against_plain.py DIR/plain DIR/rare [--json FILE] [--figure FILE.png]
 
-The first command flies 200,000 flights. This one reads what both have written: the share of plain flights that break
-the requirement, with Clopper and Pearson's 95 % interval, beside the estimate and its interval; how far apart they are,
-in standard deviations of the logarithm of their ratio; exit code 1 beyond 2.58 (1 %). The figure shows the share of
-flights beyond each limit, and where the levels of each repetition lie.
+The first command runs 200,000 flights. This script compares the share of plain flights that violate
+the requirement, with its 95 % interval by Clopper and Pearson, with the estimate and its interval.
+It prints their distance in standard deviations of the logarithm of their ratio; the exit code is 1
+above 2.58 (1 %). The figure shows the share of flights beyond each limit, and the levels of each
+repetition.
 """
 
 import argparse
@@ -39,7 +40,7 @@ _TOO_FAR = 2.58
 
 @styled
 def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Figure:
-    """Shares of flights beyond each limit: plain ones with their interval, the repetitions' levels, the estimate."""
+    """Plot the shares of flights beyond each limit, with intervals, levels and the estimate."""
     figure = new_figure(3.2)
     axes = figure.subplots()
     limits = np.linspace(np.quantile(plain, 0.9), plain.max(), 200)
@@ -53,7 +54,7 @@ def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Fig
     for number in numbers:
         levels = [level for level in result["levels"] if level["repetition"] == number]
         probabilities = np.cumprod([level["probability"] for level in levels])
-        words = f"levels of {len(numbers)} repetitions" if number == numbers[0] else None
+        label_of_levels = f"levels of {len(numbers)} repetitions" if number == numbers[0] else None
         marker = MARKERS[number % len(MARKERS)]
         axes.plot(
             [limit + level["limit"] for level in levels],
@@ -61,7 +62,7 @@ def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Fig
             marker,
             color=INK,
             markersize=3,
-            label=words,
+            label=label_of_levels,
         )
     estimate, ends = (
         result["probability"],
@@ -78,15 +79,15 @@ def plot_tails(label: str, plain: np.ndarray, result: dict, limit: float) -> Fig
 
 
 def fly_both(plain: Path, rare: Path) -> None:
-    """Fly a few plain flights and a search for rare failures."""
+    """Run a few plain flights and a search for rare failures."""
     campaign, program = (
         Path(__file__).with_name("rare_tail.yaml"),
         [sys.executable, "-m", "abhv_mc"],
     )
     run = ["run", str(campaign), "--runs", "64", "-o", str(plain), "--no-report"]
     search = ["rare", str(campaign), "--requirement", "altitude_error_max_m", "-o", str(rare)]
-    for words in (run, search):
-        subprocess.run([*program, *words], check=words is search)
+    for arguments in (run, search):
+        subprocess.run([*program, *arguments], check=arguments is search)
 
 
 def main() -> None:
@@ -109,8 +110,10 @@ def main() -> None:
     metric, limit = result["requirement"], result["below"]
     blocks = sorted((arguments.plain / "flights").glob("*.parquet"))
     table = [pq.read_table(block, columns=["outcome", metric]) for block in blocks]
-    outcomes = np.concatenate([one["outcome"].to_numpy(zero_copy_only=False) for one in table])
-    values = np.concatenate([one[metric].to_numpy() for one in table])
+    outcomes = np.concatenate(
+        [block_table["outcome"].to_numpy(zero_copy_only=False) for block_table in table]
+    )
+    values = np.concatenate([block_table[metric].to_numpy() for block_table in table])
     values = np.where(outcomes == "ok", values, np.inf)
     failures = int((values >= limit).sum())
     low, high = clopper_pearson(failures, len(values))
@@ -118,7 +121,7 @@ def main() -> None:
     spread = np.hypot(
         np.sqrt((1.0 - share) / max(failures, 1)), np.log(result["high"] / result["low"]) / 3.92
     )
-    apart = (
+    distance = (
         abs(float(np.log(result["probability"] / share))) / float(spread) if failures else np.inf
     )
     numbers = {
@@ -132,7 +135,7 @@ def main() -> None:
             "high": high,
         },
         "rare": {key: result[key] for key in ("probability", "low", "high", "flights", "failures")},
-        "apart": apart,
+        "apart": distance,
     }
     print(
         f"plain: {failures} of {len(values)} flights, {share:.3g}, 95 % interval {low:.3g} .. {high:.3g}"
@@ -141,15 +144,15 @@ def main() -> None:
         f"rare:  {result['probability']:.3g}, 95 % interval {result['low']:.3g} .. {result['high']:.3g}, "
         f"{result['flights']} flights"
     )
-    print(f"apart by {apart:.2f} standard deviations")
+    print(f"apart by {distance:.2f} standard deviations")
     if arguments.json:
         arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if arguments.figure:
-        shown = values[np.isfinite(values)]
+        finite = values[np.isfinite(values)]
         write_png(
-            plot_tails(BUILT_IN[metric].label_with_unit, shown, result, limit), arguments.figure
+            plot_tails(BUILT_IN[metric].label_with_unit, finite, result, limit), arguments.figure
         )
-    sys.exit(apart > _TOO_FAR and not arguments.smoke)
+    sys.exit(distance > _TOO_FAR and not arguments.smoke)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
-"""How often the interval of `abhv-mc rare` is right, on failure probabilities that are known.
+"""Coverage study of the interval of `abhv-mc rare` with known failure probabilities.
 
     python benchmarks/rare_coverage.py [--seeds 200] [--first-seed 10000] [--held-out] [--json FILE]
 
-Each case (linear, quadratic, outside of a ball, four branches, onion rings, series and parallel systems; dimension 2 to
-100; 1e-2 to 1e-7) is estimated once for each seed with the default settings of the command, at most 20,000 evaluations.
-The table shows in how many seeds an estimate was refused, in how many of the others the interval holds the truth and in
-how many of all; the mean of the estimates over the truth, their coefficient of variation, the mean of the evaluations,
-and how many times as many plain sampling needs for the same coefficient of variation.
+Each case (linear, quadratic, outside of a ball, four branches, onion rings, series and parallel
+systems; dimension 2 to 100; 1e-2 to 1e-7) is estimated once for each seed with the default settings
+of the command and at most 20,000 evaluations. The table has the number of seeds without an
+estimate, the share of intervals that contain the true value (of those given, and of all seeds), the
+mean ratio of estimate and true value, its coefficient of variation, the mean number of evaluations,
+and the ratio of evaluations that plain sampling needs for the same coefficient of variation.
 
-The method's constants were chosen with seeds 0 to 199 and 5000 to 5039 of these cases. So the default seeds are others,
-and ``--held-out`` takes cases of other shapes and dimensions, on which nothing was chosen.
+The constants of the method were chosen with seeds 0 to 199 and 5000 to 5039 of these cases. The
+default seeds are different, and ``--held-out`` uses cases of other shapes and dimensions.
 """
 
 import argparse
@@ -43,7 +44,7 @@ FLIGHTS = 20_000
 
 
 class Answer(NamedTuple):
-    """What a method says of one seed."""
+    """Result of a method for one seed."""
 
     probability: float
     low: float  # of its 95 % interval
@@ -54,31 +55,36 @@ class Answer(NamedTuple):
 
 
 def estimate(case: Case, seed: int) -> Answer:
-    """What `abhv-mc rare` says with the default settings."""
+    """Return the result of `abhv-mc rare` with the default settings."""
     plan = SubsetPlan(case.dimension, case.threshold, seed, choose_chains(FLIGHTS))
-    found = estimate_rare(case.severity, plan, flights=FLIGHTS)
-    checked = found.check is not None and found.check.effective >= EXPECTED
+    result = estimate_rare(case.severity, plan, flights=FLIGHTS)
+    checked = result.check is not None and result.check.effective >= EXPECTED
     return Answer(
-        found.probability, found.low, found.high, found.flights, found.refusal is not None, checked
+        result.probability,
+        result.low,
+        result.high,
+        result.flights,
+        result.refusal is not None,
+        checked,
     )
 
 
 def summarise(case: Case, answers: list[Answer]) -> dict[str, float | int | str | list[int]]:
-    """How often they are right, and how far off they are."""
-    given = [one for one in answers if not one.refused]
-    right = sum(one.low <= case.probability <= one.high for one in given)
-    ratios = [one.probability / case.probability for one in given]
-    cov = float(np.std(ratios) / np.mean(ratios)) if given else math.nan
-    mean = float(np.mean([one.evaluations for one in answers]))
+    """Return the coverage and accuracy of the results of a case."""
+    accepted = [answer for answer in answers if not answer.refused]
+    right = sum(answer.low <= case.probability <= answer.high for answer in accepted)
+    ratios = [answer.probability / case.probability for answer in accepted]
+    cov = float(np.std(ratios) / np.mean(ratios)) if accepted else math.nan
+    mean = float(np.mean([answer.evaluations for answer in answers]))
     return {
-        "refused": len(answers) - len(given),
-        "right_of_given": right / max(1, len(given)),
+        "refused": len(answers) - len(accepted),
+        "right_of_given": right / max(1, len(accepted)),
         "right_of_all": right / len(answers),
-        "mean_over_truth": float(np.mean(ratios)) if given else math.nan,
+        "mean_over_truth": float(np.mean(ratios)) if accepted else math.nan,
         "cov": cov,
         "evaluations": mean,
         "plain_over_these": (1.0 - case.probability) / (case.probability * cov**2) / mean,
-        "checked_by_importance_sampling": sum(one.checked for one in given),
+        "checked_by_importance_sampling": sum(answer.checked for answer in accepted),
     }
 
 
@@ -89,34 +95,40 @@ def study(case: Case, first: int, seeds: int) -> dict[str, float | int | str | l
 
 
 def study_missed(seeds: int) -> None:
-    """How often an estimate lies wholly below the truth: rare switches, branches masked or without warning."""
+    """Print how often an interval is entirely below the true value in difficult cases.
+
+    The cases have rare switches, and branches that are masked or give no warning.
+    """
     for case in switched_cases():
-        found = [
+        estimates = [
             estimate_switched(case.severity, case.rates, SubsetPlan(5, 0.0, 1000 + s))[0]
             for s in range(seeds)
         ]
-        _print_missed(case.name, found, case.probability)
-    found = []
+        _print_missed(case.name, estimates, case.probability)
+    estimates = []
     for s in range(seeds):
         case = random_crash(s)
         plan = SubsetPlan(case.dimension, 0.0, 1000 + s)
-        found.append(estimate_rare(case.severity, plan).include_unwarned())
-    _print_missed(case.name, found, case.probability)
+        estimates.append(estimate_rare(case.severity, plan).include_unwarned())
+    _print_missed(case.name, estimates, case.probability)
     for case in (*map(masked, (2, 5, 10)), *map(corner, (4, 8, 12))):
-        found = [
+        estimates = [
             estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, 1000 + s))
             for s in range(seeds)
         ]
-        _print_missed(case.name, found, case.probability)
+        _print_missed(case.name, estimates, case.probability)
 
 
-def _print_missed(words: str, found: list, truth: float) -> None:
-    given = [one for one in found if one.refusal is None]
-    below = sum(one.high < truth for one in given)
-    unwarned = sum(one.unwarned_high is not None and one.unwarned_high >= truth for one in found)
-    said = f"{len(given)} of {len(found)} given, {below} of them wholly below the truth"
+def _print_missed(label: str, estimates: list, truth: float) -> None:
+    accepted = [estimate for estimate in estimates if estimate.refusal is None]
+    below = sum(estimate.high < truth for estimate in accepted)
+    unwarned = sum(
+        estimate.unwarned_high is not None and estimate.unwarned_high >= truth
+        for estimate in estimates
+    )
     print(
-        f"{words}: {said}; above it in {unwarned} what plain flights allow without warning",
+        f"{label}: {len(accepted)} of {len(estimates)} given, {below} of them entirely below the "
+        f"truth; the bound on failures without warning is above it in {unwarned}",
         flush=True,
     )
 
@@ -126,13 +138,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=10_000)
     parser.add_argument(
-        "--held-out", action="store_true", help="the cases on which nothing was chosen"
+        "--held-out", action="store_true", help="use cases that were not used for tuning"
     )
     parser.add_argument("--json", type=Path, default=None)
     parser.add_argument(
         "--missed",
         action="store_true",
-        help="rare switches, branches masked or without warning instead",
+        help="use cases with rare switches, and branches masked or without warning",
     )
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()

@@ -1,4 +1,4 @@
-"""One measurement in several processes of its own: medians, how far they spread, and on which machine."""
+"""Repetition of a measurement in several processes: medians, ranges and the machine."""
 
 import argparse
 import json
@@ -9,11 +9,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-PROCESSES = 3  # a number of the page was seen in as many
+PROCESSES = 3  # number of processes behind each number of the page
 
 
 class Spread(NamedTuple):
-    """What the processes found for one quantity."""
+    """Median and range of one quantity over the processes."""
 
     median: float
     lowest: float
@@ -21,35 +21,35 @@ class Spread(NamedTuple):
 
 
 def find_spread(values: Sequence[float]) -> Spread:
-    """Median, lowest and highest of the values. Raises ValueError where there are none."""
+    """Return median, lowest and highest of the values. Raise ValueError if there are none."""
     return Spread(median(values), min(values), max(values))
 
 
 def find_spreads(runs: Sequence[Mapping[str, float]]) -> dict[str, Spread]:
-    """By quantity, what runs of the same quantities found."""
+    """Return the spread of each quantity over the runs."""
     return {name: find_spread([run[name] for run in runs]) for name in runs[0]}
 
 
-def repeat(processes: int, *words: str) -> list[Any]:
-    """The JSON that ``python -m`` with these words prints, of one process after another.
+def repeat(processes: int, *arguments: str) -> list[Any]:
+    """Return the JSON that ``python -m`` prints, from one process after another.
 
-    Raises subprocess.CalledProcessError where a process fails: a number that fewer saw is none.
+    Raise subprocess.CalledProcessError if a process fails.
     """
     runs = []
     for i in range(processes):
-        print(f"process {i + 1} of {processes}: {' '.join(words)}", file=sys.stderr, flush=True)
+        print(f"process {i + 1} of {processes}: {' '.join(arguments)}", file=sys.stderr, flush=True)
         done = subprocess.run(
-            [sys.executable, "-m", *words], check=True, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-m", *arguments], check=True, stdout=subprocess.PIPE, text=True
         )
         runs.append(json.loads(done.stdout))
     return runs
 
 
 def describe_machine(load_before: float) -> dict[str, Any]:
-    """This machine and its load before the start, as results say them.
+    """Return a description of this machine and its load before the start.
 
-    Call it when all is measured: libraries that it loads would share their pages with the measured processes, whose
-    memory would then count for less.
+    To be called after all measurements: the libraries that it loads would share pages with the
+    measured processes and reduce their memory.
     """
     from abhv_mc.identity import find_machine
     from abhv_mc_verification.bench.speed import find_simd
@@ -58,7 +58,7 @@ def describe_machine(load_before: float) -> dict[str, Any]:
 
 
 def make_note(machine: Mapping[str, Any], processes: int) -> str:
-    """The line above a table: where, and how often."""
+    """Return the line above a table, with machine and number of processes."""
     counted = "one process" if processes == 1 else f"medians of {processes} processes"
     return (
         f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, "
@@ -67,7 +67,7 @@ def make_note(machine: Mapping[str, Any], processes: int) -> str:
 
 
 def make_parser(doc: str, result: Path) -> argparse.ArgumentParser:
-    """What benchmarks of several processes are told on the command line: ``processes`` and ``json``."""
+    """Return the parser of benchmarks with several processes: ``processes`` and ``json``."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument(
         "--processes", type=read_count, default=PROCESSES, help=f"default: {PROCESSES}"
@@ -79,7 +79,7 @@ def make_parser(doc: str, result: Path) -> argparse.ArgumentParser:
 
 
 def read_count(text: str) -> int:
-    """A number of processes, at least 1. Raises ValueError, which argparse reports."""
+    """Return a number of processes. Raise ValueError, which argparse reports, if below 1."""
     count = int(text)
     if count < 1:
         raise ValueError(text)

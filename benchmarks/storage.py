@@ -1,10 +1,11 @@
-"""What a campaign takes beside the kernel alone: processor time of a flight with all that is stored, as a ratio.
+"""Ratio of the processor time per flight of a campaign to that of the kernel alone.
 
     python -m benchmarks.storage [--rounds N]
 
-The default campaign's TLC and LQR by one thread of this process. A flight's time is the difference of a larger and a
-smaller campaign over the difference of their flights, so that nothing that comes once is in it; the kernel flies the
-same samples in turns with them. Flights a second and core are told per GFLOP/s of the core's peak.
+TLC and LQR of the default campaign run in one thread of this process. The time per flight is the
+difference of a larger and a smaller campaign over the difference of their flights, without fixed
+costs; the kernel computes the same samples in alternation. Flights per second and core are given
+per GFLOP/s of the core's peak.
 """
 
 import argparse
@@ -31,7 +32,7 @@ BATCH = 1024
 
 
 def run(flights: int) -> float:
-    """Processor time of a campaign, s."""
+    """Return the processor time of a campaign, s."""
     engine = dataclasses.replace(make_engine(), isolation="threads", find_stability=None)
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         start = time.process_time()
@@ -59,7 +60,7 @@ def main() -> None:
 
     kernel()  # loads or compiles
     run(64)
-    for words, (few, many) in sizes.items():
+    for label, (few, many) in sizes.items():
         ratios, rates = [], []
         for _ in range(rounds):
             before, small, between, large, after = kernel(), run(few), kernel(), run(many), kernel()
@@ -67,7 +68,7 @@ def main() -> None:
             ratios.append(flight / median((before, between, after)))
             rates.append(1e9 / (flight * measure_peak()))
         print(
-            f"{words}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f}), ",
+            f"{label}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f}), ",
             end="",
         )
         print(

@@ -1,8 +1,8 @@
-"""How often `import flights` rejects honest tables, and finds others: python benchmarks/table_checks.py [--smoke]
+"""False alarms and detections of `import flights`: python benchmarks/table_checks.py [--smoke]
 
-Honest tables hold independent draws: of one of seven distributions, or of all of them with a pair of correlation 0.9,
-an input that keeps its nominal value in 95 % of the flights and a level of 0.1 %; with all digits or rounded to 4, 3 or
-2 of them.
+Honest tables contain independent draws: of one of seven distributions, or of all of them with a
+pair of correlation 0.9, an input that has its nominal value in 95 % of the flights and a level of
+0.1 %. They have all digits, or are rounded to 4, 3 or 2 digits.
 """
 
 import sys
@@ -66,14 +66,14 @@ def draw(laws, rows, random, latin=False):
 
 
 def rounded(values, digits):
-    """Values with so many significant digits."""
+    """Return values rounded to a number of significant digits."""
     if digits is None:
         return values
     return np.vectorize(lambda x: float(f"{x:.{digits - 1}e}"))(values)
 
 
 def judge(laws, values, matrix, risk=RISK):
-    """'rejected', 'estimate' or 'verdict', as `import flights` does."""
+    """Return 'rejected', 'estimate' or 'verdict', as `import flights` decides."""
     columns = []
     for law, column in zip(laws.values(), values.T, strict=True):
         half = half_steps(column)
@@ -87,20 +87,20 @@ def judge(laws, values, matrix, risk=RISK):
 
 
 def honest(tables, random, risk=RISK):
-    """Count what becomes of honest tables."""
+    """Print the results for honest tables."""
     laws, counts = LAWS | ATOMS, Counter()
     cases = chain.from_iterable(({name: law}, laws) for name, law in laws.items())
     settings = cycle(product(cases, ROWS, DIGITS))
     for k, (case, rows, digits) in enumerate(islice(settings, tables)):
         values, matrix = draw(case, rows, random)
-        counts[found := judge(case, rounded(values, digits), matrix, risk)] += 1
-        if found != "verdict":
-            print(f"  table {k}: {rows} rows, {digits} digits, {', '.join(case)}: {found}")
+        counts[result := judge(case, rounded(values, digits), matrix, risk)] += 1
+        if result != "verdict":
+            print(f"  table {k}: {rows} rows, {digits} digits, {', '.join(case)}: {result}")
     print(f"honest tables at a risk of {risk:g}: {dict(counts)}", flush=True)
 
 
 def scaled(tables, random):
-    """Share of tables of 60 rows that are found with a spread three times narrower or wider."""
+    """Print the share of tables of 60 rows that are detected if their spread is wrong by 3."""
     for factor, digits in product((1 / 3, 3), ("all", "sigma/10")):
         shares = {}
         for name, law in LAWS.items():
@@ -123,7 +123,7 @@ def scaled(tables, random):
 
 
 def designs(tables, random):
-    """Share of Latin hypercubes and of rows pasted four times that get no verdict."""
+    """Print the share of Latin hypercubes and of rows repeated four times without a verdict."""
     for rows in (30, 60, 300):
         latin = pasted = 0
         for _ in range(tables):
@@ -135,7 +135,7 @@ def designs(tables, random):
 
 
 def main():
-    """All cases."""
+    """Print all cases."""
     smoke = "--smoke" in sys.argv[1:]
     random = np.random.default_rng(31)
     honest(30 if smoke else 2000, random)

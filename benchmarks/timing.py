@@ -1,4 +1,4 @@
-"""Ratios of times that hold on a busy machine: the two sides take turns, and the median of the turns counts."""
+"""Ratios of times that are valid on a busy machine, because both sides alternate."""
 
 import time
 from collections.abc import Callable
@@ -7,13 +7,16 @@ from typing import Any
 
 
 def measure_ratio(slow: Callable[[], Any], fast: Callable[[], Any], pairs: int = 9) -> float:
-    """Processor time of ``slow`` over that of ``fast``, median over the pairs; both are called once before."""
+    """Return the processor time of ``slow`` over that of ``fast``, as a median over pairs.
+
+    Both are called once before.
+    """
     slow(), fast()
     return median(measure_time(slow) / measure_time(fast) for _ in range(pairs))
 
 
 def measure_time(call: Callable[[], Any]) -> float:
-    """Seconds of this thread's processor time."""
+    """Return the processor time of a call in this thread, s."""
     start = time.thread_time()
     call()
     return time.thread_time() - start

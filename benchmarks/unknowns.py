@@ -1,12 +1,15 @@
-"""What a PASS over unknowns promises: python benchmarks/unknowns.py [repetitions, 300]
+"""Error rates of PASS with unknown parameters: python benchmarks/unknowns.py [repetitions, 300]
 
-An unknown has one value for the whole programme. A flight's severity here is a normal number that fails above 0; its
-mean goes with the unknowns, and so does part of its scatter, but for plain ramps: flights that are bad at one value
-need not be at another. `spread` is a case in which the value with the largest 95 % quantile never fails and another
-one fails 5.5 times too often; `wide` regions fail by scatter, where everything else has the larger quantile.
-99.73 % at a risk of 10 %, looked at every 100 flights up to 4000. `drawn`: the unknowns are drawn for each flight,
-as dispersions. `corners`: judged at the corners and the centre. `ranked`: at the points that the search ranks worst by
-a quantile. `rule`: also at the point where the search saw the most failures.
+An unknown has one value for the whole programme. The severity of a flight is a normal number and
+fails above 0. Its mean depends on the unknowns, and except for plain ramps also part of its
+scatter, so that different flights are bad at different values. In the case `spread` the value with
+the largest 95 % quantile never fails, and another one fails 5.5 times too often. `wide` regions
+fail by scatter, although all other values have a larger quantile.
+
+Requirements are 99.73 % at a risk of 10 %, judged every 100 flights up to 4000. `drawn`: the
+unknowns are drawn for each flight, like dispersions. `corners`: judged at the corners and the
+centre. `ranked`: judged at the points that the search ranks worst by a quantile. `rule`: judged
+also at the point where the search had the most failures.
 """
 
 import sys
@@ -39,20 +42,20 @@ E_FAIL = np.array([[exp(min(log_fail_evidence(k, int(n), PROBABILITY), 700.0)) i
 
 @dataclass
 class System:
-    """Mean of the severity at points [point, unknown] of a box, and how flights scatter about it."""
+    """Mean of the severity at points [point, unknown] of a box, and the scatter of flights."""
 
-    words: str
+    label: str
     unknowns: int
     rate: float  # at the worst point, in q0
     shape: str  # ramp, bump, interaction, corners, spread, wide
     width: float = 0.0  # of a bump, half-boxes; where a wide region begins
     rise: float = 0.0  # of the mean, from the centre of a ramp to its worst corner; of a bump
-    mixed: float = 0.5  # scatter that goes with the unknowns, beside 1 that does not
+    mixed: float = 0.5  # scatter that depends on the unknowns; the other scatter is 1
     peak: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of a bump
     sides: int = 0  # unknowns that bound a wide region
 
     def mean(self, points):
-        """Mean [point], -z at the worst."""
+        """Return the mean [point], -z at the worst point."""
         worst = ndtri(self.rate * Q0)
         if self.shape == "ramp":
             return worst - self.rise * (1.0 - points.mean(axis=1))
@@ -70,7 +73,7 @@ class System:
         return np.full(len(points), worst)
 
     def scale(self, points):
-        """Standard deviation [point]."""
+        """Return the standard deviation [point]."""
         if self.shape == "corners":
             return np.sqrt(np.sum(self._weights(points) ** 2, axis=1))
         if self.shape == "spread":
@@ -84,15 +87,15 @@ class System:
         return np.prod(0.5 * (1.0 + points[:, None, :] * corners(self.unknowns)), axis=2)
 
     def scatter(self, draw, flights):
-        """What the flights are: a number of their own, and a direction in the box (or one for each corner)."""
+        """Draw the flights: a number, and a direction in the box or a number for each corner."""
         directions = 2**self.unknowns if self.shape == "corners" else self.unknowns
         return draw.standard_normal(flights), draw.standard_normal((flights, directions))
 
     def _noise(self, points, flights):
-        """Noise [point, flight], and the standard deviation [point] that makes severities of it."""
+        """Return noise [point, flight] and its factor [point] in the severity."""
         own, direction = flights
         scale = self.scale(points)
-        if self.shape == "corners":  # each corner has flights of its own
+        if self.shape == "corners":  # the flights of each corner are independent
             return self._weights(points) @ direction.T, np.ones(len(points))
         if self.mixed == 0.0:
             return np.broadcast_to(own, (len(points), len(own))), scale
@@ -101,27 +104,27 @@ class System:
         return noise, scale / np.sqrt(1.0 + self.mixed**2 * np.sum(points**2, axis=1))
 
     def severity(self, points, flights):
-        """Severity [point, flight]."""
+        """Return the severity [point, flight]."""
         noise, scale = self._noise(points, flights)
         return self.mean(points)[:, None] + scale[:, None] * noise
 
     def failed(self, points, flights):
-        """Which flights fail [point, flight]."""
+        """Return which flights fail [point, flight]."""
         noise, scale = self._noise(points, flights)
         return noise > (-self.mean(points) / scale)[:, None]
 
     def drawn(self, draw, flights):
-        """Severity [flight] where each flight draws its own point."""
+        """Return the severity [flight] if each flight draws a point."""
         points = draw.uniform(-1.0, 1.0, (flights, self.unknowns))
         return self.mean(points) + self.scale(points) * draw.standard_normal(flights)
 
     def worst_rate(self, points):
-        """Largest failure rate over points, in q0."""
+        """Return the largest failure rate over points, in q0."""
         return float(np.max(ndtr(self.mean(points) / self.scale(points)))) / Q0
 
 
 def decide(failed):
-    """Whether there is a PASS, and a FAIL, at any look; failed [point, flight]."""
+    """Return whether there is a PASS, and a FAIL, at any time; ``failed`` is [point, flight]."""
     between = np.add.reduceat(failed, np.append(0, LOOKS[:-1]), axis=1, dtype=np.int32)
     counts = np.cumsum(between, axis=1)
     passed = bool(np.any(np.all(counts <= MOST_PASS, axis=0)))
@@ -130,7 +133,7 @@ def decide(failed):
 
 
 def judged_points(system, draw):
-    """Points that the search chooses, and how many of them are ranked worst by the quantile."""
+    """Return the points that the search selects, and the number selected by the quantile."""
     flights = system.scatter(draw, SEARCH_FLIGHTS)
 
     def evaluate(points):
@@ -148,7 +151,7 @@ COLUMNS = (
 
 
 def simulate(system, repetitions, seed=29):
-    """Shares of campaigns by column, and the median of the worst rate at the judged points."""
+    """Return shares of campaigns by column, and the median worst rate at the judged points."""
     counts, rates = np.zeros(len(COLUMNS)), []
     for repetition in range(repetitions):
         draw = np.random.default_rng([seed, repetition])
@@ -166,12 +169,12 @@ def simulate(system, repetitions, seed=29):
 
 
 def systems():
-    """Systems of the table on the page, and those by which the rule was accepted."""
-    for mixed, words in ((0.0, ""), (0.5, ", mixed")):
+    """Yield the systems of the table on the page, and those used to accept the rule."""
+    for mixed, label in ((0.0, ""), (0.5, ", mixed")):
         for rate in (3.0, 1.0, 0.2):
             for unknowns in (1, 3, *((5,) if rate == 0.2 else ())):
-                words_of = f"{unknowns} unknown, ramp{words}"
-                yield System(words_of, unknowns, rate, "ramp", rise=0.9, mixed=mixed)
+                ramp_label = f"{unknowns} unknown, ramp{label}"
+                yield System(ramp_label, unknowns, rate, "ramp", rise=0.9, mixed=mixed)
     for rate in (3.0, 1.0):
         for width in (0.8, 0.4):
             yield System(f"3 unknown, bump of {width}", 3, rate, "bump", width, 1.2)
@@ -185,17 +188,17 @@ def systems():
     yield System("5 unknown, spread", 5, 5.5, "spread", mixed=0.0)
     for unknowns in (5, 7):
         for sides in (1, 2):
-            words = f"{unknowns} unknown, wide in 1 of {2**sides}"
-            yield System(words, unknowns, 3.0, "wide", 0.5, sides=sides)
+            label = f"{unknowns} unknown, wide in 1 of {2**sides}"
+            yield System(label, unknowns, 3.0, "wide", 0.5, sides=sides)
         for rate in (3.0, 15.0):
-            words = f"{unknowns} unknown, wide at a corner"
-            yield System(words, unknowns, rate, "wide", 0.7, sides=unknowns)
+            label = f"{unknowns} unknown, wide at a corner"
+            yield System(label, unknowns, rate, "wide", 0.7, sides=unknowns)
 
 
 def main():
-    """Print a line a system."""
+    """Print a line for each system."""
     repetitions = int(sys.argv[1].replace("--smoke", "1")) if len(sys.argv) > 1 else 300
-    print(f"{'':40}" + "".join(f"{word:>9}" for name in COLUMNS for word in [name.split()[0]]))
+    print(f"{'':40}" + "".join(f"{prefix:>9}" for name in COLUMNS for prefix in [name.split()[0]]))
     print(
         f"{'worst value at':>40}"
         + "".join(f"{name.split()[1]:>9}" for name in COLUMNS)
@@ -203,9 +206,9 @@ def main():
     )
     for system in systems():
         shares, rate = simulate(system, repetitions)
-        words = f"{system.words}, {system.rate:g} q0"
+        label = f"{system.label}, {system.rate:g} q0"
         cells = "".join(f"{share:9.3f}" for share in shares.values())
-        print(f"{words:40}{cells}{rate:12.2f}", flush=True)
+        print(f"{label:40}{cells}{rate:12.2f}", flush=True)
 
 
 if __name__ == "__main__":

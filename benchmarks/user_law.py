@@ -1,4 +1,4 @@
-"""What a law (Python, C, FMU) and user metrics cost: processor time beside the built-in LQR's, in turns."""
+"""Processor time of custom laws (Python, C, FMU) and metrics relative to the built-in LQR."""
 
 import dataclasses
 import statistics
@@ -21,8 +21,8 @@ if sys.argv[1:] == ["--smoke"]:
 elif sys.argv[1:]:
     ROUNDS = int(sys.argv[1])
 METRICS = {
-    f"m{i}": {"of": of, "statistic": statistic}
-    for i, (of, statistic) in enumerate(
+    f"m{i}": {"of": source, "statistic": statistic}
+    for i, (source, statistic) in enumerate(
         [
             ("bank_error_deg", "peak_to_peak"), ("altitude_error_m", "mean"), ("mach", "max"), ("thrust_n", "integral"),
             ("elevator_deg", "travel"), ("speed_error_mps", "rms"), ("load_factor_g", "max"), ("bank_deg", "min"),
@@ -32,9 +32,9 @@ METRICS = {
 }  # fmt: skip
 
 sys.path.insert(0, str(ROOT / "tests"))
-from fmu.make_fmu import make_fmu, write_controller  # noqa: E402  of the tests, which are no package
+from fmu.make_fmu import make_fmu, write_controller  # noqa: E402  not an installed package
 
-allow_here()  # this process may be lost: native code flies in it
+allow_here()  # native code runs in this process, which it may crash
 configs = ROOT / "configs"
 files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")

@@ -1,7 +1,8 @@
-"""How often the rule for verdicts errs, and how often it decides: python benchmarks/verdict_errors.py
+"""Error rates and decision rates of verdicts: python benchmarks/verdict_errors.py
 
-Systems at the limit along 100,000 flights; good and bad ones up to 1000 and 4000; impatient users, who extend their
-campaign, fly new seeds that are pooled, or follow the advice, for ten rounds. 99.73 % at a risk of 10 %.
+Systems at the limit are judged during 100,000 flights, good and bad ones up to 1000 and 4000.
+Impatient users extend their campaign, pool new seeds, or follow the advice, for ten rounds. The
+requirement is 99.73 % at a risk of 10 %.
 """
 
 import sys
@@ -14,41 +15,45 @@ from abhv_mc.statistics.verdicts import advise
 
 AT = 0.9973, 0.10
 SYSTEMS = 20_000
-MOST = 450  # failures that are followed
+MOST = 450  # failures that are simulated
 FAILURES = np.arange(MOST)
 TO_PASS = np.array([flights_to_pass(int(k), *AT) for k in FAILURES])
 TO_FAIL = np.array([flights_to_fail(int(k), *AT) for k in FAILURES + 1])
 
 
 def simulate(rate, flights, seed, systems):
-    """Shares of systems that PASS, and FAIL, at some flight up to `flights`."""
+    """Return the shares of systems that PASS, and FAIL, at any flight up to `flights`."""
     draw = np.random.default_rng(seed)
     passed = failed = 0
     for _ in range(0, systems, 1000):
-        at = np.cumsum(draw.geometric(rate, (1000, MOST)), axis=1)  # flight of each failure
-        passed += np.sum(np.any((at > TO_PASS) & (flights >= TO_PASS), axis=1))
-        failed += np.sum(np.any((at <= TO_FAIL) & (at <= flights), axis=1))
+        failing_flights = np.cumsum(
+            draw.geometric(rate, (1000, MOST)), axis=1
+        )  # flight of each failure
+        passed += np.sum(np.any((failing_flights > TO_PASS) & (flights >= TO_PASS), axis=1))
+        failed += np.sum(
+            np.any((failing_flights <= TO_FAIL) & (failing_flights <= flights), axis=1)
+        )
     return passed / systems, failed / systems
 
 
 def extend(verdict, _draw):
-    """Half as many flights more."""
+    """Return 1.5 times the number of flights."""
     return verdict.flights * 3 // 2
 
 
 def new_seed(verdict, draw):
-    """Another campaign of the same question, of some size."""
+    """Return the number of flights with another campaign of random size."""
     return verdict.flights + int(draw.choice([500, 981, 2000]))
 
 
 def follow(verdict, _draw):
-    """What the report advises, or as many again."""
-    found = advise([verdict])
-    return found.flights if found else 2 * verdict.flights
+    """Return the number that the report advises, or twice the number of flights."""
+    advice = advise([verdict])
+    return advice.flights if advice else 2 * verdict.flights
 
 
 def persuade(next_flights, systems, rounds=10, seed=17):
-    """Share of systems at the limit that an impatient user brings to a PASS."""
+    """Return the share of systems at the limit for which an impatient user gets a PASS."""
     draw = np.random.default_rng(seed)
     passed = 0
     for _ in range(systems):
@@ -58,25 +63,25 @@ def persuade(next_flights, systems, rounds=10, seed=17):
             if verdict.status == "PASS":
                 passed += 1
                 break
-            more = next_flights(verdict, draw)
-            failures += int(draw.binomial(more - flights, 1.0 - AT[0]))
-            flights = more
+            extended = next_flights(verdict, draw)
+            failures += int(draw.binomial(extended - flights, 1.0 - AT[0]))
+            flights = extended
     return passed / systems
 
 
 def main():
-    """Print one line a case."""
+    """Print a line for each case."""
     few, many = (2, 1000) if sys.argv[1:] == ["--smoke"] else (5000, SYSTEMS)
     for user in (extend, new_seed, follow):
         print(f"{user.__name__:9} ten rounds: {persuade(user, few):.3f} PASS")
-    for words, rate, flights in (
+    for label, rate, flights in (
         ("at the limit", 1.0, 100_000),
         ("five times better", 0.2, 1000),
         ("five times better", 0.2, 4000),
         ("twice as bad", 2.0, 4000),
     ):
         passed, failed = simulate(rate * (1.0 - AT[0]), flights, 16, many)
-        print(f"{words:18} up to {flights:6d} flights: PASS {passed:.3f}, FAIL {failed:.3f}")
+        print(f"{label:18} up to {flights:6d} flights: PASS {passed:.3f}, FAIL {failed:.3f}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
-"""What a start, a flight and a campaign cost beside another version of the program, in turns.
+"""Cost of a start, a flight and a campaign relative to another version of the program.
 
     python -m benchmarks.versions CHECKOUT [--rounds 5] [--cold 1]
 
-CHECKOUT is another version's working tree (``git worktree add --detach ../before REVISION``), whose configuration both
-fly, in this environment. Processor time of all processes unless a line says otherwise; ratios are medians over the
-rounds, this version's over the other's. Flights: 64 dispersed ones in a process, the best of 7. The rounds ``--cold``
-begin with nothing compiled and take minutes each. Writes a table of ``docs/explanation/performance.md``.
+CHECKOUT is the working tree of another version (``git worktree add --detach ../before REVISION``),
+whose configuration both versions run in this environment. Times are processor time of all processes
+unless stated otherwise; ratios are medians over the rounds, this version over the other. The time
+of a flight is the best of 7 for 64 dispersed flights in a process. The rounds ``--cold`` start
+without compiled code and take minutes each. A table of ``docs/explanation/performance.md`` is
+written.
 """
 
 import argparse
@@ -53,7 +55,7 @@ Costs = dict[str, float]
 
 
 class Version:
-    """A working tree with compiled code of its own."""
+    """Working tree with a separate cache of compiled code."""
 
     def __init__(self, tree: Path, cache: Path, campaign: Path) -> None:
         self.tree, self.cache, self.campaign = tree, cache, campaign
@@ -65,37 +67,47 @@ class Version:
         self.environment.pop("PYTHONDONTWRITEBYTECODE", None)
 
     def flight(self, law: str) -> float:
-        """Seconds of a flight."""
-        words = [sys.executable, "-c", FLIGHT, str(self.campaign.parents[1] / "configs"), law, "7"]
+        """Return the time of a flight, s."""
+        command = [
+            sys.executable,
+            "-c",
+            FLIGHT,
+            str(self.campaign.parents[1] / "configs"),
+            law,
+            "7",
+        ]
         return float(
             subprocess.run(
-                words, env=self.environment, check=True, capture_output=True, text=True
+                command, env=self.environment, check=True, capture_output=True, text=True
             ).stdout
         )
 
-    def command(self, *words: str) -> tuple[float, float, float]:
-        """Seconds of the processor, seconds by the clock, and MB of the largest process. Raises RuntimeError."""
+    def command(self, *arguments: str) -> tuple[float, float, float]:
+        """Return processor time (s), wall time (s) and memory of the largest process (MB).
+
+        Raise RuntimeError if the command fails.
+        """
         start = time.perf_counter()
-        seconds, memory = measure_all([sys.executable, *words], self.environment)
+        seconds, memory = measure_all([sys.executable, *arguments], self.environment)
         return seconds, time.perf_counter() - start, memory
 
     def campaigns(self, folder: Path) -> Costs:
-        """Campaigns of 64 and 4096 flights with compiled code."""
+        """Return the cost of campaigns of 64 and 4096 flights with compiled code."""
         run = ("-m", "abhv_mc", "run", str(self.campaign), "--runs")
-        bare, whole, many = folder / "bare", folder / "whole", folder / "many"
+        bare, complete, many = folder / "bare", folder / "whole", folder / "many"
         return {
             "64 flights, no report": self.command(*run, "64", "--output", str(bare), "--no-report")[
                 0
             ],
-            "64 flights and report": self.command(*run, "64", "--output", str(whole))[0],
-            "run with nothing new": self.command(*run, "64", "--output", str(whole))[0],
+            "64 flights and report": self.command(*run, "64", "--output", str(complete))[0],
+            "run with nothing new": self.command(*run, "64", "--output", str(complete))[0],
             "4096 flights, no report": self.command(
                 *run, "4096", "--output", str(many), "--no-report"
             )[0],
         }
 
     def cold(self, folder: Path) -> Costs:
-        """The kernel alone and the whole campaign, with nothing compiled."""
+        """Return the cost of the kernel and of a campaign without compiled code."""
         with tempfile.TemporaryDirectory() as cache:
             empty = Version(self.tree, Path(cache), self.campaign)
             kernel = empty.command(
@@ -118,22 +130,22 @@ class Version:
 
 
 def compare(
-    here: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]
+    current: Version, before: Version, rounds: int, measure: Callable[[Version, Path], Costs]
 ) -> list[str]:
-    """Rows of the ratios of some rounds, which the versions begin in turns; printed meanwhile."""
-    found: list[tuple[Costs, Costs]] = []
+    """Return and print rows with the ratios over rounds, which the versions start alternately."""
+    pairs: list[tuple[Costs, Costs]] = []
     for number in range(rounds):
         costs = {}
-        for version in (here, before) if number % 2 else (before, here):
+        for version in (current, before) if number % 2 else (before, current):
             with tempfile.TemporaryDirectory() as folder:
                 costs[version.tree] = measure(version, Path(folder))
-        found.append((costs[here.tree], costs[before.tree]))
+        pairs.append((costs[current.tree], costs[before.tree]))
     rows = []
-    for name in found[0][0] if found else ():
-        ratios = sorted(ours[name] / theirs[name] for ours, theirs in found)
+    for name in pairs[0][0] if pairs else ():
+        ratios = sorted(ours[name] / theirs[name] for ours, theirs in pairs)
         middle = (
-            median(ours[name] for ours, _ in found),
-            median(theirs[name] for _, theirs in found),
+            median(ours[name] for ours, _ in pairs),
+            median(theirs[name] for _, theirs in pairs),
         )
         spread = f"{ratios[0]:.2f} to {ratios[-1]:.2f}" if rounds > 1 else "once"
         rows.append(
@@ -152,7 +164,7 @@ def main() -> None:
     parser.add_argument("--cold", type=int, default=1)
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
-    here, other = Path(__file__).resolve().parents[1], options.checkout.resolve()
+    current_tree, other = Path(__file__).resolve().parents[1], options.checkout.resolve()
     campaign = other / "campaigns/s_manoeuvre.yaml"
     if options.smoke:
         with tempfile.TemporaryDirectory() as folder:
@@ -167,7 +179,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as caches:
         ours, theirs = (
             Version(tree, Path(caches) / name, campaign)
-            for tree, name in ((here, "a"), (other, "b"))
+            for tree, name in ((current_tree, "a"), (other, "b"))
         )
         rows = compare(ours, theirs, options.cold, lambda version, folder: version.cold(folder))
         for version in (ours, theirs) if options.rounds else ():  # compile
@@ -198,7 +210,7 @@ def main() -> None:
         f"| of {revision.stdout.strip() or 'the other version'}'s | ratio | lowest to highest | this, s or MB | that |",
     ]
     table = "\n".join([*head, "|---|---|---|---|---|", *rows])
-    replace_part(here / "docs" / "explanation" / "performance.md", "versions", table)
+    replace_part(current_tree / "docs" / "explanation" / "performance.md", "versions", table)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""Whether batched flights still become vector code: fails where batched / one at a time falls under its limit.
+"""Check that batched flights are compiled to vector code.
 
     python -m benchmarks.watch
 
-Part of ``make test-thorough``: seconds of processor time, ratios only. 2 with AVX-512,
-1.4 with AVX2; elsewhere only printed.
+The script, part of ``make test-thorough``, fails if the ratio of processor times of single and
+batched flights is below 2 with AVX-512 or 1.4 with AVX2; on other machines it only prints the
+ratio.
 """
 
 import dataclasses
@@ -17,12 +18,12 @@ from abhv_mc_verification.bench.speed import find_simd, make_work
 from benchmarks.timing import measure_ratio
 
 LIMITS = {"AVX-512": 2.0, "AVX2": 1.4}
-TICKS = 400  # of each flight: the ratio needs no whole flight
+TICKS = 400  # of each flight, which suffice for the ratio
 ATTEMPTS = 3
 
 
 def measure_gain(plan: FlightPlan, parameters: Floats) -> float:
-    """Time of as many flights as there are lanes, one at a time over batched."""
+    """Return the time of single flights over that of a batch, for as many flights as lanes."""
     short = dataclasses.replace(plan, timing=plan.timing._replace(ticks=TICKS))
     return measure_ratio(
         lambda: fly(short, parameters, lanes=1), lambda: fly(short, parameters, lanes=LANES)
@@ -30,7 +31,7 @@ def measure_gain(plan: FlightPlan, parameters: Floats) -> float:
 
 
 def main() -> int:
-    """Exit code: 1 where a controller stays under the limit in every attempt."""
+    """Return the exit code, 1 if a controller is below the limit in every attempt."""
     simd = find_simd()
     limit = LIMITS.get(simd, 0.0)
     plans, parameters = make_work(LANES)
@@ -41,9 +42,9 @@ def main() -> int:
             gain = max(gain, measure_gain(plan, parameters))
             if gain >= limit:
                 break
-        wanted = f"at least {limit:g} with {simd}" if limit else f"no limit with {simd}"
+        requirement = f"at least {limit:g} with {simd}" if limit else f"no limit with {simd}"
         print(
-            f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({wanted})"
+            f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({requirement})"
         )
         slow += [name] if gain < limit else []
     if slow:

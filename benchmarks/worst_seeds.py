@@ -1,11 +1,12 @@
-"""How `abhv-mc worst` compares with as many random flights in the same box, seed by seed.
+"""Comparison of `abhv-mc worst` with as many random flights in the same box, for each seed.
 
-    python -m benchmarks.worst_seeds [--campaign FILE] [--metric NAME] [--controller NAME] [--seeds 20] [--flights 2000]
-        [--json FILE]
+    python -m benchmarks.worst_seeds [--campaign FILE] [--metric NAME] [--controller NAME]
+        [--seeds 20] [--flights 2000] [--json FILE]
 
-One line for each seed: the worst value of the search and of the random flights (those that `worst` flies for its page).
-In the JSON a flight that ended early has 1e9 and the seconds that it had left. The last line counts the seeds in which
-the search is not below; exit code 1 where it is below in one.
+The script prints a line for each seed with the worst value of the search and of the random flights
+(those that `worst` runs for its page). In the JSON file a flight that terminated early has 1e9 plus
+the remaining seconds. The last line has the number of seeds in which the search is not below; the
+exit code is 1 if it is below in any.
 """
 
 import argparse
@@ -26,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def shown(severity: float) -> str:
-    """A severity as its metric, or that the flight ended early, which is worse the earlier."""
+    """Return a severity as text: the metric, or the remaining time after an early termination."""
     return (
         f"{severity:.6g}"
         if severity < ENDED_EARLY
@@ -47,7 +48,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.smoke:
         arguments.seeds, arguments.flights = 1, 128
-    held, rows = 0, []
+    not_below, rows = 0, []
     with tempfile.TemporaryDirectory() as folder:
         request = WorstRequest(
             arguments.campaign,
@@ -70,29 +71,29 @@ def main() -> None:
                 space.draw_in_box(bounds, 0, 256), common_seed=True
             )  # the workers compile or load
             for seed in range(arguments.seeds):
-                found = search_worst(evaluate, len(space.names), arguments.flights, seed)
+                worst = search_worst(evaluate, len(space.names), arguments.flights, seed)
                 values = space.draw_in_box(bounds, seed, arguments.flights)
                 random = max(
                     float(severity.of(search.fly(values[i : i + 256], common_seed=True)).max())
                     for i in range(0, len(values), 256)
                 )
-                held += found.value >= random
-                rows.append({"seed": seed, "search": found.value, "random": random})
+                not_below += worst.value >= random
+                rows.append({"seed": seed, "search": worst.value, "random": random})
                 print(
-                    f"seed {seed}: search {shown(found.value)}, random {shown(random)}", flush=True
+                    f"seed {seed}: search {shown(worst.value)}, random {shown(random)}", flush=True
                 )
-    print(f"not below in {held} of {arguments.seeds} seeds")
+    print(f"not below in {not_below} of {arguments.seeds} seeds")
     if arguments.json:
         result = {
             "campaign": arguments.campaign.stem,
             "controller": request.controller or "the first",
             "metric": arguments.metric,
             "flights": arguments.flights,
-            "not_below": held,
+            "not_below": not_below,
             "seeds": rows,
         }
         write_json(arguments.json, result)
-    sys.exit(held < arguments.seeds and not arguments.smoke)
+    sys.exit(not_below < arguments.seeds and not arguments.smoke)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Is it true that 'with nearly the same control usage TLC tracks better'? Writes docs/explanation/claim.md.
+"""Page docs/explanation/claim.md on whether TLC tracks better with nearly the same control usage.
 
     python studies/claim.py
 
-All numbers come from studies/fronts/results.json (``fronts.py``, ``fronts_results.py``); nothing is flown here.
+All numbers come from studies/fronts/results.json (``fronts.py``, ``fronts_results.py``); no flight
+is run.
 """
 
 import json
@@ -24,93 +25,88 @@ NAMED = {
     "tlc_robust_abhv": "`tlc_robust_abhv`",
     "lqr_robust_abhv": "`lqr_robust_abhv`",
 }
-SLACK = 1.03  # of a budget: its usage was that of 16 flights
-HEAD = """# Does TLC track better with nearly the same control usage?
+SLACK = 1.03  # tolerance of a budget, which was applied to 16 flights
+HEAD = """# Does TLC track better with nearly the same control effort?
 
-![Error against control usage of TLC and LQR on three vehicles](../images/claim_fronts.png)
+![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
 
-*Each point is a controller flying the paper's S, lower left is better. Error: rms against its own command, median \
-of 400 flights under the paper's dispersions. Usage: mean of rms and travel of the three surfaces. Both over TLC's \
-with Table 1 (star). Lines: best designs within the same margins, two searches of each law. Bars: 95 % intervals.*
+*Each point is a controller in the paper's S manoeuvre; lower left is better. Error: rms against the controller's own \
+command, median of 400 flights under the paper's dispersions. Control effort: mean of rms and travel of the three \
+surfaces. Both relative to TLC with Table 1 (star). Lines: best designs within the same margins, two searches for \
+each controller. Bars: 95 % intervals.*
 
 {answer}
 
-Zhu and Shen (2014) close with: "with nearly the same amount of control surface usage, TLC has a better performance \
-in tracking angle of attack, sideslip angle and bank angle commands". [The paper's \
-page](paper.md#the-claim-with-the-printed-gains) has their printed gains on all eight vehicles; here both laws are \
-tuned alike on three of them, each with its own S.
+Zhu and Shen (2014) conclude: "with nearly the same amount of control surface usage, TLC has a better performance \
+in tracking angle of attack, sideslip angle and bank angle commands". [The comparison with the paper's \
+figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles; here both \
+controllers are tuned alike on three of them, each with its own S.
 
 ## The fronts
 
-The smallest root mean square of the three angles' relative errors within a budget of usage (3 % over it counts as \
-within); the best design's rms of aileron, elevator and rudder over Table 1's; in brackets the ratios in angle of \
+The table has the smallest root mean square of the three relative errors within a limit on control effort (exceeded \
+by at most 3 %), the rms of aileron, elevator and rudder of the best design, and in brackets the ratios in angle of \
 attack, sideslip and bank.
 
 {fronts}
 
-Search 1 began with the printed gains and those tuned on `ghame_x`, search 2, twice as long, with random points. \
+Search 1 started from the printed gains and those tuned on `ghame_x`; search 2, twice as long, from random points. \
 {agreement}
 
-## What was searched
+## The search
 
-Both laws have 14 free entries: TLC bandwidths and dampings, LQR its weights. Every design on a line keeps 6 dB, 35 \
-deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and 30 ms at the corners of the paper's box). In the \
-*wide box* (also effectiveness ±20 %, and a delay of 0 to 40 ms: 128 corners and 200 fresh flights of 180 s) it \
-loses no flight and cycles in none by more than 5 deg. No error of altitude, speed or heading is above 1.5 times the \
-larger of the printed designs' (2 in the fresh flights); LQR makes more use of that than TLC.
+Both controllers have 14 free numbers: bandwidths and dampings of TLC, weights of LQR. Every design on a line has at \
+least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and 30 ms at the corners of the paper's \
+box). In the *wide box* (also effectiveness ±20 %, and a delay of 0 to 40 ms: 128 corners and 200 new flights of \
+180 s) no flight terminates early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 \
+times the larger one of the printed designs (2 in the new flights).
 
-`studies/fronts.py` ran CMA-ES for each budget, {effort}; `studies/fronts_results.py` flies the results on fresh \
+`studies/fronts.py` ran CMA-ES for each limit: {effort}. `studies/fronts_results.py` simulates the results with new \
 seeds.
 
-## Table 1, the printed weights and the shipped designs
+## Printed and shipped designs
 
-On `abhv` in the paper's box, over Table 1's; of the wide box's 328 flights how many end early or cycle:
+`abhv` in the paper's box, relative to Table 1. The last column counts early terminations and oscillations in the \
+328 flights of the wide box.
 
 {shipped}
-
-## On a vehicle that the figures do not fit
-
-On `ghame_x`, with a bank that steps, three longer searches (revision 16e984d) found TLC's front below LQR's by 20 % \
-at 1 and 8 % at 0.7 of Table 1's usage, through sideslip. Tuning is worth more there: of the \
-2000 flights of `campaigns/wide.yaml`, flown for 180 s, Table 1 loses 139 and cycles on 833, LQR 458 and 720, TLC \
-robust 75 and 14, LQR robust 105 and 1 ([margins](margins.md)).
 """
 
 
 def best(
-    found: dict[str, Any], law: str, budget: float, search: int | None = None
+    results: dict[str, Any], law: str, budget: float, search: int | None = None
 ) -> dict[str, Any] | None:
-    """The design of the smallest error within a budget."""
+    """Return the design with the smallest error within a budget."""
     searches = SEARCHES if search is None else (search,)
     designs = [
         design
-        for each in searches
-        for design in found["fronts"].get(f"{law} {each}", [])
+        for number in searches
+        for design in results["fronts"].get(f"{law} {number}", [])
         if design["mean_usage"][0] <= SLACK * budget
     ]
     return min(designs, key=lambda design: design["error"][0], default=None)
 
 
 def used(design: dict[str, Any]) -> str:
-    """The rms of aileron, elevator and rudder over Table 1's."""
+    """Return the rms of aileron, elevator and rudder over Table 1's as text."""
     return " / ".join(f"{design['usage'][2 * i]:.2f}" for i in range(3))
 
 
 def front_table(results: dict[str, Any]) -> Iterator[str]:
-    """The fronts at the budgets searched, each search's."""
-    yield "| vehicle, budget | TLC, both searches | LQR, both searches | rms use of TLC, of LQR | best TLC / best LQR |"
+    """Yield the table of the fronts at the budgets, for each search."""
+    yield "| vehicle, effort | TLC, both searches | LQR, both searches | rms of TLC, of LQR | best TLC / best LQR |"
     yield "|---|---|---|---|---|"
-    for vehicle, found in results.items():
+    for vehicle, vehicle_results in results.items():
         for budget in sorted(BUDGETS):
             cells = []
             for law in LAWS:
-                designs = [best(found, law, budget, search) for search in SEARCHES]
+                designs = [best(vehicle_results, law, budget, search) for search in SEARCHES]
                 cells.append(
                     ", ".join(
                         f"{design['error'][0]:.2f}" if design else "none" for design in designs
                     )
                 )
-            tlc, lqr = (best(found, law, budget) for law in LAWS)
+            tlc, lqr = (best(vehicle_results, law, budget) for law in LAWS)
             usages = "; ".join(used(design) if design else "none" for design in (tlc, lqr))
             ratio = ""
             if tlc and lqr:
@@ -122,8 +118,8 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
 
 
 def shipped_table(results: dict[str, Any]) -> Iterator[str]:
-    """Table 1, the printed weights and the shipped designs in the paper's box."""
-    yield f"| design | usage | all three | {' | '.join(ANGLES)} | least margins | lost, cycling |"
+    """Yield the table of Table 1, the printed weights and the shipped designs."""
+    yield f"| design | effort | all three | {' | '.join(ANGLES)} | least margins | early, oscillating |"
     yield "|---|---|---|---|---|---|---|---|"
     for name, design in results[VEHICLES[0]]["shipped"].items():
         errors = " | ".join(f"{error[0]:.2f}" for error in (design["error"], *design["angles"]))
@@ -134,75 +130,90 @@ def shipped_table(results: dict[str, Any]) -> Iterator[str]:
 
 
 def answer(results: dict[str, Any]) -> str:
-    """What the fronts say of the paper's sentence."""
+    """Return the conclusion of the fronts on the paper's claim."""
     return (
-        "**Not decided: TLC is ahead in all nine comparisons, by less than two searches of one law differ. "
-        f"Within Table 1's own mean usage TLC's error of the "
-        f"three angles together is {ratio_words(results, 1.0)} of LQR's; within 0.85 of it "
-        f"{ratio_words(results, 0.85)}, within 0.7 {ratio_words(results, 0.7)}.** Within the whole usage the ratios "
-        f"are {ratio_words(results, 1.0, 0)} in angle of attack, {ratio_words(results, 1.0, 1)} in sideslip and "
-        f"{ratio_words(results, 1.0, 2)} in bank: TLC is closer in each angle. At lower usage it is not in every "
-        "angle (table). A longer search may change these numbers, and their order."
+        "**Not decided: TLC has the smaller error in all nine comparisons, but by less than two searches for one "
+        "controller differ. With the mean control effort of Table 1 the error of TLC in the three angles together is "
+        f"{ratio_words(results, 1.0)} of LQR's; with 0.85 of it {ratio_words(results, 0.85)}, with 0.7 "
+        f"{ratio_words(results, 0.7)}.** With the whole effort the ratios are {ratio_words(results, 1.0, 0)} in angle "
+        f"of attack, {ratio_words(results, 1.0, 1)} in sideslip and {ratio_words(results, 1.0, 2)} in bank. With less "
+        "effort TLC is not better in every angle (table). A longer search may change these numbers and their order."
     )
 
 
 def ratio_words(results: dict[str, Any], budget: float, column: int | None = None) -> str:
-    """'0.74, 0.83 and 0.90': TLC's best error over LQR's, vehicle by vehicle; the three angles', or one of them."""
-    found = []
-    for each in results.values():
-        tlc, lqr = (best(each, law, budget) for law in LAWS)
+    """Return TLC's best error over LQR's for each vehicle as text, such as '0.74, 0.83 and 0.90'.
+
+    The error is that of the three angles, or of one of them.
+    """
+    texts = []
+    for vehicle_results in results.values():
+        tlc, lqr = (best(vehicle_results, law, budget) for law in LAWS)
         if tlc and lqr:
             a, b = ((d["error"] if column is None else d["angles"][column])[0] for d in (tlc, lqr))
-            found.append(f"{a / b:.2f}")
+            texts.append(f"{a / b:.2f}")
         else:
-            found.append("none")
-    return f"{', '.join(found[:-1])} and {found[-1]}"
+            texts.append("none")
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def agreement(results: dict[str, Any]) -> str:
-    """How far the two searches' fronts lie apart."""
-    apart = {
+    """Return a sentence on the differences between the fronts of the two searches."""
+    differences = {
         law: max(
             (max(pair) / min(pair) - 1.0)
-            for found in results.values()
+            for vehicle_results in results.values()
             for budget in BUDGETS
-            if len(pair := [d["error"][0] for n in SEARCHES if (d := best(found, law, budget, n))])
+            if len(
+                pair := [
+                    d["error"][0] for n in SEARCHES if (d := best(vehicle_results, law, budget, n))
+                ]
+            )
             > 1
         )
         for law in LAWS
     }
-    listed = " and ".join(f"{100.0 * value:.0f} % ({law.upper()})" for law, value in apart.items())
+    listed = " and ".join(
+        f"{100.0 * value:.0f} % ({law.upper()})" for law, value in differences.items()
+    )
     ratios = [
-        best(found, "tlc", budget, 2)["error"][0] / best(found, "lqr", budget, 2)["error"][0]
-        for found in results.values()
+        best(vehicle_results, "tlc", budget, 2)["error"][0]
+        / best(vehicle_results, "lqr", budget, 2)["error"][0]
+        for vehicle_results in results.values()
         for budget in BUDGETS
     ]
     return (
-        f"They differ by up to {listed}; search 1 of LQR is the worse one nearly everywhere. Search 2 alone gives "
+        f"They differ by up to {listed}; for LQR search 1 is worse in nearly all rows. Search 2 alone gives "
         f"ratios of {min(ratios):.2f} to {max(ratios):.2f} over the nine rows."
     )
 
 
 def effort(results: dict[str, Any]) -> str:
-    """How much was searched."""
-    candidates = sum(sum(found["candidates"].values()) for found in results.values())
-    hours = sum(found["hours"] for found in results.values())
+    """Return the number of candidates and the time of the searches as text."""
+    candidates = sum(
+        sum(vehicle_results["candidates"].values()) for vehicle_results in results.values()
+    )
+    hours = sum(vehicle_results["hours"] for vehicle_results in results.values())
     return f"{candidates:,} candidates in {hours:.1f} hours of a shared core"
 
 
 def main() -> None:
     """Draw the figure and write the page."""
-    told = json.loads(RESULTS.read_text(encoding="utf-8"))
-    results = {name: found for name, found in told.items() if found["fronts"]}
+    stored = json.loads(RESULTS.read_text(encoding="utf-8"))
+    results = {
+        name: vehicle_results
+        for name, vehicle_results in stored.items()
+        if vehicle_results["fronts"]
+    }
     write_png(plot_fronts(results), PICTURE)
     fills = {"effort": effort(results), "agreement": agreement(results), "answer": answer(results)}
-    parts = {"{fronts}": front_table(results), "{shipped}": shipped_table(told)}
+    sections = {"{fronts}": front_table(results), "{shipped}": shipped_table(stored)}
     lines: list[str] = []
     for line in HEAD.splitlines():
-        words = line
+        text_line = line
         for name, fill in fills.items():
-            words = words.replace(f"{{{name}}}", fill)
-        lines.extend(parts.get(line, [words]))
+            text_line = text_line.replace(f"{{{name}}}", fill)
+        lines.extend(sections.get(line, [text_line]))
     text = "\n".join(wrapped(line) for line in lines)
     (ROOT / "docs/explanation/claim.md").write_text(text.rstrip() + "\n", encoding="utf-8")
 

@@ -1,10 +1,11 @@
-"""Fly the default campaign and keep its report as the example in reports/example: `make example`.
+"""Run the default campaign and store its report as the example in reports/example: `make example`.
 
-What is kept is the same on every machine: what only tells where and when it was flown, and hashes of bits that another
-machine's linear algebra may change, are left out, and numbers are kept to nine digits. The HTML page is left out, too
-(6 MB); where Chromium is installed, its first screen becomes docs/images/report.png.
+The stored files are the same on every machine. Places and times of the run are left out, as are
+hashes of bits that depend on the linear algebra of a machine, and numbers have nine digits. The
+HTML page (6 MB) is left out, too; if Chromium is installed, its first screen becomes
+docs/images/report.png.
 
-`python studies/example.py FOLDER` writes into another folder, and takes no picture.
+`python studies/example.py FOLDER` writes into another folder, without the picture.
 """
 
 import json
@@ -22,23 +23,23 @@ SHOWN = ("verdicts", "comparison", "drivers", "failures")
 HASHES = {"digest", "digests", "files", "key", "pages", "pictures"}
 
 
-def in_words(numbers: dict[str, Any], shown: dict[str, str]) -> str:
-    """The first screen, and what ``show`` prints of each topic."""
-    parts = [
+def in_words(numbers: dict[str, Any], outputs: dict[str, str]) -> str:
+    """Return the page with the first screen and the output of ``show`` for each topic."""
+    sections = [
         f"# {numbers['provenance']['question']}",
         "![The first screen](../../docs/images/report.png)",
     ]
-    for topic, printed in shown.items():
-        told = (line.rstrip() for line in printed.strip("\n").splitlines())
+    for topic, printed in outputs.items():
+        stripped = (line.rstrip() for line in printed.strip("\n").splitlines())
         lines = "\n".join(
-            line if line.startswith(" ") else textwrap.fill(line, 120) for line in told
+            line if line.startswith(" ") else textwrap.fill(line, 120) for line in stripped
         )
-        parts.append(f"`abhv-mc show {topic} reports/s_manoeuvre`:\n\n```text\n{lines}\n```")
-    return "\n\n".join(parts) + "\n"
+        sections.append(f"`abhv-mc show {topic} reports/s_manoeuvre`:\n\n```text\n{lines}\n```")
+    return "\n\n".join(sections) + "\n"
 
 
 def keep_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
-    """The report's numbers without hashes, to nine digits."""
+    """Return the report's numbers without hashes, with nine digits."""
 
     def rounded(value: Any) -> Any:
         if isinstance(value, dict):
@@ -47,12 +48,12 @@ def keep_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
             return [rounded(item) for item in value]
         return float(f"{value:.9g}") if isinstance(value, float) else value
 
-    kept: dict[str, Any] = rounded(numbers)
-    return kept
+    result: dict[str, Any] = rounded(numbers)
+    return result
 
 
 def take_picture(page: Path, profile: Path) -> None:
-    """The page's first screen as a PNG, where a browser is there."""
+    """Write the page's first screen as a PNG if a browser is installed."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
         print("no Chromium: docs/images/report.png stays as it is", file=sys.stderr)
@@ -73,25 +74,23 @@ def take_picture(page: Path, profile: Path) -> None:
 
 
 def main(target: Path, *options: str) -> None:
-    """Fly, report, keep."""
+    """Run the campaign and store its report."""
     with tempfile.TemporaryDirectory() as temporary:
 
-        def abhv_mc(*words: str) -> str:
-            told = subprocess.run([sys.executable, "-m", "abhv_mc", *words], check=True, cwd=temporary,  # noqa: S603
+        def abhv_mc(*arguments: str) -> str:
+            process = subprocess.run([sys.executable, "-m", "abhv_mc", *arguments], check=True, cwd=temporary,  # noqa: S603
                                   stdout=subprocess.PIPE, text=True)  # fmt: skip
-            return told.stdout
+            return process.stdout
 
-        flown = Path(
-            "reports/s_manoeuvre"
-        )  # relative, so that the commands in the report name no machine's folder
-        abhv_mc("run", "s_manoeuvre", "-o", flown.as_posix(), *options)
-        folder = Path(temporary) / flown
+        results = Path("reports/s_manoeuvre")  # relative, as in the commands of the report
+        abhv_mc("run", "s_manoeuvre", "-o", results.as_posix(), *options)
+        folder = Path(temporary) / results
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(folder / "figures", target / "figures")
         numbers = keep_numbers(json.loads((folder / "report.json").read_text(encoding="utf-8")))
         (target / "report.json").write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
-        shown = {topic: abhv_mc("show", topic, flown.as_posix()) for topic in SHOWN}
-        (target / "README.md").write_text(in_words(numbers, shown), encoding="utf-8")
+        outputs = {topic: abhv_mc("show", topic, results.as_posix()) for topic in SHOWN}
+        (target / "README.md").write_text(in_words(numbers, outputs), encoding="utf-8")
         if target == EXAMPLE:
             take_picture(folder / "report.html", Path(temporary) / "profile")
 

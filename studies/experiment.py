@@ -1,4 +1,4 @@
-"""What the studies share: the paper's dispersions, and flights of one vehicle and mission with changing gains."""
+"""Shared code of the studies: the paper's dispersions, and flights with changing gains."""
 
 import textwrap
 from dataclasses import replace
@@ -27,7 +27,7 @@ CORNERS = (
     (1, -1, -1),
     (-1, 1, -1),
     (-1, -1, 1),
-)  # of density, lift, drag: half of the box's eight
+)  # of density, lift and drag; four of the eight corners of the box
 
 ERRORS = (
     "altitude_error_rms_m",
@@ -41,7 +41,7 @@ FOLLOWING = (
     "angle_of_attack_error_rms_deg",
     "sideslip_rms_deg",
     "bank_error_rms_deg",
-)  # what the paper's claim names
+)  # angles of the paper's claim
 USAGE = tuple(
     f"{surface}_{kind}_deg"
     for surface in ("aileron", "elevator", "rudder")
@@ -51,7 +51,7 @@ ALLOWED = 1.05  # times TLC's usage
 
 
 def corner_parameters() -> Floats:
-    """The nominal flight and CORNERS, ``[flight, parameter]``."""
+    """Return the nominal flight and CORNERS, ``[flight, parameter]``."""
     parameters = nominal_parameters(1 + len(CORNERS))
     for row, corner in zip(parameters[1:], CORNERS, strict=True):
         for (name, half_width), sign in zip(DISPERSIONS.items(), corner, strict=True):
@@ -60,7 +60,7 @@ def corner_parameters() -> Floats:
 
 
 def random_parameters(flights: int, seed: int = 2014) -> Floats:
-    """The paper's dispersions, ``[flight, parameter]``."""
+    """Draw the paper's dispersions, ``[flight, parameter]``."""
     generator = np.random.default_rng(seed)
     parameters = nominal_parameters(flights)
     for name, half_width in DISPERSIONS.items():
@@ -69,12 +69,12 @@ def random_parameters(flights: int, seed: int = 2014) -> Floats:
 
 
 def columns(block: FlightBlock, names: tuple[str, ...]) -> Floats:
-    """Metrics ``[flight, name]``."""
+    """Return metrics ``[flight, name]``."""
     return block.metrics[:, [METRIC_INDEX[name] for name in names]]
 
 
 def wrapped(line: str) -> str:
-    """A paragraph or a list's entry of a page in lines of 120 columns; tables, images and titles as they are."""
+    """Wrap a paragraph or list entry at 120 columns; tables, images and titles are unchanged."""
     if line.startswith(("|", "!", "#", ">")):
         return line
     return "\n".join(
@@ -88,24 +88,24 @@ def wrapped(line: str) -> str:
 
 
 class Bench:
-    """One vehicle and mission, ready to be flown with TLC's gains as they change."""
+    """Vehicle and mission for flights with changing gains of TLC."""
 
     def __init__(self, vehicle: Path, mission: Path) -> None:
         self.vehicle, self.mission = load_vehicle(vehicle), read_mission(mission)
-        found = read_controller(ROOT / "configs/control/tlc.yaml")
-        if not isinstance(found, TlcController):
-            raise SystemExit("tlc.yaml is no TLC")
-        self.table_1 = found
-        self.plan = self.make_plan(found)
+        controller = read_controller(ROOT / "configs/control/tlc.yaml")
+        if not isinstance(controller, TlcController):
+            raise SystemExit("tlc.yaml is not a TLC controller")
+        self.table_1 = controller
+        self.plan = self.make_plan(controller)
 
     def make_plan(self, controller: Controller) -> FlightPlan:
-        """The plan of any controller."""
+        """Return the plan of any controller."""
         return make_plan(self.vehicle, self.mission, controller, controller.law)
 
     def fly_tlc(
         self, controller: TlcController, parameters: Floats, record_every: int | None = None
     ) -> FlightBlock:
-        """Fly TLC with other gains; what does not depend on them is kept."""
+        """Run flights of TLC with other gains."""
         gains = make_tlc_gains(controller, self.plan.reference, self.vehicle, self.plan.trim_tables)
         plan = replace(self.plan, gains=gains, settings=make_tlc_settings(controller, self.vehicle))
         return fly(plan, parameters, record_every)

@@ -1,18 +1,23 @@
-"""Error against control usage for both laws within the same margins: searches that resume, and what they found.
+"""Searches for small errors within budgets of control usage, for both laws and the same margins.
 
-    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--law LAW ...] [--rounds R] [--work DIR]
+    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--law LAW ...] [--rounds R]
+        [--work DIR]
 
-Three members of the paper's ensemble, each with its own S. Of every candidate: the margins in level flight, 16 flights
-of the paper's box, whose medians give errors and usage over those of TLC with Table 1, and 16 corners of the wide box
-with 40 ms of delay, which are neither lost nor cycle.
-- *Error*: the root mean square of the three angles' relative errors, so that none is given up for the others.
+The vehicles are three members of the paper's ensemble, each with its own S. Every candidate is
+evaluated by its margins in level flight, by 16 flights of the paper's box, whose medians give
+errors and usage relative to TLC with Table 1, and by 16 corners of the wide box with 40 ms of
+delay, which must neither terminate early nor cycle.
+
+- *Error*: the root mean square of the three angles' relative errors, so that all of them count.
 - *Usage*: the mean of six ratios, rms from the trim and travel of each surface.
-- *Path*: no error of altitude, speed or heading above ``PATH`` times the larger of the printed designs'; or a law would
-  follow commands that it makes easy.
-Two searches of 14 free entries share nothing: the first starts from the printed gains and the robust ones of
-`ghame_x`, the second from random points and twice as long. Each step is a CMA-ES for small errors within a budget of
-usage, from the best candidate so far for it. A step is a file in ``--work``: the command goes on where it stopped.
-A round takes some 12 minutes of a core a vehicle; then ``fronts_results.py``.
+- *Path*: no error of altitude, speed or heading above ``PATH`` times the larger of the printed
+  designs'; otherwise a law could make its commands easy to follow.
+
+Two independent searches have 14 free entries. The first starts from the printed gains and the
+robust ones of `ghame_x`, the second from random points and is twice as long. Each step is a CMA-ES
+run for small errors within a budget of usage, from the best previous candidate. A step is stored as
+a file in ``--work``, from which the command resumes. A round takes about 12 minutes of a core per
+vehicle; run ``fronts_results.py`` afterwards.
 """
 
 import argparse
@@ -36,7 +41,7 @@ from abhv_mc.io.documents import read_document
 from abhv_mc.shipped import find_input
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc_tune.candidates import ControllerNumbers
-from abhv_mc_tune.method import Scores, pareto_front, tune
+from abhv_mc_tune.constrained_search import Scores, pareto_front, tune
 
 VEHICLES = (
     "seed-2",
@@ -45,13 +50,13 @@ VEHICLES = (
 )  # of studies/paper_vehicle.json: abhv, and the two that differ most from it
 LAWS = ("tlc", "lqr")
 SEARCHES = (1, 2)
-RANDOM = 2  # the search that begins with random points
-DRAWN = 128  # of them
+RANDOM = 2  # the search that starts from random points
+DRAWN = 128  # number of random points
 BUDGETS = (1.0, 0.85, 0.7)  # mean usage over Table 1's
 PATH = 1.5
-FAR = 0.5  # short of a margin, relative: not worth flying
+FAR = 0.5  # relative deficit of a margin from which no flights are run
 CANDIDATES = 97  # of a step: its start and generations of 16
-LONGER = 2  # times as many from random points and in later rounds
+LONGER = 2  # factor on CANDIDATES from random points and in later rounds
 STEP = 0.07  # first standard deviation, of the box -1 .. 1
 FACTOR = {"tlc": 20.0, "lqr": 1000.0}  # either way
 PATHS = [0, 1, 2]  # of ERRORS
@@ -63,12 +68,12 @@ KEYS = {"tlc": (*FREE["tlc"], *MORE), "lqr": FREE["lqr"]}
 
 @dataclass(frozen=True)
 class Tried:
-    """Candidates of one law on one vehicle."""
+    """Evaluated candidates of one law on one vehicle."""
 
     points: Floats  # [candidate, free]
     errors: Floats  # [candidate, ERRORS] over Table 1's
     usage: Floats  # [candidate, USAGE] over Table 1's
-    limits: Floats  # [candidate, LIMITS]: above zero where one is broken
+    limits: Floats  # [candidate, LIMITS], positive if violated
 
     @property
     def score(self) -> Floats:
@@ -81,39 +86,46 @@ class Tried:
         return np.asarray(self.usage.mean(axis=1))
 
     def within(self, budget: float) -> Scores:
-        """Small errors within a budget."""
+        """Return the scores for small errors within a budget."""
         excess = np.column_stack([self.limits, self.mean_usage / budget - 1.0])
         return Scores(self.score, excess, self.mean_usage)
 
     @property
-    def kept(self) -> "Tried":
-        """Those that keep every limit."""
+    def feasible(self) -> "Tried":
+        """Candidates that satisfy every limit."""
         return self.rows(np.flatnonzero((self.limits <= 0.0).all(axis=1)))
 
     @property
     def front(self) -> "Tried":
-        """Those of :attr:`kept` that none beats in error and mean usage, by usage."""
-        kept = self.kept
-        return kept.rows(pareto_front(np.column_stack([kept.mean_usage, kept.score])))
+        """Pareto-optimal feasible candidates in error and mean usage, by usage."""
+        within_limits = self.feasible
+        return within_limits.rows(
+            pareto_front(np.column_stack([within_limits.mean_usage, within_limits.score]))
+        )
 
-    def rows(self, which: np.ndarray) -> "Tried":
-        """Some of them."""
-        return Tried(*(part[which] for part in (self.points, self.errors, self.usage, self.limits)))
+    def rows(self, selected: np.ndarray) -> "Tried":
+        """Return some of the candidates."""
+        return Tried(
+            *(
+                column_group[selected]
+                for column_group in (self.points, self.errors, self.usage, self.limits)
+            )
+        )
 
     @property
     def table(self) -> Floats:
-        """All in one array ``[candidate, column]``."""
+        """All values as one array ``[candidate, column]``."""
         return np.hstack([self.points, self.errors, self.usage, self.limits])
 
 
 def tried_of(table: Floats) -> Tried:
-    """From :attr:`Tried.table`."""
+    """Return the candidates of a :attr:`Tried.table`."""
     first = table.shape[1] - LIMITS - 12
     return Tried(*np.split(table, [first, first + 6, first + 12], axis=1))
 
 
 def hard_corners() -> Floats:
-    """16 corners of the wide box with the longest delay: a fraction of the other six signs' 64."""
+    """Return 16 of the 64 corners of the wide box with the longest delay."""
     signs = np.array(list(product((-1.0, 1.0), repeat=4)))
     a, b, c, d = signs.T
     rows = nominal_parameters(16)
@@ -122,7 +134,7 @@ def hard_corners() -> Floats:
 
 
 class Trials:
-    """Measures candidates of one law on one vehicle."""
+    """Evaluation of candidates of one law on one vehicle."""
 
     def __init__(self, vehicle: str, law: str) -> None:
         self.duel, self.law = Duel(vehicle, law), law
@@ -139,40 +151,43 @@ class Trials:
 
     @staticmethod
     def medians(flown: Flown) -> tuple[Floats, Floats]:
-        """Errors and usage of the paper's box."""
+        """Return the medians of errors and usage in the paper's box."""
         return np.median(flown.errors[:16], axis=0), np.median(flown.usage[:16], axis=0)
 
-    def place(self, file: str) -> Floats:
-        """The point of a controller's file; what lies beyond the box comes to its edge."""
+    def point_of(self, file: str) -> Floats:
+        """Return the point of a controller file, limited to the box."""
         data = read_document(find_input(file, "control"))
         theirs, ours = (
-            ControllerNumbers(each, self.numbers.free) for each in (data, self.numbers.document)
+            ControllerNumbers(document, self.numbers.free)
+            for document in (data, self.numbers.document)
         )
         nothing = np.zeros(len(self.numbers.free))
         ratios = [
-            float(str(there).split()[0]) / float(str(here).split()[0])
-            for there, here in zip(
+            float(str(value).split()[0]) / float(str(own_value).split()[0])
+            for value, own_value in zip(
                 theirs.values(nothing).values(), ours.values(nothing).values(), strict=True
             )
         ]
         return np.clip(np.log(ratios) / np.log(FACTOR[self.law]), -0.98, 0.98)
 
     def controller(self, point: Floats) -> Controller:
-        """The controller of a point, as its file would be read."""
+        """Return the controller of a point, as read from its file."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "candidate.yaml"
             self.numbers.write(path, point)
             return read_controller(path)
 
-    def one(self, point: Floats) -> Floats:
-        """A row of :attr:`Tried.table`."""
+    def evaluate(self, point: Floats) -> Floats:
+        """Return a row of :attr:`Tried.table`."""
         bad = np.hstack([point, np.full(12, 9.0), np.ones(LIMITS)])
         try:
             plan, steady = self.duel.plans(self.controller(point))
         except np.linalg.LinAlgError:
             return bad
-        found = margins_of_flights(plan, steady, self.duel.corners[:1], ["trim"], 100).table[0, :3]
-        bad[-LIMITS] = short = float(((NOMINAL - found) / NOMINAL).max())
+        margins = margins_of_flights(plan, steady, self.duel.corners[:1], ["trim"], 100).table[
+            0, :3
+        ]
+        bad[-LIMITS] = short = float(((NOMINAL - margins) / NOMINAL).max())
         if short > FAR:
             return bad
         flown = self.duel.fly(plan, self.flights)
@@ -187,23 +202,23 @@ class Trials:
         )
 
     def measure(self, points: Floats) -> Tried:
-        """Candidates ``[candidate, free]``."""
-        return tried_of(np.array([self.one(point) for point in points]))
+        """Evaluate candidates ``[candidate, free]``."""
+        return tried_of(np.array([self.evaluate(point) for point in points]))
 
 
 class Archive:
-    """All candidates of a vehicle, as the steps' files hold them."""
+    """Files with all candidates of a vehicle, one per step."""
 
     def __init__(self, work: Path, vehicle: str) -> None:
         self.folder, self.vehicle = work / vehicle, vehicle
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def file(self, law: str, search: int, step: str) -> Path:
-        """Where a step is kept."""
+        """Return the path of a step's file."""
         return self.folder / f"{law}-{search}-{step}.npz"
 
     def tried(self, law: str, searches: tuple[int, ...]) -> Tried:
-        """Everything that these searches tried."""
+        """Return all candidates of some searches."""
         files = [
             file
             for search in searches
@@ -213,35 +228,35 @@ class Archive:
         return tried_of(np.vstack([nothing, *(np.load(file)["table"] for file in files)]))
 
     def starts(self, trials: Trials, law: str, search: int) -> Floats:
-        """Points that a search begins with."""
+        """Return the points from which a search starts."""
         if search == RANDOM:
             return np.random.default_rng(1000 * search).uniform(-0.5, 0.5, (DRAWN, len(KEYS[law])))
-        return np.array([trials.place(file) for file in (law, f"{law}_robust_ghame_x")])
+        return np.array([trials.point_of(file) for file in (law, f"{law}_robust_ghame_x")])
 
     def seconds(self) -> float:
-        """What the steps took."""
+        """Return the time of all steps, s."""
         return sum(float(np.load(file)["seconds"]) for file in self.folder.glob("*.npz"))
 
 
 def steps(rounds: int) -> Iterator[tuple[int, str, float]]:
-    """Number, law and budget (none: the starts) of each step of a search."""
+    """Yield number, law and budget (0 for the starting points) of each step of a search."""
     for number, budget in enumerate((0.0, *(BUDGETS * rounds))):
         for law in LAWS:
             yield number, law, budget
 
 
 def run_step(trials: Trials, archive: Archive, search: int, step: tuple[int, str, float]) -> None:
-    """One step, unless it is kept already."""
+    """Run a step unless its file exists."""
     number, law, budget = step
     file = archive.file(law, search, f"{number:02d}-{budget:g}")
     if file.exists():
         return
-    parts: list[Tried] = []
+    batches: list[Tried] = []
     begun, aim = time.perf_counter(), budget or BUDGETS[0]
 
     def measure(points: Floats) -> Scores:
-        parts.append(trials.measure(points))
-        return parts[-1].within(aim)
+        batches.append(trials.measure(points))
+        return batches[-1].within(aim)
 
     if not budget:
         measure(archive.starts(trials, law, search))
@@ -250,12 +265,12 @@ def run_step(trials: Trials, archive: Archive, search: int, step: tuple[int, str
         start = before.points[int(np.argmin(before.within(aim).rank()))]
         longer = 1 if number <= len(BUDGETS) and search != RANDOM else LONGER
         tune(measure, start, longer * CANDIDATES, seed=1000 * search + number, step=STEP)
-    table = np.vstack([part.table for part in parts])
+    table = np.vstack([batch.table for batch in batches])
     with tempfile.NamedTemporaryFile(dir=archive.folder, suffix=".tmp", delete=False) as into:
         np.savez_compressed(into, table=table, seconds=time.perf_counter() - begun)
     Path(into.name).replace(file)
-    found = tried_of(table)
-    best = found.rows(np.array([int(np.argmin(found.within(aim).rank()))]))
+    tried = tried_of(table)
+    best = tried.rows(np.array([int(np.argmin(tried.within(aim).rank()))]))
     print(
         f"{archive.vehicle} search {search} step {number} {law} {aim:g}: error {best.score[0]:.3f}, "
         f"usage {best.mean_usage[0]:.3f}, beyond {best.within(aim).excess.max():.3f} "
@@ -265,7 +280,7 @@ def run_step(trials: Trials, archive: Archive, search: int, step: tuple[int, str
 
 
 def main() -> None:
-    """Search, and go on where a search stopped."""
+    """Run or resume the searches."""
     parser = argparse.ArgumentParser(description="Fronts of error against usage for TLC and LQR.")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
     parser.add_argument("--law", nargs="+", choices=LAWS, default=LAWS)
@@ -275,7 +290,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.smoke:
         trials = Trials(VEHICLES[0], "lqr")
-        print(trials.measure(trials.place("lqr")[None]))
+        print(trials.measure(trials.point_of("lqr")[None]))
         return
     for vehicle in arguments.vehicle:
         archive = Archive(arguments.work, vehicle)

@@ -1,10 +1,11 @@
-"""Flies what ``fronts.py`` found on fresh seeds: writes studies/fronts/results.json.
+"""Validation of the designs of ``fronts.py`` with new seeds; writes studies/fronts/results.json.
 
     OPENBLAS_NUM_THREADS=1 python studies/fronts_results.py [--vehicle NAME ...] [--work DIR] [--shipped]
 
-From each search the best design within each of ``BUDGETS`` that keeps every limit: margins also at the corners of the
-paper's box, and no flight lost or cycling at the 128 corners of the wide box and in ``WIDE`` fresh ones. Errors and
-usage are medians over 400 fresh flights of the paper's box with their exact 95 % intervals.
+From each search the best design within each of ``BUDGETS`` is selected that satisfies every limit:
+margins also at the corners of the paper's box, and no early termination or cycle at the 128 corners
+of the wide box and in ``WIDE`` new flights. Errors and usage are medians over 400 new flights of
+the paper's box with their exact 95 % intervals.
 """
 
 import argparse
@@ -27,23 +28,23 @@ from abhv_mc.statistics.estimates import Interval, quantile
 
 PAPER_SEED, WIDE_SEED = 3014, 3015
 FLIGHTS, WIDE = 400, 200
-FRESH_PATH = 2.0  # PATH holds in the searches' 16 flights
-TRIES = 8  # designs that are flown for a place of the front before it stays empty
+FRESH_PATH = 2.0  # instead of PATH, which applies to the 16 flights of the searches
+TRIES = 8  # designs that are tried for a budget before it stays empty
 
 
 @dataclass(frozen=True)
 class Fresh:
-    """A design on the fresh flights."""
+    """Results of a design in the new flights."""
 
     errors: Floats  # [flight, ERRORS], of the paper's box
     usage: Floats  # [flight, USAGE]
     margins: Floats  # (dB, deg, ms) nominal, then the least at the corners of the paper's box
-    lost: int  # of the wide box's flights
+    lost: int  # early terminations in the wide box
     cycling: int
 
 
 class Judge:
-    """Flies designs of one vehicle on fresh seeds."""
+    """Validation of designs of one vehicle with new seeds."""
 
     def __init__(self, vehicle: str, flights: int = FLIGHTS) -> None:
         self.name = vehicle
@@ -56,11 +57,11 @@ class Judge:
         )
         block = fly(self.duel.table_1_plan, self.paper)
         self.table_1 = columns(block, ERRORS), columns(block, USAGE)
-        self.references = tuple(np.median(part, axis=0) for part in self.table_1)
+        self.references = tuple(np.median(metrics, axis=0) for metrics in self.table_1)
         self.path = FRESH_PATH * self.trials["tlc"].path
 
     def fly(self, controller: Controller, name: str) -> Fresh:
-        """A design."""
+        """Run the flights of a design."""
         plan = make_plan(self.duel.vehicle, self.duel.mission, controller, name)
         steady = make_steady_plan(self.duel.vehicle, self.duel.mission, controller, name)
         margins = self.duel.margins(plan, steady)[:, :3]
@@ -69,28 +70,28 @@ class Judge:
         return Fresh(columns(block, ERRORS), columns(block, USAGE), least, wide.lost, wide.cycling)
 
     def count(self, controller: Controller, name: str) -> Flown:
-        """The wide box's flights, which last LONG."""
+        """Run the flights of the wide box, which last LONG."""
         plan = make_plan(self.duel.vehicle, self.duel.long, controller, name)
         return self.duel.fly(plan, np.vstack([self.corners, self.wide]))
 
     def keeps(self, fresh: Fresh) -> bool:
-        """Whether every limit is kept."""
+        """Return whether every limit is satisfied."""
         path = np.median(fresh.errors, axis=0)[PATHS] / self.references[0][PATHS]
-        wanted = np.array([*NOMINAL, *CORNER])
+        required = np.array([*NOMINAL, *CORNER])
         return bool(
             not fresh.lost
             and not fresh.cycling
-            and (fresh.margins >= wanted).all()
+            and (fresh.margins >= required).all()
             and (path < self.path).all()
         )
 
     def scores(self, fresh: Fresh) -> tuple[Floats, Floats]:
-        """Error and usage of each flight as one number."""
+        """Return error and usage of each flight."""
         errors = (fresh.errors / self.references[0])[:, ANGLES]
         return np.sqrt((errors**2).mean(axis=1)), (fresh.usage / self.references[1]).mean(axis=1)
 
-    def told(self, fresh: Fresh) -> dict[str, Any]:
-        """What the results keep of a design."""
+    def record(self, fresh: Fresh) -> dict[str, Any]:
+        """Return the record of a design for the results file."""
         score, usage = self.scores(fresh)
         angles = (fresh.errors / self.references[0])[:, ANGLES].T
         return {
@@ -105,7 +106,7 @@ class Judge:
         }
 
     def promises(self, law: str, point: Floats) -> bool:
-        """Whether a point keeps the limits that take no fresh flights, before it flies those."""
+        """Return whether a point satisfies the limits that need no new flights."""
         plan, steady = self.trials[law].duel.plans(self.trials[law].controller(point))
         corners = self.duel.fly(plan, self.corners)
         if corners.lost or corners.cycling:
@@ -114,43 +115,49 @@ class Judge:
         return bool((margins[0] >= NOMINAL).all() and (margins[1:] >= CORNER).all())
 
     def design(self, law: str, point: Floats) -> Fresh:
-        """Fly a point of a search."""
+        """Run the flights of a point of a search."""
         return self.fly(self.trials[law].controller(point), law)
 
 
 def rounded(values: Floats) -> list[float]:
-    """To four digits."""
+    """Return values rounded to four digits."""
     return [float(f"{value:.4g}") for value in values]
 
 
 def triple(interval: Interval) -> list[float]:
-    """Value, low, high."""
+    """Return value, low and high."""
     return rounded(np.array([interval.value, interval.low, interval.high]))
 
 
 def front(judge: Judge, law: str, tried: Tried) -> list[dict[str, Any]]:
-    """The best design that keeps every limit within each budget, by usage."""
-    kept, found = tried.kept, []
+    """Return the best design within each budget that satisfies every limit, by usage."""
+    within_limits, designs = tried.feasible, []
     last = -1
     for budget in BUDGETS[::-1]:
-        order = [int(i) for i in np.argsort(kept.score) if kept.mean_usage[i] <= budget]
+        order = [
+            int(i) for i in np.argsort(within_limits.score) if within_limits.mean_usage[i] <= budget
+        ]
         for i in order[:TRIES]:
             if i == last:
                 break
-            if not judge.promises(law, kept.points[i]):
+            if not judge.promises(law, within_limits.points[i]):
                 continue
-            fresh = judge.design(law, kept.points[i])
+            fresh = judge.design(law, within_limits.points[i])
             if judge.keeps(fresh):
-                found.append(
-                    {"budget": budget, "point": rounded(kept.points[i]), **judge.told(fresh)}
+                designs.append(
+                    {
+                        "budget": budget,
+                        "point": rounded(within_limits.points[i]),
+                        **judge.record(fresh),
+                    }
                 )
                 last = i
                 break
-    return found
+    return designs
 
 
 def main() -> None:
-    """Fly what was found."""
+    """Validate the designs and write the results."""
     parser = argparse.ArgumentParser(description="Fly the designs that fronts.py found.")
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
@@ -159,33 +166,33 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.smoke:
         judge = Judge(VEHICLES[0], 2)
-        print(judge.told(judge.fly(read_controller(ROOT / "configs/control/lqr.yaml"), "lqr")))
+        print(judge.record(judge.fly(read_controller(ROOT / "configs/control/lqr.yaml"), "lqr")))
         return
     into = ROOT / "studies/fronts/results.json"
     for vehicle in arguments.vehicle:
         archive, judge = Archive(arguments.work, vehicle), Judge(vehicle)
-        told: dict[str, Any] = {
+        record: dict[str, Any] = {
             "hours": round(archive.seconds() / 3600.0, 2),
             "candidates": {},
             "fronts": {},
         }
-        told["table_1"] = {
+        record["table_1"] = {
             "errors": rounded(judge.references[0]),
             "usage": rounded(judge.references[1]),
         }
-        told["shipped"] = {
-            name: judge.told(judge.fly(read_controller(find_input(name, "control")), name))
+        record["shipped"] = {
+            name: judge.record(judge.fly(read_controller(find_input(name, "control")), name))
             for name in ("tlc", "lqr", "tlc_robust_abhv", "lqr_robust_abhv")
         }
         for law in () if arguments.shipped else LAWS:
             for search in SEARCHES:
                 tried = archive.tried(law, (search,))
-                told["candidates"][f"{law} {search}"] = len(tried.points)
-                told["fronts"][f"{law} {search}"] = front(judge, law, tried)
+                record["candidates"][f"{law} {search}"] = len(tried.points)
+                record["fronts"][f"{law} {search}"] = front(judge, law, tried)
         results = json.loads(into.read_text(encoding="utf-8")) if into.exists() else {}
-        results[vehicle] = told
+        results[vehicle] = record
         into.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        print(f"{vehicle}: {told['candidates']}, {told['hours']} h", flush=True)
+        print(f"{vehicle}: {record['candidates']}, {record['hours']} h", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,19 @@
-"""Vehicles of the class of GHAME with the paper's S: the free numbers, their box, and tables in memory.
+"""Vehicles of the class of GHAME with the paper's S: free parameters, their box and tables.
 
-The base is `ghame_x` (CADAC++ GHAME6, P. H. Zipfel, at a smaller size) at `HEAVIER` times its mass and inertias: a wing
-loading of 393 kg/m2. Most free numbers are factors on GHAME's own coefficients. Beside them stands the winged cone
-(NASA TM-102610, `winged_cone.yaml`) relative to GHAME at the Mach number and angle of attack of the S, full, inertias
-over mass times area. Yaw by aileron, roll rate and yaw rate keeps the sign that both have.
-Drag is a polar, `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`: `alpha_0` is the zero-lift angle of a straight line
-through CL below 10 deg at a Mach number, `g` GHAME's drag at 3 deg relative to its value at Mach 4.744.
-What a vehicle of the class must have besides (`paper_vehicle_sides.py`) limits combinations of these numbers.
-The size stays. Inertias, moment tables and offsets doubled together change no number of a simulation, and neither do
-mass, inertias, all coefficients and the cowl area.
+The base is `ghame_x` (CADAC++ GHAME6, P. H. Zipfel, at a smaller size) with `HEAVIER` times its
+mass and inertias, and a wing loading of 393 kg/m2. Most free parameters are factors on GHAME's
+coefficients. Comments give the corresponding factors of the winged cone (NASA TM-102610,
+`winged_cone.yaml`) relative to GHAME at the Mach number and angle of attack of the S, with full
+tanks and inertias over mass times area. Yaw by aileron, roll rate and yaw rate has the sign of both
+vehicles.
+
+Drag is a polar, `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`: `alpha_0` is the zero-lift angle of
+a straight line through CL below 10 deg at a Mach number, and `g` is GHAME's drag at 3 deg relative
+to its value at Mach 4.744. Further requirements of the class (`paper_vehicle_sides.py`) limit
+combinations of these parameters.
+
+The size is constant. A common factor on inertias, moment tables and offsets changes no simulation,
+nor does one on mass, inertias, all coefficients and the cowl area.
 """
 
 from dataclasses import dataclass
@@ -22,8 +27,8 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABL
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
-MACH, ALPHA = 4.744, 3.5  # of the S, deg: where ratios of coefficients are taken
-TABLES = {  # the vehicle file's table: its coefficient and what it multiplies
+MACH, ALPHA = 4.744, 3.5  # of the S (deg), for ratios of coefficients
+TABLES = {  # table of the vehicle file -> coefficient, and variable that it multiplies
     "lift_basic": ("lift", "one"),
     "lift_elevator": ("lift", "elevator"),
     "drag_basic": ("drag", "one"),
@@ -48,7 +53,7 @@ TABLES = {  # the vehicle file's table: its coefficient and what it multiplies
 
 @dataclass(frozen=True)
 class Free:
-    """One free number: where it may lie, and from where a search draws its first mean (a smaller range)."""
+    """Free parameter: its range, and the smaller range from which a search draws its start."""
 
     low: float
     high: float
@@ -108,7 +113,7 @@ BASE_MISSION = read_mission(ROOT / "configs/mission/s_manoeuvre.yaml")
 
 
 def first_mean(generator: np.random.Generator) -> dict[str, float]:
-    """A search's first mean, drawn anew for each seed."""
+    """Draw the start of a search."""
     drawn = {}
     for name, free in FREE.items():
         low, high = free.first
@@ -121,14 +126,14 @@ def first_mean(generator: np.random.Generator) -> dict[str, float]:
 
 
 def to_numbers(values: dict[str, float]) -> Floats:
-    """Values as numbers of the search, whose unit is a third of the first range."""
+    """Return values as numbers of the search, whose unit is a third of the first range."""
     return np.array(
         [(_scaled(f, values[n]) - _scaled_middle(f)) / _unit(f) for n, f in FREE.items()]
     )
 
 
 def to_values(numbers: Floats) -> dict[str, float]:
-    """Values inside the box."""
+    """Return values limited to the box."""
     values = {}
     for (name, free), number in zip(FREE.items(), numbers, strict=True):
         x = _scaled_middle(free) + _unit(free) * float(number)
@@ -137,7 +142,7 @@ def to_values(numbers: Floats) -> dict[str, float]:
 
 
 def limits() -> tuple[Floats, Floats]:
-    """The box in numbers of the search."""
+    """Return the box in numbers of the search."""
     low, high = (
         {name: getattr(free, end) for name, free in FREE.items()} for end in ("low", "high")
     )
@@ -157,10 +162,10 @@ def _unit(free: Free) -> float:
 
 
 def _row_of(name: str) -> int:
-    """The packed row of a table or an inertia."""
+    """Return the packed row of a table or an inertia."""
     if name in _ENTRIES:
         return int(_GHAME_X.tables.fixed_row[FIXED_TABLE_ROWS.index(_ENTRIES[name])])
-    wanted = COEFFICIENTS.index(TABLES[name][0]), VARIABLES.index(TABLES[name][1])
+    indices = COEFFICIENTS.index(TABLES[name][0]), VARIABLES.index(TABLES[name][1])
     terms = zip(
         _GHAME_X.build_up.coefficient,
         _GHAME_X.build_up.table,
@@ -168,14 +173,17 @@ def _row_of(name: str) -> int:
         strict=True,
     )
     return next(
-        int(row) for coefficient, row, variable in terms if (coefficient, variable) == wanted
+        int(row) for coefficient, row, variable in terms if (coefficient, variable) == indices
     )
 
 
 def _axes_of(
     row: int, tables: Tables = _GHAME_X.tables
 ) -> tuple[int, list[int], list[tuple[str, Floats]]]:
-    """Where a row's first node lies in the packed data, the strides and the axes (variable, nodes)."""
+    """Return the index of a row's first node in the packed data, strides and axes.
+
+    An axis has a variable and nodes.
+    """
     group = max(np.flatnonzero(tables.group_row <= row), key=lambda g: tables.group_row[g])
     used = [d for d in range(3) if tables.group_stride[group][d]]
     axes = []
@@ -188,7 +196,7 @@ def _axes_of(
 
 
 def _cells_of(name: str) -> tuple[Any, Floats]:
-    """Where a table's nodes lie in the packed data, [axis...], and their angle of attack, deg (zero without one)."""
+    """Return the indices [axis, ...] of a table's nodes, and their angle of attack in deg."""
     first, strides, axes = _axes_of(_row_of(name))
     node = np.indices([nodes.size for _, nodes in axes])
     cells = first + sum(stride * i for stride, i in zip(strides, node, strict=True))
@@ -200,12 +208,12 @@ def _cells_of(name: str) -> tuple[Any, Floats]:
 
 
 def grids_of(name: str) -> list[Floats]:
-    """The nodes of a table's axes: Mach, angle of attack (rad)."""
+    """Return the nodes of a table's axes: Mach number and angle of attack (rad)."""
     return [nodes for _, nodes in _axes_of(_row_of(name), BASE.tables)[2]]
 
 
 def cells_of(name: str) -> Any:
-    """Return where a table's nodes lie in the packed data."""
+    """Return the indices of a table's nodes in the packed data."""
     return _cells_of(name)[0]
 
 
@@ -236,7 +244,7 @@ _ROWS = table_rows(BASE.tables, make_variables(BASE, mach=MACH, angle_of_attack=
 
 
 def _at_s(name: str) -> float:
-    """GHAME's coefficient in the S, per rad."""
+    """Return GHAME's coefficient in the S, per rad."""
     return float(_ROWS[_row_of(name), 0])
 
 
@@ -252,7 +260,10 @@ _DRAG_OVER_MACH = _DRAG_AT_3 / np.interp(MACH, _MACHS, _DRAG_AT_3)
 
 
 def factors_of(values: dict[str, float]) -> dict[str, float]:
-    """Factors on GHAME's tables and inertias; the inertias kept to a rigid body at both mass points."""
+    """Return the factors on GHAME's tables and inertias.
+
+    The inertias are limited to those of a rigid body at both mass points.
+    """
     factors = {name: (FIXED | values).get(name, 1.0) for name in _CELLS}
     factors["roll_rudder"] = values["roll_rudder"] * values["roll_aileron"] / _RUDDER_ROLL
     factors["yaw_rudder"] = values["yaw_rudder"] * values["yaw_sideslip"] / _RUDDER_YAW
@@ -292,7 +303,7 @@ def _drag_polar(lift: Floats, values: dict[str, float]) -> Floats:
 
 
 def make_vehicle(values: dict[str, float]) -> Vehicle:
-    """The vehicle in memory."""
+    """Return the vehicle with changed tables."""
     data = BASE.tables.data.copy()
     for name, nodes in changed_tables(values).items():
         data[_CELLS[name][0]] = nodes
@@ -305,7 +316,7 @@ def make_vehicle(values: dict[str, float]) -> Vehicle:
 
 
 def make_mission(values: dict[str, float]) -> Mission:
-    """The S, to the right first."""
+    """Return the S that starts to the right."""
     s = BASE_MISSION.manoeuvre.model_copy(
         update={"offset": -5000.0} | {name: values[name] for name in MISSION}
     )

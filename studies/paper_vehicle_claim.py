@@ -1,7 +1,7 @@
-"""What a member of the ensemble says: margins, dispersed flights and the paper's claim, with the printed gains.
+"""Assessment of a member of the ensemble with the printed gains: margins, flights and the claim.
 
-Flown by the product's own plans under the paper's dispersions. A law is closer in a flight where its rms error is
-smaller; counted over the whole flight, and without each ramp of the bank and 5 s after it.
+Flights use the plans of abhv-mc with the paper's dispersions. A law is closer in a flight if its
+rms error is smaller, over the whole flight or without each ramp of the bank and 5 s after it.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
 
-ERRORS = {  # what the paper's claim names: a channel and its command
+ERRORS = {  # angle of the paper's claim -> channel and its command
     "angle_of_attack": ("angle_of_attack_deg", "angle_of_attack_command_deg"),
     "sideslip": ("sideslip_deg", None),
     "bank": ("bank_deg", "bank_command_deg"),
@@ -32,19 +32,19 @@ Flown = dict[str, Floats]  # [flight, time] by channel
 
 
 def margins_of(vehicle: Vehicle, mission: Mission, law: str) -> dict[str, Any]:
-    """In level flight, the least over all loops; what keeps the law from having any."""
+    """Return the smallest margins of all loops in level flight, or the reason for their absence."""
     steady = make_steady_plan(vehicle, mission, CONTROLLERS[law], law)
-    found = margins_of_flights(steady, steady, nominal_parameters(), ("trim",))
+    margins = margins_of_flights(steady, steady, nominal_parameters(), ("trim",))
     least = dict(
-        zip(("gain_db", "phase_deg", "delay_ms", "disk"), found.table[0].tolist(), strict=True)
+        zip(("gain_db", "phase_deg", "delay_ms", "disk"), margins.table[0].tolist(), strict=True)
     )
-    return {"fault": found.faults[0][0]} | least
+    return {"fault": margins.faults[0][0]} | least
 
 
 def fly_law(
     vehicle: Vehicle, mission: Mission, law: str, flights: int
 ) -> tuple[Flown, NDArray[np.bool_]]:
-    """The nominal flight first, then the dispersed ones; and which of them fly to the end."""
+    """Run the nominal flight and then dispersed ones; return histories, and which are complete."""
     plan = make_plan(vehicle, mission, CONTROLLERS[law], law)
     parameters = np.concatenate([nominal_parameters(), random_parameters(flights)])
     block = fly(plan, parameters, RECORDED)
@@ -53,22 +53,22 @@ def fly_law(
 
 
 def settled_samples(mission: Mission, times: Floats) -> NDArray[np.bool_]:
-    """Without each ramp and SETTLING after it."""
-    kept = np.ones(times.size, dtype=bool)
+    """Return the mask of times outside each ramp and SETTLING after it."""
+    is_settled = np.ones(times.size, dtype=bool)
     for first, last in ramp_times(mission):
-        kept &= (times < first - 1e-9) | (times >= last + SETTLING - 1e-9)
-    return kept
+        is_settled &= (times < first - 1e-9) | (times >= last + SETTLING - 1e-9)
+    return is_settled
 
 
 def rms(values: Floats) -> Floats:
-    """Over time, [flight]."""
+    """Return the root mean square over time [flight]."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=1)))
 
 
 def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
-    """All that is said of one member."""
+    """Return the assessment of one member."""
     vehicle, mission = make_vehicle(values), make_mission(values)
-    flown, kept = {}, np.ones(flights + 1, dtype=bool)
+    flown, completed = {}, np.ones(flights + 1, dtype=bool)
     result: dict[str, Any] = {
         "margins": {},
         "lost": {},
@@ -81,7 +81,7 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
         result["margins"][law] = margins_of(vehicle, mission, law)
         flown[law], ok = fly_law(vehicle, mission, law, flights)
         result["lost"][law] = int((~ok).sum())
-        kept &= ok
+        completed &= ok
         largest = max(float(np.abs(flown[law][f"{surface}_deg"][0]).max()) for surface in SURFACES)
         result["saturated"][law] = bool(
             largest >= np.rad2deg(vehicle.constants.surface_limit) - 1e-6
@@ -92,23 +92,26 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
         window = slice(round(axis.window[0] / PERIOD), round(axis.window[1] / PERIOD) + 1)
         dispersed = {}  # lowest and highest of all flights, in our signs
         for law in axis.laws:
-            shown = flown[law][axis.channels[0]][kept][:, window]
-            dispersed[law] = [round(float(shown.min()), 4), round(float(shown.max()), 4)]
+            values_of_channel = flown[law][axis.channels[0]][completed][:, window]
+            dispersed[law] = [
+                round(float(values_of_channel.min()), 4),
+                round(float(values_of_channel.max()), 4),
+            ]
         ends = {
             "low": round(seen.low, 4),
             "high": round(seen.high, 4),
             "misses": [round(m, 4) for m in seen.misses],
         }
         result["ends"].append(
-            {"figure": axis.figure, "axis": axis.words, "mirrored": seen.mirrored}
+            {"figure": axis.figure, "axis": axis.label, "mirrored": seen.mirrored}
             | ends
             | {"dispersed": dispersed}
         )
     times = np.arange(nominal["tlc"]["bank_deg"].size) * PERIOD
     windows = {"whole": np.ones(times.size, dtype=bool), "settled": settled_samples(mission, times)}
-    dispersed_rows = kept.copy()
+    dispersed_rows = completed.copy()
     dispersed_rows[0] = False
-    for words, inside in windows.items():
+    for window_name, inside in windows.items():
         counts = {}
         for name, (channel, command) in ERRORS.items():
             both = [
@@ -121,9 +124,9 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
             ]
             closer = 100.0 * float(np.mean(both[0] < both[1]))
             counts[name] = {"closer_percent": closer} | {
-                law: float(np.median(each)) for law, each in zip(LAWS, both, strict=True)
+                law: float(np.median(errors)) for law, errors in zip(LAWS, both, strict=True)
             }
-        result["claim"][words] = counts
+        result["claim"][window_name] = counts
     for surface in SURFACES:
         uses = (flown[law][f"{surface}_deg"][dispersed_rows] for law in LAWS)
         result["use"][surface] = {

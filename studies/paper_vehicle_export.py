@@ -1,8 +1,8 @@
-"""A member of the ensemble as files below configs: the vehicle abhv with its tables, and the mission paper_s.
+"""Export of a member of the ensemble to configs: the vehicle abhv, its tables and mission paper_s.
 
     python studies/paper_vehicle_export.py [MEMBER]
 
-By default `abhv` itself. Numbers are rounded to what the files show.
+The default member is that of `abhv`. Numbers are rounded to the digits of the files.
 """
 
 import argparse
@@ -29,7 +29,7 @@ _MASS = """mass:
 
 
 def write_table(file: Path, machs: Floats, alphas: Floats, values: Floats) -> None:
-    """Write the nodes from LEAST_MACH up."""
+    """Write the nodes from LEAST_MACH upwards."""
     with file.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["mach", "alpha_deg", "value"])
@@ -46,8 +46,8 @@ def write_tables(values: dict[str, float], folder: Path) -> dict[str, Floats]:
     nodes = changed_tables(values)
     folder.mkdir(parents=True, exist_ok=True)
     for name, (_, variable) in TABLES.items():
-        shown = nodes[name] * (np.pi / 180.0 if variable in _PER_DEGREE else 1.0)
-        write_table(folder / f"{name}.csv", *grids_of(name), shown)
+        table = nodes[name] * (np.pi / 180.0 if variable in _PER_DEGREE else 1.0)
+        write_table(folder / f"{name}.csv", *grids_of(name), table)
     engine = grids_of("capture_area_ratio")
     write_table(
         folder / "capture_area_ratio.csv", *engine, BASE.tables.data[cells_of("capture_area_ratio")]
@@ -97,7 +97,7 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
         "Figures 4 to 11 within 2 % of their axes. The paper's tables are unpublished; the figures do not fix a "
         "vehicle, and this is one of an ensemble (docs/explanation/paper.md)."
     )
-    made = (
+    origin = (
         f"Identified by studies/paper_vehicle.py (member {member['name']}), written by "
         "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or with an offset, and a "
         "drag polar, on a vehicle of the size of an X-51 and the wing loading of an X-43A, within sides that vehicles "
@@ -109,7 +109,11 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
         "Tables and numbers: CADAC++ GHAME6 (P. H. Zipfel), after NASA's Generic "
         "Hypersonic Aerodynamic Model Example."
     )
-    lines = [f"# {line}" for part in (head, made, source) for line in wrapped(part).splitlines()]
+    lines = [
+        f"# {line}"
+        for paragraph in (head, origin, source)
+        for line in wrapped(paragraph).splitlines()
+    ]
     size = f"8.6 m and {BASE.constants.mass_start:.0f} kg"
     lines += [
         "name: abhv",
@@ -119,7 +123,7 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
 
 
 def mission_text(values: dict[str, float]) -> str:
-    """`s_manoeuvre.yaml` with the member's S."""
+    """Return `s_manoeuvre.yaml` with the member's S."""
     text = (ROOT / "configs/mission/s_manoeuvre.yaml").read_text(encoding="utf-8")
     start, end = text.index("manoeuvre:\n"), text.index("limits:")
     s = (

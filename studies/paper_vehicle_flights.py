@@ -1,7 +1,7 @@
-"""The two nominal flights of a candidate, quickly, and how far they miss the ends of the paper's Figures 3 to 11.
+"""Fast nominal flights of a candidate, and their distance from the ends of Figures 3 to 11.
 
-Quick: one set of trim tables for both laws over the angles of attack that the S needs, air and Earth at five
-latitudes, fewer knots of gains, one lane.
+To save time, both laws share trim tables over the angles of attack of the S, air and Earth are
+computed at five latitudes, gains have fewer knots, and one lane is used.
 """
 
 from collections.abc import Callable
@@ -38,17 +38,17 @@ from abhv_mc.plant.trim import TrimPoint
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 LAWS = ("tlc", "lqr")
-READING = 0.02  # of an axis: what counts as in
-FURTHEST = 0.20  # of an axis, that a member's worst end may be out
+READING = 0.02  # of an axis, up to which an end counts as inside
+FURTHEST = 0.20  # of an axis, largest miss of a member
 TICK, TICKS = 0.01, 6000
 OFF_NODE_AIM = 0.12  # deg
-RELIEVED, RELIEF = 2, 0.12  # ends that may be out, and by what share of the axis
-INNER_SIDES = 0.02  # of a side's unit, that a search keeps from its ends
+RELIEVED, RELIEF = 2, 0.12  # number of ends that may be outside, and the share of the axis
+INNER_SIDES = 0.02  # distance from the ends of a side in a search, in its unit
 _INNER = 0.12  # of an interval's length, at each end
-_UNKNOWN = 2.0  # of an axis: a miss that is not known, and the largest that counts
+_UNKNOWN = 2.0  # of an axis, unknown miss and upper limit of misses
 ANGLES = np.deg2rad(-2.0), np.deg2rad(12.0)  # of attack, of the trim tables
 NODES = np.arange(-3.0, 21.1, 3.0)  # deg, of GHAME's tables
-PERIOD = 2 * TICK  # s, of what is recorded
+PERIOD = 2 * TICK  # s, of recorded samples
 _STILL = BASE_MISSION.make_earth()._replace(rotation_rate=0.0)
 _LATITUDES = np.deg2rad(np.linspace(29.2, 29.4, 5))
 _PLACES = make_environment_points(_STILL, np.full(5, 20e3), _LATITUDES)
@@ -75,29 +75,27 @@ RECORDED = Recording(round(PERIOD / TICK), tuple(CHANNEL_INDEX[name] for name in
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis of a figure: each end lies within a tick of the data, so it tells where the data's end is."""
+    """Axis of a figure, whose ends are within a tick of the data and thus give their range."""
 
     figure: int
-    words: str
+    label: str
     channels: tuple[str, ...]  # drawn in it, without the unit
     lowest: tuple[float, float]
     highest: tuple[float, float]
     width: float
     laws: tuple[str, ...] = LAWS
-    mirror: bool = (
-        False  # whether the fit may mirror it: the paper does not say which way is positive
-    )
-    counts: bool = True  # whether its ends are among the 20; else they are limits
+    mirror: bool = False  # whether the fit may change the sign, which the paper does not define
+    counts: bool = True  # whether its ends are among the 20; otherwise they are limits
     window: tuple[float, float] = (0.0, 60.0)  # s
 
 
 def _alike(
-    figure: int, words: str, channels: tuple[str, ...], low: float, high: float, tick: float
+    figure: int, label: str, channels: tuple[str, ...], low: float, high: float, tick: float
 ) -> list[Axis]:
     return [
         Axis(
             figure,
-            f"{words}, {law.upper()}",
+            f"{label}, {law.upper()}",
             channels,
             (low, low + tick),
             (high - tick, high),
@@ -120,7 +118,7 @@ AXES = (
         counts=False,
     ),
     Axis(3, "speed (m/s)", ("speed_mps",), (1395.0, 1405.0), (1395.0, 1405.0), 10.0, counts=False),
-    # Longer than 90 deg at one end: the axis goes one tick beyond the 90 deg of the start.
+    # The axis extends one tick beyond the 90 deg of the start.
     Axis(4, "heading (deg)", ("heading_deg",), (84.0, 85.0), (90.02, 91.0), 7.0),
     *_alike(
         5,
@@ -131,7 +129,7 @@ AXES = (
         1.0,
     ),
     Axis(6, "sideslip (deg)", ("sideslip_deg",), (-0.2, -0.1), (0.6, 0.7), 0.9, mirror=True),
-    # One axis of -50 .. 100 and an inset from 2 s to 8 s, whose highest end is the more exact one.
+    # An axis of -50 .. 100, and an inset from 2 s to 8 s with a more precise upper end.
     Axis(7, "bank (deg), TLC", _BANK, (-50.0, 0.0), (50.0, 55.0), 150.0, ("tlc",)),
     Axis(7, "bank (deg), LQR", _BANK, (-50.0, 0.0), (50.0, 60.0), 150.0, ("lqr",)),
     Axis(
@@ -167,66 +165,73 @@ AXES = (
 
 @dataclass(frozen=True)
 class Seen:
-    """What a candidate shows on one axis; misses are shares of the axis's width."""
+    """Range of a candidate on one axis; misses are shares of the width of the axis."""
 
     axis: Axis
     low: float
     high: float
     mirrored: bool
     misses: tuple[float, float]
-    aside: tuple[float, float]  # the same of the intervals' inner parts, with a sign
+    aside: tuple[float, float]  # signed misses of the inner parts of the intervals
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate's flights against the axes."""
+    """Comparison of a candidate's flights with the axes."""
 
-    seen: tuple[Seen, ...] = ()  # none where a law does not fly it to the end
-    expected: tuple[
-        Seen | None, ...
-    ] = ()  # what the nominal controls would show, for candidates that are not flown
+    seen: tuple[Seen, ...] = ()  # empty if a flight terminates early
+    expected: tuple[Seen | None, ...] = ()  # from nominal controls, if no flight is simulated
     traits: tuple[float, ...] = ()  # in the order of TRAITS
     off_node: float = 0.0  # deg, the trim's distance from a node of the tables
-    cycle: float = 0.0  # of the surfaces at the end, deg from sample to sample
+    cycle: float = 0.0  # oscillation of the surfaces at the end, deg per sample
     class_traits: dict[str, float] = field(default_factory=dict)  # of SIDES
 
     @property
     def keeps_sides(self) -> bool:
-        """Whether each trait lies within its sides."""
+        """True if each trait is within its sides."""
         return bool(self.class_traits) and not excesses(self.class_traits).any()
 
     @property
     def ends_in(self) -> int:
-        """Ends of the 20 that lie in their intervals."""
+        """Number of the 20 ends that are in their intervals."""
         return sum(
-            miss <= READING for each in self.seen if each.axis.counts for miss in each.misses
+            miss <= READING
+            for axis_result in self.seen
+            if axis_result.axis.counts
+            for miss in axis_result.misses
         )
 
     @property
     def worst(self) -> float:
-        """The largest miss, limits included."""
-        return max((miss for each in self.seen for miss in each.misses), default=np.inf)
+        """Largest miss, including limits."""
+        return max(
+            (miss for axis_result in self.seen for miss in axis_result.misses), default=np.inf
+        )
 
     def residuals(self, left_out: int = 0, *, relieved: bool = False) -> Floats:
-        """Return what a search makes small: by what share of its axis each end misses its interval's inner part.
+        """Return the residuals of a search: misses of the intervals' inner parts, over the axes.
 
-        The two ends that are furthest out may be so by RELIEF if `relieved`.
+        With `relieved` the two largest misses are reduced by RELIEF.
         """
-        found: list[float] = []
-        for axis, each in zip(AXES, self.seen or self.expected or (None,) * len(AXES), strict=True):
-            asked = axis.figure != left_out
-            found += (
+        residuals: list[float] = []
+        for axis, axis_result in zip(
+            AXES, self.seen or self.expected or (None,) * len(AXES), strict=True
+        ):
+            is_included = axis.figure != left_out
+            residuals += (
                 [_UNKNOWN, _UNKNOWN]
-                if each is None
-                else [asked * float(np.clip(x, -_UNKNOWN, _UNKNOWN)) for x in each.aside]
+                if axis_result is None
+                else [
+                    is_included * float(np.clip(x, -_UNKNOWN, _UNKNOWN)) for x in axis_result.aside
+                ]
             )
         if relieved:
             counted = np.repeat([axis.counts for axis in AXES], 2)
-            for i in np.argsort(np.where(counted, np.abs(found), 0.0))[-RELIEVED:]:
-                found[i] = float(np.sign(found[i])) * max(abs(found[i]) - RELIEF, 0.0)
+            for i in np.argsort(np.where(counted, np.abs(residuals), 0.0))[-RELIEVED:]:
+                residuals[i] = float(np.sign(residuals[i])) * max(abs(residuals[i]) - RELIEF, 0.0)
         return np.array(
             [
-                *found,
+                *residuals,
                 2.0 * max(OFF_NODE_AIM - self.off_node, 0.0),
                 min(self.cycle, 1.0),
                 *excesses(self.class_traits, INNER_SIDES),
@@ -256,7 +261,10 @@ def make_quick_trim_tables(vehicle: Vehicle) -> Tables:
 def make_quick_reference(
     vehicle: Vehicle, mission: Mission, trim_tables: Tables
 ) -> tuple[Floats, bool]:
-    """The reference as `solve_reference` makes it, at constant altitude and speed; and whether all of it is trimmed."""
+    """Return the reference of `solve_reference` for constant altitude and speed.
+
+    Also return whether all of it is trimmed.
+    """
     times: Floats = np.arange(TICKS + 1, dtype=np.float64) * TICK
     profile = make_profile(mission, times)
     north_speed, east_speed = (
@@ -268,13 +276,13 @@ def make_quick_reference(
         for v in (north_speed, east_speed)
     )
     latitude = mission.start.latitude + north / _PLACES.radius[2]
-    places = {
+    conditions = {
         name: np.interp(latitude, _LATITUDES, value) for name, value in _PLACES._asdict().items()
     }
     nothing = np.zeros_like(times)
     points = GuidancePoints(
         profile.speed,
-        *(places[name] for name in ("density", "sound_speed", "gravity", "radius")),
+        *(conditions[name] for name in ("density", "sound_speed", "gravity", "radius")),
         latitude,
         nothing,
         profile.heading,
@@ -293,37 +301,40 @@ def make_quick_reference(
         "settled": np.ones_like(times),
         "track_north": np.full_like(times, np.sin(mission.start.heading)),
         "track_east": np.full_like(times, -np.cos(mission.start.heading)),
-        **places,
+        **conditions,
     }
     reference = np.ascontiguousarray(np.stack([column[name] for name in REFERENCE], axis=1))
     return reference, not nominal.status.any()
 
 
 def _nominal(rows: Floats) -> Nominal:
-    """The nominal of rows of the reference, its numbers as columns ``[row, 1]``."""
+    """Return the nominal values of rows of the reference as columns ``[row, 1]``."""
     columns = (rows[:, REFERENCE.index(name)][:, None] for name in Nominal._fields[1:])
     return Nominal(_AROUND, *columns)  # type: ignore[arg-type]
 
 
-def _slopes(function: Callable[[Any], Any], at: Floats) -> Floats:
-    """Jacobians [row, output, input] at ``at`` [row, input] by complex steps, all rows at once."""
-    x = at.T[:, :, None] + 1e-30j * np.eye(at.shape[1])[:, None, :]
+def _slopes(function: Callable[[Any], Any], points: Floats) -> Floats:
+    """Return Jacobians [row, output, input] at ``points`` [row, input] by complex steps."""
+    x = points.T[:, :, None] + 1e-30j * np.eye(points.shape[1])[:, None, :]
     return np.moveaxis(np.imag(function(x)) / 1e-30, 1, 0)
 
 
 def _attitude_slopes(vehicle: Vehicle, rows: Floats) -> Floats:
-    """Of (alpha, beta, bank, p, q, r), for these and (aileron, rudder, elevator), [row, 6, 9]."""
+    """Return Jacobians [row, 6, 9] of the rates of (alpha, beta, bank, p, q, r).
+
+    The inputs are these states and (aileron, rudder, elevator).
+    """
     n = _nominal(rows)
     nothing = 0.0 * n.bank
-    at = (n.angle_of_attack, nothing, n.bank, *n.turn_rates(), nothing, nothing, n.elevator)
-    return _slopes(lambda x: attitude_model_rates(vehicle, n, x), np.concatenate(at, axis=1))
+    columns = (n.angle_of_attack, nothing, n.bank, *n.turn_rates(), nothing, nothing, n.elevator)
+    return _slopes(lambda x: attitude_model_rates(vehicle, n, x), np.concatenate(columns, axis=1))
 
 
 def _regulators(A: Floats, B: Floats, weights: Any, unit: float) -> Floats:
-    """Gains [row, input, state] from the stable subspaces of the Hamiltonians, all rows at once."""
+    """Return gains [row, input, state] from the stable subspaces of the Hamiltonian matrices."""
     Q, R = (
-        np.diag(np.array([w for _, w in part], dtype=np.float64))
-        for part in (weights.states, weights.inputs)
+        np.diag(np.array([w for _, w in group], dtype=np.float64))
+        for group in (weights.states, weights.inputs)
     )
     B = unit * B
     to_costates = np.linalg.solve(R, np.swapaxes(B, 1, 2))
@@ -347,10 +358,10 @@ def _regulators(A: Floats, B: Floats, weights: Any, unit: float) -> Floats:
 def make_quick_lqr_gains(
     mission: Mission, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> Floats:
-    """LQR's gains as `make_lqr_gains` makes them, with fewer knots in the ramps."""
+    """Return LQR's gains as `make_lqr_gains`, with fewer knots in the ramps."""
     weights = CONTROLLERS["lqr"]
     if not isinstance(weights, LqrController):
-        raise SystemExit("lqr.yaml is no LQR")
+        raise SystemExit("lqr.yaml is not an LQR controller")
     times = reference[:, 0]
     in_ramps = [np.linspace(*ramp, 13) for ramp in ramp_times(mission)]
     knots = np.unique(
@@ -358,7 +369,7 @@ def make_quick_lqr_gains(
     )
     rows = reference[knots]
     n = _nominal(rows)
-    at = (
+    columns = (
         20e3 + 0.0 * n.bank,
         n.flight_path_angle,
         n.heading,
@@ -369,25 +380,27 @@ def make_quick_lqr_gains(
     )
     guidance = _slopes(
         lambda x: guidance_rates(vehicle, trim_tables, _AROUND, n.mass, x[:4], x[4:]),
-        np.concatenate(at, axis=1),
+        np.concatenate(columns, axis=1),
     )
     attitude = _attitude_slopes(vehicle, rows)
     pitch, roll_yaw = attitude[:, [0, 4]], attitude[:, [2, 1, 3, 5]]
     degree = np.pi / 180.0
-    parts = (
+    loops = (
         _regulators(guidance[:, :, :4], guidance[:, :, 4:], weights.guidance, 1.0),
         _regulators(pitch[:, :, [0, 4]], pitch[:, :, [8]], weights.longitudinal, degree),
         _regulators(roll_yaw[:, :, [2, 1, 3, 5]], roll_yaw[:, :, [6, 7]], weights.lateral, degree),
     )
-    at_knots = np.concatenate([part.reshape(len(rows), -1) for part in parts], axis=1)
+    at_knots = np.concatenate(
+        [gains_of_loop.reshape(len(rows), -1) for gains_of_loop in loops], axis=1
+    )
     return np.stack([np.interp(times, times[knots], gain) for gain in at_knots.T], axis=1)
 
 
 def make_quick_tlc_gains(reference: Floats, vehicle: Vehicle, trim_tables: Tables) -> Floats:
-    """TLC's gains at every fifth tick, and between them."""
+    """Return TLC's gains, computed at every fifth tick and interpolated."""
     controller = CONTROLLERS["tlc"]
     if not isinstance(controller, TlcController):
-        raise SystemExit("tlc.yaml is no TLC")
+        raise SystemExit("tlc.yaml is not a TLC controller")
     times, some = reference[:, 0], reference[::5]
     gains = make_tlc_gains(controller, some, vehicle, trim_tables)
     return np.stack([np.interp(times, some[:, 0], gain) for gain in gains.T], axis=1)
@@ -403,19 +416,24 @@ def _base_plan(law: str) -> FlightPlan:
 
 
 def fly_candidate(values: dict[str, float]) -> Candidate:
-    """Both laws' nominal flights of one candidate; what its nominal controls miss far is not flown."""
+    """Run the nominal flights of a candidate with both laws.
+
+    Candidates whose nominal controls are far outside the axes are not simulated.
+    """
     vehicle, mission = make_vehicle(values), make_mission(values)
     trim_tables = make_quick_trim_tables(vehicle)
     reference, trimmed = make_quick_reference(vehicle, mission, trim_tables)
     column = dict(zip(REFERENCE, reference.T, strict=True))
-    shown = {
+    channels = {
         "heading_deg": np.rad2deg(column["heading"]),
         "angle_of_attack_deg": np.rad2deg(column["angle_of_attack"]),
         "elevator_deg": np.rad2deg(column["elevator"]),
         "equivalence_ratio_command": column["equivalence_ratio"],
     }
-    expected = tuple(look(axis, shown) if axis.channels[0] in shown else None for axis in AXES)
-    outside = sum(sum(each.misses) for each in expected if each is not None)
+    expected = tuple(
+        look(axis, channels) if axis.channels[0] in channels else None for axis in AXES
+    )
+    outside = sum(sum(axis_result.misses) for axis_result in expected if axis_result is not None)
     off_node = float(np.abs(NODES - np.rad2deg(column["angle_of_attack"][0])).min())
     traits = find_traits(vehicle, trim_tables, reference)
     start_controls = {
@@ -428,7 +446,7 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
         return unflown
     start: dict[str, Any] = dict.fromkeys(TrimPoint._fields, 0.0) | {"fault": ""}
     start |= start_controls
-    parts: dict[str, Any] = {
+    plan_items: dict[str, Any] = {
         "vehicle": vehicle,
         "trim_tables": trim_tables,
         "effectiveness": make_effectiveness(vehicle),
@@ -444,12 +462,15 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
             else make_quick_lqr_gains(mission, reference, vehicle, trim_tables)
         )
         block = fly(
-            replace(_base_plan(law), **parts, gains=gains), nominal_parameters(), RECORDED, lanes=1
+            replace(_base_plan(law), **plan_items, gains=gains),
+            nominal_parameters(),
+            RECORDED,
+            lanes=1,
         )
         if block.outcome[0] != Outcome.OK:
             return unflown
         flown[law] = dict(zip(SHOWN, block.history[0].T.astype(np.float64), strict=True))
-        # What does not settle by the end: the spread of the surfaces' steps from sample to sample.
+        # Oscillations at the end are measured by the range of the surfaces' steps between samples.
         late = [
             float(np.ptp(np.diff(flown[law][name][-75:])))
             for name in ("elevator_deg", "aileron_deg")
@@ -460,7 +481,7 @@ def fly_candidate(values: dict[str, float]) -> Candidate:
 
 
 def look_together(axis: Axis, flown: dict[str, dict[str, Floats]]) -> Seen:
-    """An axis that shows the laws together."""
+    """Return the range on an axis that shows the laws together."""
     joined = {
         name: np.concatenate([flown[law][name] for law in axis.laws]) for name in axis.channels
     }
@@ -468,9 +489,9 @@ def look_together(axis: Axis, flown: dict[str, dict[str, Floats]]) -> Seen:
     return look(axis, joined, times)
 
 
-def look(axis: Axis, shown: dict[str, Floats], times: Floats | None = None) -> Seen:
-    """The ends of what is shown, in the paper's sense, and by what share of the axis each misses its interval."""
-    values = np.concatenate([shown[name] for name in axis.channels if name in shown])
+def look(axis: Axis, channels: dict[str, Floats], times: Floats | None = None) -> Seen:
+    """Return the range of channels in the paper's signs, and the misses of its ends."""
+    values = np.concatenate([channels[name] for name in axis.channels if name in channels])
     if times is not None:
         inside = (times > axis.window[0] - 1e-9) & (times < axis.window[1] + 1e-9)
         values = values[np.tile(inside, len(axis.channels))]
@@ -484,16 +505,22 @@ def look(axis: Axis, shown: dict[str, Floats], times: Floats | None = None) -> S
 
 
 def _misses(axis: Axis, low: float, high: float, inner: float = 0.0) -> tuple[float, float]:
-    """By what share of the axis the ends are outside of their intervals; below them: negative, with ``inner``."""
-    found = []
+    """Return the distances of the ends from their intervals as shares of the axis.
+
+    With ``inner`` they are signed, negative below the interval.
+    """
+    misses = []
     for x, (least, most) in ((low, axis.lowest), (high, axis.highest)):
         room = inner * (most - least)
-        found.append((min(x - least - room, 0.0) + max(x - most + room, 0.0)) / axis.width)
-    return (found[0], found[1]) if inner else (abs(found[0]), abs(found[1]))
+        misses.append((min(x - least - room, 0.0) + max(x - most + room, 0.0)) / axis.width)
+    return (misses[0], misses[1]) if inner else (abs(misses[0]), abs(misses[1]))
 
 
 def find_traits(vehicle: Vehicle, trim_tables: Tables, reference: Floats) -> tuple[float, ...]:
-    """TRAITS at the start, straight and level; slopes of lift and drag from there to the largest angle of attack."""
+    """Return TRAITS at the start, in straight and level flight.
+
+    Slopes of lift and drag are from there to the largest angle of attack.
+    """
     slopes = _attitude_slopes(vehicle, reference[:1])[0]
     alpha = reference[:, REFERENCE.index("angle_of_attack")]
     ends = [0, int(np.argmax(alpha))]
@@ -511,7 +538,10 @@ def find_traits(vehicle: Vehicle, trim_tables: Tables, reference: Floats) -> tup
 
 
 def third_trait(first: Any, second: Any) -> Floats:
-    """By what factor vehicles [..., trait] differ in the third most different trait, logarithmic; another sign is 2."""
+    """Return the logarithmic factor by which vehicles [..., trait] differ in their third trait.
+
+    Traits are ordered by their difference; different signs count as a factor of 2.
+    """
     a, b = np.asarray(first), np.asarray(second)
     ratio = np.abs(np.log(np.abs(a) / np.abs(b)))
     return np.asarray(np.sort(np.where(a * b > 0.0, ratio, np.log(2.0)), axis=-1)[..., -3])

@@ -1,10 +1,11 @@
-"""One search: from a vehicle of the box to the nearest one whose flights keep to the paper's axes.
+"""Search from a vehicle of the box for the nearest one whose flights match the paper's axes.
 
-Thirty numbers are free and twenty ends are asked for, so few of them are fixed; but searches that ask for nothing more
-end near each other. So a search may have an aim and vehicles to be apart from: both pull in the same Gauss-Newton steps
-in a trust region (scipy's least_squares) that bring it to the ends and within its sides. Without a start it draws one.
-A search is a file of what has been simulated, and goes on from it: the method asks for the same candidates when it is
-given the same answers.
+Thirty parameters are free and there are twenty ends, so that few of them are determined; but
+searches without further terms end near each other. A search may therefore have an aim and members
+to avoid. Both add terms to the Gauss-Newton steps in a trust region (scipy's least_squares) that
+lead to the ends and sides. Without a start the search draws one. The simulated candidates are
+stored in a file, from which the search resumes: the method evaluates the same candidates if it
+receives the same results.
 """
 
 import json
@@ -17,152 +18,156 @@ from experiment import Floats
 from paper_vehicle_box import FREE, first_mean, limits, to_numbers, to_values
 from paper_vehicle_flights import FURTHEST, READING, Candidate, fly_candidate, third_trait
 
-ENDS = 18  # of the 20 in their intervals
-DIFFERENT = 1.5  # by this factor or in sign, in three traits, any two members differ
+ENDS = 18  # required number of the 20 ends in their intervals
+DIFFERENT = 1.5  # factor (or other sign) by which any two members differ in three traits
 OFF_NODE = 0.1  # deg, of the trim from a node of the tables
 _DIFFERENCE = 0.03  # of the unit of the search's numbers, for slopes
-_DIFFERENCED = 3  # of so many slopes one is of differences
-_PATIENCE = 100  # candidates, after which any that differs is enough
+_DIFFERENCED = 3  # steps after which slopes are computed by differences again
+_PATIENCE = 100  # candidates, after which any that differs is accepted
 _DRAWS = 50
-_STAGES = (
-    ("linear", 15),
-    ("soft_l1", 15),
-)  # all ends nearer first; then many in, one or two left out
-_CYCLE = 0.05  # of Candidate.cycle: what counts as settled
-_APART, _AWAY = 1.55, 2.0  # a factor beyond which nothing pulls away; the pull's weight
-_AIM, _PULL = 1.03, 0.12  # a factor beyond which an aim pulls; its weight
+_STAGES = (("linear", 15), ("soft_l1", 15))  # the second stage tolerates one or two large misses
+_CYCLE = 0.05  # largest Candidate.cycle without oscillation
+_APART, _AWAY = 1.55, 2.0  # factor up to which members repel, and the weight
+_AIM, _PULL = 1.03, 0.12  # factor from which the aim attracts, and the weight
 
 
 @dataclass(frozen=True)
 class Search:
-    """Where a search begins and what draws it; ``left_out``: a figure whose ends do not count."""
+    """Start and aim of a search; the ends of the figure ``left_out`` do not count."""
 
     name: str  # of its file
     seed: int  # of its draws
     left_out: int = 0
     start: dict[str, float] | None = None
     aim: tuple[float, ...] = ()  # the first of TRAITS
-    others: tuple[tuple[float, ...], ...] = ()  # traits of vehicles to be apart from
+    members: tuple[tuple[float, ...], ...] = ()  # traits of members to differ from
 
     def pulls(self, traits: tuple[float, ...]) -> list[float]:
-        """Return what draws a vehicle to its aim, and away from the others."""
+        """Return the residuals that attract a vehicle to the aim and repel it from the members."""
         off = np.log(np.abs(np.array(traits[: len(self.aim)]) / np.array(self.aim)))
-        near = (np.log(_APART) - float(third_trait(traits, other)) for other in self.others)
+        near = (np.log(_APART) - float(third_trait(traits, member)) for member in self.members)
         return [
             *(_PULL * np.sign(off) * np.maximum(np.abs(off) - np.log(_AIM), 0.0)).tolist(),
-            *(_AWAY * max(each, 0.0) for each in near),
+            *(_AWAY * max(distance, 0.0) for distance in near),
         ]
 
-    def is_apart(self, traits: tuple[float, ...]) -> bool:
-        """Whether a vehicle differs from each of the others."""
-        return all(third_trait(traits, other) >= np.log(DIFFERENT) for other in self.others)
+    def is_different(self, traits: tuple[float, ...]) -> bool:
+        """Return whether a vehicle differs from each of the members."""
+        return all(third_trait(traits, member) >= np.log(DIFFERENT) for member in self.members)
 
 
 @dataclass(frozen=True)
 class Found:
-    """A candidate that may be a member."""
+    """Candidate that may be a member."""
 
-    rank: float  # ends that are not in, plus the largest miss
+    rank: float  # number of ends outside, plus the largest miss
     values: dict[str, float]
     traits: tuple[float, ...]
 
 
 @dataclass
 class Outcome:
-    """How a search stands: candidates simulated, and which of them may be members."""
+    """State of a search: number of simulated candidates, and those that may be members."""
 
     done: bool = False
-    flown: int = 0
-    found: list[Found] = field(default_factory=list)
+    simulated: int = 0
+    candidates: list[Found] = field(default_factory=list)
 
     @property
     def best(self) -> Found | None:
-        """The candidate of the least rank."""
-        return min(self.found, key=lambda each: each.rank, default=None)
+        """Candidate with the smallest rank."""
+        return min(self.candidates, key=lambda candidate: candidate.rank, default=None)
 
 
 class _Stop(Exception):
-    """No more time, or nothing more to find."""
+    """End of a search by time or success."""
 
 
 def rank(candidate: Candidate, left_out: int = 0) -> float:
-    """The ends that are not in plus the largest miss; infinite for what cannot be a member."""
-    axes = [each for each in candidate.seen if each.axis.figure != left_out]
+    """Return the number of ends outside plus the largest miss; infinite if not a member."""
+    axes = [axis_result for axis_result in candidate.seen if axis_result.axis.figure != left_out]
     if not axes or candidate.off_node < OFF_NODE or candidate.cycle > _CYCLE:
         return float("inf")
     if not candidate.keeps_sides:
         return float("inf")
-    asked = [miss for each in axes if each.axis.counts for miss in each.misses]
-    limits_kept = all(max(each.misses) <= READING for each in axes if not each.axis.counts)
-    out, worst = sum(miss > READING for miss in asked), max(asked)
+    misses = [
+        miss for axis_result in axes if axis_result.axis.counts for miss in axis_result.misses
+    ]
+    limits_kept = all(
+        max(axis_result.misses) <= READING for axis_result in axes if not axis_result.axis.counts
+    )
+    out, worst = sum(miss > READING for miss in misses), max(misses)
     return out + worst if limits_kept and out <= 20 - ENDS and worst <= FURTHEST else float("inf")
 
 
 def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
-    """Run a search until it is done, or until ``go_on`` says no; each line of its file is a candidate's answer."""
+    """Run a search until it is complete or ``go_on`` returns false.
+
+    Each line of its file is the result of a candidate.
+    """
     from scipy.optimize import least_squares
 
     file = folder / f"{search.name}.jsonl"
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     outcome = Outcome()
-    apart = False  # whether a candidate that was found differs from the others
+    has_different = False  # whether a candidate differs from the members
 
     def answer(values: dict[str, float]) -> Floats:
-        """The residuals of a candidate, flown or read."""
-        nonlocal apart
-        if outcome.flown < len(lines):
-            grade, traits, residuals = json.loads(lines[outcome.flown])
+        """Return the residuals of a candidate, simulated or read."""
+        nonlocal has_different
+        if outcome.simulated < len(lines):
+            grade, traits, residuals = json.loads(lines[outcome.simulated])
         else:
             if not go_on():
                 raise _Stop
             candidate = fly_candidate(values)
             grade, traits = min(rank(candidate, search.left_out), 100.0), candidate.traits
             residuals = [
-                *candidate.residuals(search.left_out, relieved=bool(search.others)).tolist(),
+                *candidate.residuals(search.left_out, relieved=bool(search.members)).tolist(),
                 *search.pulls(traits),
             ]
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps([grade, traits, residuals]) + "\n")
-        outcome.flown += 1
+        outcome.simulated += 1
         if grade < 100.0:
-            outcome.found.append(Found(grade, values, tuple(traits)))
-            now = search.is_apart(tuple(traits))
-            apart |= now
-            if now and grade <= READING:
+            outcome.candidates.append(Found(grade, values, tuple(traits)))
+            is_different = search.is_different(tuple(traits))
+            has_different |= is_different
+            if is_different and grade <= READING:
                 outcome.done = True
-        if outcome.done or (outcome.flown >= _PATIENCE and apart):
+        if outcome.done or (outcome.simulated >= _PATIENCE and has_different):
             outcome.done = True
             raise _Stop
         return np.array(residuals)
 
-    known: dict[bytes, Floats] = {}
+    answers: dict[bytes, Floats] = {}
     slope_calls: list[tuple[Floats, Floats, Floats]] = []  # numbers, residuals, slopes
 
     def residuals(numbers: Floats) -> Floats:
         key = numbers.tobytes()
-        if key not in known:
-            known[key] = answer(to_values(numbers))
-        return known[key]
+        if key not in answers:
+            answers[key] = answer(to_values(numbers))
+        return answers[key]
 
     def slopes(numbers: Floats) -> Floats:
-        here = residuals(numbers)
-        if len(slope_calls) % _DIFFERENCED:  # Broyden's update of the last ones
-            before, theirs, last = slope_calls[-1]
+        current = residuals(numbers)
+        if len(slope_calls) % _DIFFERENCED:  # Broyden's update of the previous slopes
+            before, previous, last = slope_calls[-1]
             step = numbers - before
-            missing = here - theirs - last @ step
-            found = last + np.outer(missing, step) / max(float(step @ step), 1e-12)
+            missing = current - previous - last @ step
+            matrix = last + np.outer(missing, step) / max(float(step @ step), 1e-12)
         else:
             middle = 0.5 * (limits()[0] + limits()[1])
-            steps = np.where(numbers > middle, -_DIFFERENCE, _DIFFERENCE)  # never out of the box
-            found = np.stack(
+            steps = np.where(numbers > middle, -_DIFFERENCE, _DIFFERENCE)  # stays in the box
+            matrix = np.stack(
                 [
-                    (residuals(numbers + step) - here) / step[i]
+                    (residuals(numbers + step) - current) / step[i]
                     for i, step in enumerate(np.diag(steps))
                 ],
                 axis=1,
             )
-        slope_calls.append((numbers.copy(), here, found))
-        return found
+        slope_calls.append((numbers.copy(), current, matrix))
+        return matrix
 
     try:
         numbers = to_numbers(_draw(search, answer))
@@ -176,7 +181,7 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
 
 
 def _draw(search: Search, answer: Callable[[dict[str, float]], Floats]) -> dict[str, float]:
-    """Return the start of a search: a given one, or the first vehicle drawn that both laws can control."""
+    """Return the start of a search, or draw vehicles until both laws can control one."""
     if search.start is not None:
         return search.start
     generator = np.random.default_rng(search.seed)

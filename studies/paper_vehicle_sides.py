@@ -1,10 +1,11 @@
-"""What a vehicle of the class must have: measured traits and the sides that they have to lie within.
+"""Requirements of the vehicle class: traits, and the sides (intervals) that contain them.
 
     python studies/paper_vehicle_sides.py [--smoke]
 
-Prints the traits of `abhv`, of the members of studies/paper_vehicle.json, of GHAME and of the winged cone. Traits are
-taken at the Mach number of the S and the trim at 1 g, if the name says nothing else. Coefficients are about the centre
-of gravity, per rad, rates as p b/2V, q c/2V and r b/2V.
+The script prints the traits of `abhv`, of the members of studies/paper_vehicle.json, of GHAME and
+of the winged cone. Unless the name says otherwise, traits are for the Mach number of the S and the
+trim at 1 g. Coefficients are about the centre of gravity, per rad, with rates as p b/2V, q c/2V and
+r b/2V.
 """
 
 import argparse
@@ -28,22 +29,22 @@ from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables, tabl
 from abhv_mc.vehicle.pack import nodes_of
 
 INFINITY = float("inf")
-MOST_EXCESS = 2.0  # units, that count
-LEAST_MACH = 2.0  # of nodes: below it the vehicles have none
+MOST_EXCESS = 2.0  # upper limit of an excess, units
+LEAST_MACH = 2.0  # of the vehicles' tables
 _STEP = 1e-30
 
 
 @dataclass(frozen=True)
 class Side:
-    """A trait's name and the interval that a member keeps."""
+    """Name of a trait, and the interval that contains it for members."""
 
-    words: str
+    label: str
     low: float
     high: float
-    unit: float  # what an excess is measured in
+    unit: float  # of an excess
 
     def excess(self, value: float, inner: float) -> float:
-        """Return by how many units a value lies outside, negative below; `inner` shortens both ends."""
+        """Return the excess of a value in units, negative below; `inner` shortens both ends."""
         below = min(value - self.low - inner * self.unit, 0.0)
         above = max(value - self.high + inner * self.unit, 0.0)
         return float(np.clip((below + above) / self.unit, -MOST_EXCESS, MOST_EXCESS))
@@ -80,18 +81,26 @@ SPEED = MACH * AROUND.sound_speed
 _STATES = ("alpha", "beta", "p", "q", "r", "aileron", "rudder", "elevator")
 
 
-def coefficients_at(vehicle: Vehicle, around: Environment, at: Any) -> Any:
-    """Return CL, CD, CY, Cl, Cm, Cn without thrust of `_STATES` [state, ...], rates as p b/2V."""
+def coefficients_at(vehicle: Vehicle, around: Environment, state: Any) -> Any:
+    """Return CL, CD, CY, Cl, Cm, Cn without thrust at `_STATES` [state, ...], rates as p b/2V."""
     c = vehicle.constants
     units = np.array([c.span, c.chord, c.span]) / (2.0 * SPEED)
-    rates = [at[2 + i] / units[i] for i in range(3)]
-    nothing = 0.0 * at[0]
+    rates = [state[2 + i] / units[i] for i in range(3)]
+    nothing = 0.0 * state[0]
     wrench = wrench_at(
-        vehicle, around, c.mass_start, SPEED + nothing, at[0], at[1], rates, at[5:8], nothing
+        vehicle,
+        around,
+        c.mass_start,
+        SPEED + nothing,
+        state[0],
+        state[1],
+        rates,
+        state[5:8],
+        nothing,
     )
     pressure_area = 0.5 * around.density * SPEED**2 * c.area
     x, y, z = wrench.force / pressure_area
-    sine, cosine = np.sin(at[0]), np.cos(at[0])
+    sine, cosine = np.sin(state[0]), np.cos(state[0])
     lengths = (c.span, c.chord, c.span)
     moments = [
         m / (pressure_area * length) for m, length in zip(wrench.moment, lengths, strict=True)
@@ -100,10 +109,10 @@ def coefficients_at(vehicle: Vehicle, around: Environment, at: Any) -> Any:
 
 
 def slopes_at(vehicle: Vehicle, alpha: float, elevator: float) -> dict[tuple[str, str], float]:
-    """Return the derivative of each coefficient by each of `_STATES`."""
-    at = np.zeros(len(_STATES))
-    at[0], at[-1] = alpha, elevator
-    steps = at[:, None] + 1j * _STEP * np.eye(at.size)
+    """Return the derivatives of each coefficient by `_STATES`."""
+    state_values = np.zeros(len(_STATES))
+    state_values[0], state_values[-1] = alpha, elevator
+    steps = state_values[:, None] + 1j * _STEP * np.eye(state_values.size)
     slopes = np.imag(coefficients_at(vehicle, AROUND, steps)) / _STEP
     names = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
     return {
@@ -114,7 +123,7 @@ def slopes_at(vehicle: Vehicle, alpha: float, elevator: float) -> dict[tuple[str
 
 
 def nodes_within(vehicle: Vehicle) -> tuple[Floats, Floats]:
-    """Return the nodes of Mach number and of angle of attack (rad) within the limits, ends included."""
+    """Return the nodes of Mach number and angle of attack (rad) within the limits."""
     low, high = (
         max(vehicle.constants.angle_of_attack_min, -0.5),
         min(vehicle.constants.angle_of_attack_max, 0.5),
@@ -125,10 +134,10 @@ def nodes_within(vehicle: Vehicle) -> tuple[Floats, Floats]:
     return machs[machs >= LEAST_MACH], np.array([low, *inside, high])
 
 
-def polar(vehicle: Vehicle, mach: Any, alpha: Any, **more: Any) -> Floats:
-    """Return the six coefficients of angles in the vehicle's tables, surfaces as given."""
+def polar(vehicle: Vehicle, mach: Any, alpha: Any, **angles: Any) -> Floats:
+    """Return the six coefficients of the vehicle's tables at the angles."""
     mass = vehicle.constants.mass_start
-    variables = make_variables(vehicle, mach=mach, angle_of_attack=alpha, mass=mass, **more)
+    variables = make_variables(vehicle, mach=mach, angle_of_attack=alpha, mass=mass, **angles)
     return evaluate_coefficients(vehicle, variables, rows=table_rows(vehicle.tables, variables))
 
 
@@ -138,12 +147,12 @@ def push_most(vehicle: Vehicle) -> float:
     signs = np.array([-DEFLECTION, DEFLECTION])
     grid = np.meshgrid(machs, alphas, SIDESLIPS, signs, signs, indexing="ij")
     mach, alpha, beta, aileron, rudder = (x.ravel() for x in grid)
-    found = polar(vehicle, mach, alpha, sideslip=beta, aileron=aileron, rudder=rudder)
-    return float((found[2] * np.sin(beta) - found[1] * np.cos(beta)).max())
+    coefficients = polar(vehicle, mach, alpha, sideslip=beta, aileron=aileron, rudder=rudder)
+    return float((coefficients[2] * np.sin(beta) - coefficients[1] * np.cos(beta)).max())
 
 
 def dutch_roll_ratio(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> float:
-    """Return |bank/sideslip| of the lateral mode that oscillates, infinite without one."""
+    """Return |bank/sideslip| of the oscillatory lateral mode; infinite if there is none."""
     nominal = Nominal(
         AROUND,
         mass=vehicle.constants.mass_start,
@@ -165,14 +174,14 @@ def dutch_roll_ratio(vehicle: Vehicle, alpha: float, elevator: float, eta: float
 
 
 def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict[str, float]:
-    """Return the traits of SIDES of a vehicle whose trim is known."""
+    """Return the traits of SIDES of a vehicle with a known trim."""
     c = vehicle.constants
     machs, alphas = nodes_within(vehicle)
     slope = slopes_at(vehicle, alpha, elevator)
     lift_slope = slope["CL", "alpha"]
-    at = np.zeros((len(_STATES), 1))
-    at[0], at[-1] = alpha, elevator
-    lift, drag = coefficients_at(vehicle, AROUND, at)[:2, 0]
+    state = np.zeros((len(_STATES), 1))
+    state[0], state[-1] = alpha, elevator
+    lift, drag = coefficients_at(vehicle, AROUND, state)[:2, 0]
 
     # The polar at the Mach number of the S: CD0 and k of CD0 + k |CL tan(alpha - alpha_0)|.
     lifts, drags = polar(vehicle, MACH, alphas)[:2]
@@ -223,26 +232,26 @@ def _ghames_lift_slope() -> float:
 def find_trim(vehicle: Vehicle) -> tuple[float, float, float]:
     """Return angle of attack (rad), elevator (rad) and equivalence ratio at 1 g in the S."""
     point = FlightPoint(20e3, SPEED, latitude=S.start.latitude, heading=S.start.heading)
-    found = trim(vehicle, STILL, point)
-    if found.fault:
-        raise SystemExit(found.fault)
-    return found.angle_of_attack, found.elevator, found.equivalence_ratio
+    point_trim = trim(vehicle, STILL, point)
+    if point_trim.fault:
+        raise SystemExit(point_trim.fault)
+    return point_trim.angle_of_attack, point_trim.elevator, point_trim.equivalence_ratio
 
 
 def excesses(traits: dict[str, float], inner: float = 0.0) -> Floats:
-    """Return by how many of its units each trait is outside its interval, shortened by `inner`."""
+    """Return the excess of each trait in units over its interval, shortened by `inner`."""
     return np.array([side.excess(traits[name], inner) for name, side in SIDES.items()])
 
 
 def table(traits: dict[str, dict[str, float]]) -> Iterator[str]:
-    """Yield the rows of a Markdown table: each trait of each vehicle, beside its side."""
-    yield "| trait | side | " + " | ".join(traits) + " |"
+    """Yield the rows of a Markdown table with each trait of each vehicle and its side."""
+    yield "| trait | limits | " + " | ".join(traits) + " |"
     yield "|" + "---|" * (2 + len(traits))
     for name, side in SIDES.items():
-        cells = [f"{of[name]:.3g}" for of in traits.values()]
+        cells = [f"{vehicle_traits[name]:.3g}" for vehicle_traits in traits.values()]
         ends = [f"{end:g}" for end in (side.low, side.high) if np.isfinite(end)]
         sign = "at least " if side.high == INFINITY else "at most " if len(ends) == 1 else ""
-        yield f"| {side.words} | {sign}{' to '.join(ends)} | " + " | ".join(cells) + " |"
+        yield f"| {side.label} | {sign}{' to '.join(ends)} | " + " | ".join(cells) + " |"
 
 
 def main() -> None:

@@ -1,21 +1,26 @@
-"""Retune the LQR baseline for a vehicle at no more control usage than TLC: writes a controller file.
+"""Retune the LQR baseline for a vehicle with the control usage of TLC; writes a controller file.
 
-    OPENBLAS_NUM_THREADS=1 python studies/retune_lqr.py [--vehicle FILE] [--mission FILE] [--also FILE ...] [-o FILE]
+    OPENBLAS_NUM_THREADS=1 python studies/retune_lqr.py [--vehicle FILE] [--mission FILE]
+        [--also FILE ...] [-o FILE]
 
-One thread, because the matrices are small: with two the search took five times as long.
+Use one thread because the matrices are small: with two the search took five times as long.
 
-The paper's weights were made for the paper's vehicle. This procedure looks for weights that track best on this one:
+The paper's weights were made for the paper's vehicle. This procedure searches for the weights with
+the smallest tracking errors on another vehicle:
 
-1. TLC and LQR fly the nominal mission and the corners of the paper's dispersions (density and lift +-10 %, drag
-   +-15 %: five flights: nominal, and four corners of the box).
-2. Score: over six errors (altitude, speed, heading, angle of attack and bank against the own command, sideslip; rms,
-   averaged over the flights), LQR's error over TLC's; the mean of the fourth powers, which counts the worst most.
-3. Usage: on the nominal flight the rms of each surface's deflection minus its initial trim and its travel, six numbers,
-   each at most 1.05 times TLC's; what is above enters the score as a steep penalty.
-4. The weights of states and inputs, one per regulator fixed (only ratios count), are varied by factors between 1e-3 and
-   1e3 of the paper's by differential evolution, which begins with Sobol points, the paper's weights, and those of the
-   controllers named by ``--also``. Its result and those controllers are polished by the Nelder-Mead method, each
-   restarted until it gains less than 0.1 % (``--gain``); the best stands. Seeds are fixed.
+1. TLC and LQR run the nominal mission and four corners of the paper's dispersions (density and lift
+   +-10 %, drag +-15 %).
+2. The score is the mean of the fourth powers of LQR's error over TLC's, over six rms errors
+   (altitude, speed, heading, angle of attack and bank relative to the law's command, sideslip),
+   averaged over the flights. The largest error thus counts most.
+3. Usage is the rms of each surface's deflection from its initial trim, and its travel, in the
+   nominal flight. Each of the six numbers may be at most 1.05 times TLC's; the excess is a steep
+   penalty.
+4. The weights of states and inputs, except one per regulator (only ratios count), are varied by
+   factors between 1e-3 and 1e3 of the paper's by differential evolution. It starts with Sobol
+   points, the paper's weights, and those of the controllers of ``--also``. Its result and those
+   controllers are refined by the Nelder-Mead method, restarted until it gains less than 0.1 %
+   (``--gain``), and the best is selected. Seeds are fixed.
 """
 
 import argparse
@@ -42,7 +47,7 @@ from abhv_mc.io.documents import write_document
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
-# Varied weights: regulator, states or inputs, name. One input of each regulator keeps the paper's weight.
+# Varied weights: regulator, states or inputs, name. One input per regulator has the paper's weight.
 VARIED = (
     ("guidance", "states", "altitude"),
     ("guidance", "states", "flight_path_angle"),
@@ -60,13 +65,11 @@ VARIED = (
 )
 POPULATION = 64
 BOUND = 3.0  # powers of ten about the paper's weights
-INSTEAD_OF_ZERO = (
-    3.28e3  # the paper gives the pitch rate no weight; a factor needs one to start from
-)
+INSTEAD_OF_ZERO = 3.28e3  # base of the factor for the pitch rate, whose weight in the paper is 0
 
 
 class Study:
-    """One vehicle and mission: flies controllers and scores them against TLC."""
+    """Flights of controllers on one vehicle and mission, and their scores relative to TLC."""
 
     def __init__(self, vehicle: Path, mission: Path) -> None:
         self.vehicle, self.mission = load_vehicle(vehicle), read_mission(mission)
@@ -80,41 +83,45 @@ class Study:
         flown = self.fly(make_plan(self.vehicle, self.mission, tlc, "tlc"))
         if flown is None:
             raise SystemExit(
-                "TLC does not fly this mission on this vehicle: there is no usage to compare with"
+                "a flight of TLC with this vehicle and mission terminates early, so that there is "
+                "no usage to compare with"
             )
         self.errors, self.usage = flown
 
     def fly(self, plan: FlightPlan) -> tuple[Floats, Floats] | None:
-        """Mean errors over the flights and the nominal flight's usage; None where a flight fails."""
+        """Return mean errors and the usage of the nominal flight; None if a flight fails."""
         block = fly(plan, self.parameters)
         if (block.outcome != Outcome.OK).any():
             return None
         return columns(block, ERRORS).mean(axis=0), columns(block, USAGE)[0]
 
     def make_controller(self, exponents: Floats) -> LqrController:
-        """The paper's weights times powers of ten."""
+        """Return the paper's weights times powers of ten."""
         data = self.paper.model_dump(mode="json")
-        for (regulator, part, name), exponent in zip(VARIED, exponents, strict=True):
-            start = data[regulator][part][name] or INSTEAD_OF_ZERO
-            data[regulator][part][name] = float(f"{start * 10.0**exponent:.4g}")
+        for (regulator, group, name), exponent in zip(VARIED, exponents, strict=True):
+            start = data[regulator][group][name] or INSTEAD_OF_ZERO
+            data[regulator][group][name] = float(f"{start * 10.0**exponent:.4g}")
         return LqrController.model_validate_json(json.dumps(data))
 
     def exponents_of(self, controller: LqrController) -> Floats:
-        """Powers of ten that make these weights of the paper's, within BOUND; the fixed inputs' scales divided out."""
+        """Return the powers of ten of weights relative to the paper's, within BOUND.
+
+        Weights are first divided by the scale of the fixed input of their regulator.
+        """
         paper, data = self.paper.model_dump(mode="json"), controller.model_dump(mode="json")
         fixed = {"guidance": "angle_of_attack", "longitudinal": "elevator", "lateral": "aileron"}
-        found = []
-        for regulator, part, name in VARIED:
+        exponents = []
+        for regulator, group, name in VARIED:
             scale = (
                 data[regulator]["inputs"][fixed[regulator]]
                 / paper[regulator]["inputs"][fixed[regulator]]
             )
-            start = paper[regulator][part][name] or INSTEAD_OF_ZERO
-            found.append(np.log10(max(data[regulator][part][name], 1e-300) / (scale * start)))
-        return np.clip(found, -BOUND, BOUND)
+            start = paper[regulator][group][name] or INSTEAD_OF_ZERO
+            exponents.append(np.log10(max(data[regulator][group][name], 1e-300) / (scale * start)))
+        return np.clip(exponents, -BOUND, BOUND)
 
     def fly_lqr(self, controller: LqrController) -> tuple[Floats, Floats] | None:
-        """As :meth:`fly`; None too where a Riccati equation has no solution."""
+        """Return the result of :meth:`fly`; None also if a Riccati equation has no solution."""
         try:
             gains = gains_of_models(
                 controller, self.pieces, self.plan.reference[:, REFERENCE.index("time")]
@@ -124,7 +131,7 @@ class Study:
         return self.fly(replace(self.plan, gains=gains))
 
     def score(self, exponents: Floats) -> float:
-        """What is minimised."""
+        """Return the score to be minimized."""
         flown = self.fly_lqr(self.make_controller(exponents))
         if flown is None:
             return 1e3
@@ -133,15 +140,15 @@ class Study:
 
 
 def read_lqr(file: Path) -> LqrController:
-    """An LQR's file. Raises SystemExit for another law."""
+    """Read the file of an LQR. Raise SystemExit for another law."""
     controller = read_controller(file)
     if not isinstance(controller, LqrController):
-        raise SystemExit(f"{file} is no LQR")
+        raise SystemExit(f"{file} is not an LQR controller")
     return controller
 
 
 def polish(score: Callable[[Floats], float], start: Floats, gain: float) -> Floats:
-    """Nelder-Mead from a start, begun again with a fresh simplex of 0.3 decades until it gains less than ``gain``."""
+    """Minimize by Nelder-Mead, restarted with a new simplex until it gains less than ``gain``."""
     best, value = start, np.inf
     while True:
         simplex = np.vstack([best, best + 0.3 * np.eye(best.size)])
@@ -195,13 +202,13 @@ def main() -> None:
         init=first,
     )
     print(f"score {wide.fun:.4f} after {wide.nfev} trials", flush=True)
-    found = min(
+    best_exponents = min(
         (polish(study.score, start, arguments.gain) for start in [wide.x, *starts]), key=study.score
     )
-    best = study.make_controller(found)
+    best = study.make_controller(best_exponents)
     flown = study.fly(make_plan(study.vehicle, study.mission, best, "lqr_retuned"))
     if flown is None:
-        raise SystemExit("no weights were found that fly every corner")
+        raise SystemExit("with the best weights a flight terminates early")
     errors, usage = flown
     before = study.fly_lqr(study.make_controller(np.zeros(len(VARIED))))
     unvaried = before[0] if before else np.full(len(ERRORS), np.nan)
@@ -217,7 +224,7 @@ def main() -> None:
         "Usage of the nominal flight: this LQR / TLC:",
         *(f"  {n}: {a:.4g} / {b:.4g}" for n, a, b in zip(USAGE, usage, study.usage, strict=True)),
     ]
-    print(f"score {study.score(found):.4f}", *lines, sep="\n")
+    print(f"score {study.score(best_exponents):.4f}", *lines, sep="\n")
     if (usage > ALLOWED * study.usage).any():
         raise SystemExit("the usage is above 1.05 times TLC's: not written")
     write_document(arguments.output, best.model_dump(mode="json"), "\n".join(lines))

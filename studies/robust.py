@@ -1,20 +1,28 @@
-"""Tune a law for small errors within margins, on flights that vary effectiveness and delay: writes a controller file.
+"""Tune a law for small errors within margins, with varied effectiveness and delay.
 
-    OPENBLAS_NUM_THREADS=1 python studies/robust.py tlc|lqr [--vehicle NAME] [--ordered] [--candidates N] [-o FILE]
+    OPENBLAS_NUM_THREADS=1 python studies/robust.py tlc|lqr [--vehicle NAME] [--ordered]
+        [--candidates N] [-o FILE]
 
-The same freedom for both laws: TLC's bandwidths and dampings of the two inner sub-loops, LQR's weights but one of each
-regulator (only ratios count; the pitch rate stays without weight). CMA-ES on the same flights for every candidate
-(``abhv_mc_tune.method``): first whatever keeps the limits, then the smallest score.
+Both laws have the same number of free parameters: TLC's bandwidths and dampings of the two inner
+sub-loops, and LQR's weights except one of each regulator (only ratios count; the pitch rate has no
+weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``) and prefers
+candidates within the limits, then the smallest score. The result is written to a controller file.
 
 Limits (numbers in ``robust_flights.py``):
-- margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's box (``CORNER``);
-- every flight of box (b) ends well, and no angle cycles by more than ``RIPPLE`` in settled stretches. Box (b) is the
-  paper's box with control effectiveness +-20 % of each surface and a delay of the measurement of 0 to 40 ms;
-- usage of each surface on the nominal S: rms from the trim and travel at most 1.05 times those of TLC with Table 1;
-- ``--ordered``: TLC's outer bandwidths stay below the inner ones that they rely on (no warning of the file's reader).
 
-Score: over six errors (rms), the mean over the flights over Table 1's median; the mean of the fourth powers, which
-counts the worst most. The result flies 1000 fresh flights of box (b) before it is written.
+- margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's
+  box (``CORNER``);
+- all flights of box (b) are complete, and no angle cycles by more than ``RIPPLE`` outside
+  transients. Box (b) is the paper's box with control effectiveness +-20 % of each surface and a
+  measurement delay of 0 to 40 ms;
+- usage of each surface in the nominal S: rms from the trim and travel at most 1.05 times those of
+  TLC with Table 1;
+- ``--ordered``: TLC's outer bandwidths are below the inner ones that they rely on (the file reader
+  gives no warning).
+
+The score is the mean of the fourth powers of six rms errors, averaged over the flights and divided
+by Table 1's median; the largest error thus counts most. The result is validated by 1000 new flights
+of box (b).
 """
 
 import argparse
@@ -36,12 +44,12 @@ from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc_tune.candidates import ControllerNumbers
-from abhv_mc_tune.method import Scores, tune
+from abhv_mc_tune.constrained_search import Scores, tune
 
-FAR = 0.6  # beyond a limit of the margins, relative: not worth flying
+FAR = 0.6  # relative excess of a margin limit from which no flights are run
 FRESH_SEED = 2015
 
-# Where the search begins: numbers that differ from the shipped file's. Both were found by hand.
+# Start of the search: numbers that differ from the shipped file. Both were tuned by hand.
 STARTS: dict[str, tuple[str, dict[str, Any]]] = {
     "tlc": (
         "tlc",
@@ -82,23 +90,23 @@ FACTOR = {"tlc": 5.0, "lqr": 30.0}  # either way
 
 
 def start_numbers(law: str, start: Path | None) -> ControllerNumbers:
-    """The free numbers where the search begins."""
+    """Return the free numbers at the start of the search."""
     stem, changes = STARTS[law]
     document = read_document(start or ROOT / f"configs/control/{stem}.yaml")
     data: Any = copy.deepcopy(document.data)
     for path, value in ({} if start else changes).items():
-        *parts, last = path.split(".")
-        place = data
-        for part in parts:
-            place = place[part]
-        place[last] = value
+        *keys, last = path.split(".")
+        node = data
+        for key in keys:
+            node = node[key]
+        node[last] = value
     return ControllerNumbers(
         replace(document, data=data), tuple(Free(key=key, factor=FACTOR[law]) for key in FREE[law])
     )
 
 
 class Search:
-    """Scores points of the box for the search."""
+    """Evaluation of points of the box for the search."""
 
     def __init__(self, duel: Duel, numbers: ControllerNumbers, ordered: bool) -> None:
         self.duel, self.numbers, self.ordered = duel, numbers, ordered
@@ -106,14 +114,14 @@ class Search:
         self.tried = 0
 
     def controller(self, point: Floats) -> Controller:
-        """The controller of a point, as its file would be read."""
+        """Return the controller of a point, as read from its file."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "candidate.yaml"
             self.numbers.write(path, point)
             return read_controller(path)
 
-    def one(self, point: Floats) -> tuple[float, list[float], float]:
-        """Score, excess of each limit, and usage over what is allowed."""
+    def evaluate(self, point: Floats) -> tuple[float, list[float], float]:
+        """Return score, excess of each limit, and excess of usage."""
         count = 2 + int(self.ordered) + 2 + len(USAGE)
         controller = self.controller(point)
         try:
@@ -139,14 +147,17 @@ class Search:
         return score, excess, max(excess[-len(USAGE) :])
 
     def measure(self, points: Floats) -> Scores:
-        """Scores of candidates ``[candidate, dimension]``."""
-        found = [self.one(point) for point in points]
-        scores, excess, usage = zip(*found, strict=True)
+        """Return the scores of candidates ``[candidate, dimension]``."""
+        results = [self.evaluate(point) for point in points]
+        scores, excess, usage = zip(*results, strict=True)
         return Scores(np.array(scores), np.array(excess), np.array(usage))
 
 
 def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
-    """What a controller's file does, in lines for its head, and whether it keeps every limit on fresh flights."""
+    """Return lines on a controller for the head of its file, and whether it satisfies the limits.
+
+    The limits are checked with new flights.
+    """
     plan = make_plan(duel.vehicle, duel.mission, read_controller(file), file.stem)
     steady = make_steady_plan(duel.vehicle, duel.mission, read_controller(file), file.stem)
     margins = duel.margins(plan, steady)
@@ -201,15 +212,15 @@ def main() -> None:
     if arguments.smoke:
         print(search.measure(start[None]))
         return
-    found = tune(search.measure, start, arguments.candidates, arguments.seed, arguments.step)
+    result = tune(search.measure, start, arguments.candidates, arguments.seed, arguments.step)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robust.yaml"
-        numbers.write(file, found.place)
-        lines, kept = describe(duel, file, f"python {shlex.join(sys.argv)}")
+        numbers.write(file, result.best_point)
+        lines, keeps_limits = describe(duel, file, f"python {shlex.join(sys.argv)}")
     print(*lines, sep="\n")
-    numbers.write(arguments.output, found.place, "\n".join(lines))
-    if not kept:
-        raise SystemExit(f"{arguments.output} does not keep every limit")
+    numbers.write(arguments.output, result.best_point, "\n".join(lines))
+    if not keeps_limits:
+        raise SystemExit(f"{arguments.output} violates a limit")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the robust designs are held against: boxes of uncertainties, flights, cycling angles, margins and limits."""
+"""Evaluation of robust designs: uncertainties, flights, oscillations, margins and limits."""
 
 import json
 from dataclasses import dataclass, replace
@@ -27,20 +27,20 @@ NOMINAL = (6.0, 35.0, 40.0)  # dB, deg, ms: the least of every loop
 CORNER = (4.5, 30.0, 30.0)
 RIPPLE = 5.0  # deg
 RIPPLES = tuple(f"{angle}_ripple_deg" for angle in ("angle_of_attack", "sideslip", "bank"))
-LONG = 180.0  # s: flights in which cycles are counted; one that begins late needs them
+LONG = 180.0  # s, duration of flights for counting cycles, some of which begin late
 EFFECTIVENESS, LONGEST_DELAY = 0.20, 0.040  # s
 SURFACES = ("aileron", "rudder", "elevator")
 SEARCH_SEED, RANDOM = 2014, 55
 
 
 def box_a(rows: Floats, signs: Floats) -> None:
-    """Put density, lift and drag of ``rows`` at ``signs`` [row, 3] of the paper's half widths."""
+    """Set density, lift and drag of ``rows`` to ``signs`` [row, 3] of the paper's half widths."""
     for (name, half_width), sign in zip(DISPERSIONS.items(), signs.T, strict=True):
         rows[:, PARAMETER_INDEX[name]] = 1.0 + half_width * sign
 
 
 def box_b(rows: Floats, signs: Floats) -> None:
-    """The same with effectiveness and delay: ``signs`` [row, 7]."""
+    """Set also effectiveness and delay of ``rows``, by ``signs`` [row, 7]."""
     box_a(rows, signs[:, :3])
     for name, sign in zip(SURFACES, signs[:, 3:6].T, strict=True):
         rows[:, PARAMETER_INDEX[f"control.{name}_effectiveness"]] = 1.0 + EFFECTIVENESS * sign
@@ -48,28 +48,31 @@ def box_b(rows: Floats, signs: Floats) -> None:
 
 
 def paper_corners() -> Floats:
-    """The nominal vehicle and the eight corners of the paper's box, ``[flight, parameter]``."""
+    """Return the nominal vehicle and the corners of the paper's box, ``[flight, parameter]``."""
     rows = nominal_parameters(9)
     box_a(rows[1:], np.array(list(product((-1.0, 1.0), repeat=3))))
     return rows
 
 
 def random_flights(flights: int, seed: int) -> Floats:
-    """Flights of box (b), ``[flight, parameter]``."""
+    """Draw flights of box (b), ``[flight, parameter]``."""
     rows = nominal_parameters(flights)
     box_b(rows, np.random.default_rng(seed).uniform(-1.0, 1.0, (flights, 7)))
     return rows
 
 
 def search_flights() -> Floats:
-    """What every candidate flies: :func:`paper_corners`, the 128 corners of box (b), and random flights in it."""
+    """Return the flights of every candidate.
+
+    They are :func:`paper_corners`, the 128 corners of box (b), and random flights in it.
+    """
     corners = nominal_parameters(128)
     box_b(corners, np.array(list(product((-1.0, 1.0), repeat=7))))
     return np.vstack([paper_corners(), corners, random_flights(RANDOM, SEARCH_SEED)])
 
 
-def read_place(vehicle: str) -> tuple[Vehicle, Mission]:
-    """Return a member of the ensemble or `abhv` with its own S, or a file's vehicle with the S that steps."""
+def read_case(vehicle: str) -> tuple[Vehicle, Mission]:
+    """Return a member of the ensemble or `abhv` with its S, or a vehicle with `s_manoeuvre`."""
     for member in json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))[
         "ensemble"
     ]:
@@ -83,28 +86,28 @@ def read_place(vehicle: str) -> tuple[Vehicle, Mission]:
 
 @dataclass(frozen=True)
 class Flown:
-    """Flights of one controller."""
+    """Results of flights of one controller."""
 
     errors: Floats  # [flight, ERRORS]
     usage: Floats  # [flight, USAGE]
-    ripples: Floats  # [flight]: the largest of angle of attack, sideslip and bank, deg; nan where a flight ended early
+    ripples: Floats  # [flight] largest of the three angles, deg; nan after an early termination
 
     @property
     def lost(self) -> int:
-        """Flights that ended early."""
+        """Number of flights that terminated early."""
         return int(np.isnan(self.ripples).sum())
 
     @property
     def cycling(self) -> int:
-        """Flights with a ripple above RIPPLE."""
+        """Number of flights with a ripple above RIPPLE."""
         return int((self.ripples > RIPPLE).sum())
 
 
 class Duel:
-    """One vehicle and mission: flies candidates of one law, and finds their margins."""
+    """Flights and margins of candidates of one law on one vehicle and mission."""
 
     def __init__(self, vehicle: str, law: str) -> None:
-        self.vehicle, self.mission = read_place(vehicle)
+        self.vehicle, self.mission = read_case(vehicle)
         self.long = self.mission.model_copy(update={"duration": LONG})
         self.level = self.mission.model_copy(update={"manoeuvre": Level(kind="level")})
         self.corners, self.flights = paper_corners(), search_flights()
@@ -122,13 +125,16 @@ class Duel:
             self.times = times
 
     def fly(self, plan: FlightPlan, parameters: Floats) -> Flown:
-        """Fly these parameters."""
+        """Run flights with these parameters."""
         block = fly(plan, parameters)
         ripples = np.where(block.outcome == Outcome.OK, columns(block, RIPPLES).max(axis=1), np.nan)
         return Flown(columns(block, ERRORS), columns(block, USAGE), ripples)
 
     def plans(self, controller: Controller) -> tuple[FlightPlan, FlightPlan]:
-        """The candidate's plans of the S and of steady flight. Raises LinAlgError where there is no regulator."""
+        """Return the plans of a candidate for the S and steady flight.
+
+        Raise LinAlgError if there is no regulator.
+        """
         if isinstance(controller, TlcController):
             settings = make_tlc_settings(controller, self.vehicle)
             return tuple(  # type: ignore[return-value]
@@ -148,11 +154,11 @@ class Duel:
         return replace(self.plan, gains=moving), replace(self.steady, gains=steady)
 
     def margins(self, plan: FlightPlan, steady: FlightPlan) -> Floats:
-        """Least margins ``[vehicle, (dB, deg, ms, disk)]`` at the trim of :func:`paper_corners`."""
+        """Return the least margins ``[vehicle, (dB, deg, ms, disk)]`` of :func:`paper_corners`."""
         return margins_of_flights(plan, steady, self.corners, ["trim"]).table
 
     def score(self, flown: Flown) -> float:
-        """What is minimised."""
+        """Return the score to be minimized."""
         return float(
             np.mean((flown.errors.mean(axis=0) / np.median(self.table_1.errors, axis=0)) ** 4)
             ** 0.25
@@ -161,9 +167,9 @@ class Duel:
     def excess(
         self, margins: Floats, flown: Flown | None, controller: Controller, ordered: bool
     ) -> list[float]:
-        """How far a candidate is beyond each limit, relative to it; flights that were not flown break theirs."""
-        wanted = np.vstack([[NOMINAL], np.tile(CORNER, (len(margins) - 1, 1))])
-        short = ((wanted - margins[:, :3]) / wanted).max(axis=1)
+        """Return the relative excess of each limit; limits on missing flights are violated."""
+        required = np.vstack([[NOMINAL], np.tile(CORNER, (len(margins) - 1, 1))])
+        short = ((required - margins[:, :3]) / required).max(axis=1)
         beyond = [float(short[0]), float(short[1:].max())]
         beyond += [order_excess(controller)] if ordered else []
         if flown is None:
@@ -179,7 +185,7 @@ class Duel:
 
 
 def order_excess(controller: Controller) -> float:
-    """By how much TLC's outer bandwidths are above the inner ones that they rely on, relative to them."""
+    """Return the relative excess of TLC's outer bandwidths over the inner ones they rely on."""
     if not isinstance(controller, TlcController):
         return 0.0
     outer, inner = controller.attitude, controller.rates

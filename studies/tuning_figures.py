@@ -1,4 +1,4 @@
-"""The figures of docs/explanation/tuning.md."""
+"""Figures of docs/explanation/tuning.md."""
 
 import numpy as np
 from experiment import Floats
@@ -9,12 +9,12 @@ from abhv_mc.topics.figure_style import CYCLE, new_figure, styled
 
 
 @styled
-def plot_sensitivities(found: dict[str, list[tuple[Floats, int] | None]]) -> Figure:
-    """Errors over the factor on each bandwidth."""
+def plot_sensitivities(results: dict[str, list[tuple[Floats, int] | None]]) -> Figure:
+    """Plot errors over the factor on each bandwidth."""
     figure = new_figure(5.2)
     grid = figure.subplots(2, 3, sharex=True, sharey=True)
-    for i, (axes, head) in enumerate(zip(grid.ravel(), HEADS, strict=False)):
-        for j, (channel, flown) in enumerate(found.items()):
+    for i, (axes, title) in enumerate(zip(grid.ravel(), HEADS, strict=False)):
+        for j, (channel, flown) in enumerate(results.items()):
             base = flown[FACTORS.index(1.0)]
             ratios = [flight[0][i] / base[0][i] if flight and base else np.nan for flight in flown]
             style = ("-", "--")[j // len(CYCLE) % 2]
@@ -26,7 +26,7 @@ def plot_sensitivities(found: dict[str, list[tuple[Floats, int] | None]]) -> Fig
         axes.set_xticks(FACTORS, [f"{factor:.2g}" for factor in FACTORS])
         axes.set_yticks((0.25, 0.5, 1.0, 2.0, 4.0), ("0.25", "0.5", "1", "2", "4"))
         axes.minorticks_off()
-        axes.set_title(f"{head.rsplit(' ', 1)[0]} error")
+        axes.set_title(f"{title.rsplit(' ', 1)[0]} error")
     for axes in grid[-1]:
         axes.set_xlabel("bandwidth over Table 1's")
     for axes in grid[:, 0]:
@@ -38,7 +38,7 @@ def plot_sensitivities(found: dict[str, list[tuple[Floats, int] | None]]) -> Fig
 
 @styled
 def plot_differentiators(curves: dict[float, list[tuple[float, int]]]) -> Figure:
-    """Swings over the bandwidth of sub-loop 3's differentiator."""
+    """Plot swings over the bandwidth of sub-loop 3's differentiator."""
     figure = new_figure(2.4, 5.0)
     axes = figure.subplots()
     for color, (ratio, points) in zip(CYCLE, curves.items(), strict=False):

@@ -1,4 +1,4 @@
-"""TLC flown with numbers that change from Table 1's: what studies/tune_tlc.py asks."""
+"""Flights of TLC with parameters that differ from Table 1, for studies/tune_tlc.py."""
 
 import json
 from pathlib import Path
@@ -20,10 +20,7 @@ INNER = tuple(f"attitude.{name}" for name in ("angle_of_attack", "sideslip", "ba
 )
 OUTER = ("altitude", *(f"velocity.{name}" for name in ("flight_path_angle", "heading", "speed")))
 FACTORS = (1.0 / 3.0, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
-SWING, MANY = (
-    0.5,
-    6,
-)  # deg; Table 1 makes 5 on the nominal vehicle: the step itself, and the way back
+SWING, MANY = 0.5, 6  # deg; Table 1 has 5 on the nominal vehicle, from the step and the return
 NOISE = 0.01  # deg and deg/s: rms of the white noise on each measured angle and body rate
 NOISY = [
     f"sensor.{name}_noise"
@@ -48,7 +45,7 @@ HEADS = (
 
 
 class Tuning:
-    """Flights of TLC with gains that change from Table 1's."""
+    """Flights of TLC with parameters that differ from Table 1."""
 
     def __init__(self, vehicle: Path) -> None:
         mission = ROOT / "configs/mission/s_manoeuvre.yaml"
@@ -56,18 +53,21 @@ class Tuning:
         self.steps = [first for first, _ in ramp_times(self.bench.mission)]
 
     def controller(self, changes: dict[str, float]) -> TlcController:
-        """Table 1 with other numbers: 'attitude.bank.damping', 'differentiators.rates', ..."""
+        """Return Table 1 with changes, such as 'attitude.bank.damping'."""
         data: dict[str, Any] = self.bench.table_1.model_dump(mode="json")
         for path, value in changes.items():
-            *parts, last = path.split(".")
-            place = data
-            for part in parts:
-                place = place[part]
-            place[last] = value if last == "damping" else f"{value!r} rad/s"
+            *keys, last = path.split(".")
+            node = data
+            for key in keys:
+                node = node[key]
+            node[last] = value if last == "damping" else f"{value!r} rad/s"
         return TlcController.model_validate_json(json.dumps(data))
 
     def fly(self, changes: dict[str, float]) -> tuple[Floats, int] | None:
-        """Means of SHOWN, and the most swings of a surface between two steps; None where a flight ends early."""
+        """Return means of SHOWN and the most swings of a surface; None after an early termination.
+
+        Swings are counted between two steps.
+        """
         block = self.bench.fly_tlc(self.controller(changes), self.parameters, record_every=2)
         if (block.outcome != Outcome.OK).any():
             return None
@@ -81,7 +81,10 @@ class Tuning:
         return columns(block, SHOWN).mean(axis=0), most
 
     def noisy_travel(self, changes: dict[str, float]) -> float:
-        """Travel of all surfaces together on a nominal flight with NOISE, deg; not-a-number where it ends early."""
+        """Return the total travel of all surfaces in a nominal flight with NOISE, deg.
+
+        Return NaN if the flight terminates early.
+        """
         parameters = nominal_parameters()
         parameters[0, [PARAMETER_INDEX[name] for name in NOISY]] = np.deg2rad(NOISE)
         block = self.bench.fly_tlc(self.controller(changes), parameters)
@@ -89,7 +92,7 @@ class Tuning:
         return float(travel.sum()) if block.outcome[0] == Outcome.OK else float("nan")
 
     def overshoot(self, changes: dict[str, float]) -> float:
-        """By how much the nominal bank passes its own command's extreme after the first step, deg."""
+        """Return the overshoot of the nominal bank over its command after the first step, deg."""
         block = self.bench.fly_tlc(self.controller(changes), self.parameters[:1], record_every=1)
         early = block.times < 8.0
         bank, command = (
@@ -100,7 +103,7 @@ class Tuning:
 
 
 def count_swings(values: NDArray[np.float32]) -> int:
-    """How often a curve turns back by more than SWING."""
+    """Return how often a curve reverses by more than SWING."""
     turns = np.flatnonzero(np.diff(np.sign(np.diff(values)))) + 1
     count, way = 0, 0
     low = high = float(values[0])
@@ -114,13 +117,13 @@ def count_swings(values: NDArray[np.float32]) -> int:
 
 
 def bandwidth_of(tuning: Tuning, channel: str) -> float:
-    """Table 1's bandwidth, or that of a differentiator, rad/s."""
+    """Return a bandwidth of Table 1 or of a differentiator, rad/s."""
     value: Any = tuning.bench.table_1
-    for part in channel.split("."):
-        value = getattr(value, part)
+    for key in channel.split("."):
+        value = getattr(value, key)
     return float(value if channel.startswith("differentiators") else value.bandwidth)
 
 
 def key_of(channel: str) -> str:
-    """The place of a bandwidth in the controller file."""
+    """Return the key of a bandwidth in the controller file."""
     return channel if channel.startswith("differentiators") else f"{channel}.bandwidth"

@@ -1,7 +1,7 @@
-"""How often each controller fails over the whole box of `s_manoeuvre_unknown`, on a grid of 9 x 9 x 9 values.
+"""Failures of each controller in the box of `s_manoeuvre_unknown`, on a grid of 9 x 9 x 9 values.
 
-The independent check of what a campaign with unknowns judges at the points that its search finds. 1000 flights at each
-value take two hours of a core; a run that was stopped goes on where it was.
+The grid checks independently the points at which a campaign with unknowns is judged. 1000 flights
+at each value take two hours of a core; after an interruption the same command resumes.
 
     python studies/unknown_grid.py [--flights 1000] [--to grid.csv]
 """
@@ -25,14 +25,14 @@ LIMITS = {
     "bank_error_settled_max_deg": 3.0,
     "angle_of_attack_error_settled_max_deg": 0.5,
 }
-AT_ONCE = 27  # values
+AT_ONCE = 27  # values simulated together
 CONTROLLERS = "tlc", "lqr"
 
 
 def fly(
     campaign: abhv_mc.Campaign, name: str, starts: pd.DataFrame, values: np.ndarray
 ) -> list[list[object]]:
-    """A row for each of ``values`` [value, unknown]: the failures of each requirement."""
+    """Return a row for each of ``values`` [value, unknown]: failures of each requirement."""
     table = pd.concat(
         [starts.assign(**dict(zip(HALF_WIDTHS, value, strict=True))) for value in values]
     )
@@ -47,7 +47,7 @@ def fly(
 
 
 def main() -> None:
-    """Fly what is not in the file yet, and print what failed."""
+    """Run the flights that are missing in the file, and print the failures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -74,9 +74,9 @@ def main() -> None:
             writer.writerows(fly(campaign, name, starts, values[start : start + AT_ONCE]))
             file.flush()
             print(f"{name}: {start + AT_ONCE} of {len(values)} values", flush=True)
-    for name, found in pd.read_csv(options.to).groupby("controller"):
+    for name, failures in pd.read_csv(options.to).groupby("controller"):
         for metric in LIMITS:
-            failing, most = int((found[metric] > 0).sum()), found[metric].max()
+            failing, most = int((failures[metric] > 0).sum()), failures[metric].max()
             print(
                 f"{name} {metric}: fails at {failing} values, in at most {most} of {len(starts)} flights"
             )

@@ -1,4 +1,4 @@
-"""What every test relies on."""
+"""Fixtures and settings of all tests."""
 
 import multiprocessing
 import os
@@ -50,13 +50,13 @@ settings.load_profile("repeatable")
 
 @pytest.fixture(scope="session")
 def repository() -> Path:
-    """The checkout's root."""
+    """Return the root of the checkout."""
     return Path(__file__).parents[1]
 
 
 @pytest.fixture
 def source(tmp_path):
-    """A copy of the package's source."""
+    """Return a copy of the package's source."""
     import abhv_mc
 
     skip = shutil.ignore_patterns("__pycache__", "shipped_files")
@@ -67,7 +67,7 @@ def source(tmp_path):
 
 @pytest.fixture(scope="session")
 def engine():
-    """The compiled flight; the plans of shipped inputs are made once."""
+    """Return the engine of the compiled flight; plans of shipped inputs are made once."""
     from abhv_mc.simulators.vehicle_simulator import make_engine
 
     compiled = make_engine()
@@ -76,19 +76,19 @@ def engine():
 
 @pytest.fixture(scope="session")
 def flights_only(engine):
-    """The same without the margins at the corners of a campaign, which take as long as hundreds of flights."""
+    """Return the engine without margins at the corners, which take as long as hundreds of flights."""
     return replace(engine, find_stability=None)
 
 
 @pytest.fixture
 def no_figures(monkeypatch):
-    """Reports without figures: drawing them takes most of a report's time."""
+    """Make reports without figures, which take most of the time."""
     monkeypatch.setattr("abhv_mc.topics.registry.make_figures", lambda models: {})
 
 
 @pytest.fixture
 def fake_engine(monkeypatch, tmp_path):
-    """Commands fly cheap flights, in a folder of their own."""
+    """Let commands run fake flights in an empty folder."""
     from fake_flight import ENGINE
 
     monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
@@ -97,7 +97,7 @@ def fake_engine(monkeypatch, tmp_path):
 
 @pytest.fixture(scope="session")
 def failing_folder(tmp_path_factory):
-    """A made-up campaign: 100 flights of three controllers; 12 of each but the first ended early."""
+    """Write a synthetic campaign: 100 flights of three controllers, 12 lost of all but the first."""
     from report.synthetic import write_campaign
 
     return write_campaign(tmp_path_factory.mktemp("failing") / "campaign", runs=100, failing=12)
@@ -112,7 +112,7 @@ def failing(failing_folder):
 
 @pytest.fixture(scope="session")
 def failing_numbers(failing):
-    """Every number of its report."""
+    """Return the numbers of its report."""
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.topics.topic import Models
 
@@ -121,7 +121,7 @@ def failing_numbers(failing):
 
 @pytest.fixture(scope="session", autouse=True)
 def _fork_server():
-    """One server for all engines: the first would know its own alone, and each worker of another import for seconds."""
+    """Start one fork server for all engines, so that workers need not import for seconds."""
     ours = [f"abhv_mc.{name}" for name in ("execution.worker", "execution.runner", "flight.fly")]
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["fake_flight", *ours, "scipy.stats", "joblib"])
@@ -129,22 +129,22 @@ def _fork_server():
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is thorough; what compiles everything anew for minutes comes first, as others would wait for it."""
+    """Mark thorough tests, and sort those first that compile for minutes while others wait."""
     for item in items:
-        place = item.path.relative_to(Path(__file__).parent).as_posix()
-        if place.startswith(_THOROUGH):
+        name = item.path.relative_to(Path(__file__).parent).as_posix()
+        if name.startswith(_THOROUGH):
             item.add_marker(pytest.mark.thorough)
     items.sort(key=lambda item: item.path.name not in ("test_public_numba.py", "test_wheel.py"))
 
 
 @pytest.fixture
 def abhv_mc(monkeypatch, capfd):
-    """Run the program; gives exit code, standard output and standard error."""
+    """Return a function that runs the program: exit code, standard output, standard error."""
 
     from abhv_mc.cli.app import main
 
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, words)])
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, arguments)])
         with pytest.raises(SystemExit) as caught:
             main()
         out, err = capfd.readouterr()

@@ -46,7 +46,7 @@ _EXTREMES = {
 
 
 def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> FlightPlan:
-    """A plan whose arrays are small and whose first gain the fake flight reads."""
+    """Return a plan with small arrays; the fake flight reads its first gain."""
     plan = _fill(FlightPlan)
     vehicle = vehicle or load_vehicle(shipped_configs() / "vehicle/nesc/brick.yaml")
     trim_tables = rebuild_trim_tables(
@@ -80,7 +80,7 @@ def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> F
 
 
 def _fill(kind):
-    """A nested record with something of the right type in every place."""
+    """Return a nested record with values of the right types."""
     if hasattr(kind, "_fields") or hasattr(kind, "__dataclass_fields__"):
         hints = typing.get_type_hints(kind)
         return kind(**{name: _fill(hint) for name, hint in hints.items()})
@@ -90,7 +90,7 @@ def _fill(kind):
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
-    """The gain is what the controller's file holds."""
+    """Return a plan with the gain in the controller's file."""
     text = controller.read_text(encoding="utf-8")
     if "gain:" not in text:
         raise InputError(controller, "no gain", "gain: 1.0", 1, 1)
@@ -130,33 +130,33 @@ def fly(
 
 
 def record(block: FlightBlock, recording: Recording) -> FlightBlock:
-    """Of a block that holds every channel at every tick, what was asked for."""
+    """Return the requested channels and ticks of a block that has all."""
     if not recording.every:
         return replace(block, history=block.history[:, :0], times=np.empty(0))
-    whole = block.history[:, :, list(recording.channels)]
-    kept = replace(
-        block, history=whole[:, :: recording.every], times=block.times[:: recording.every]
+    history = block.history[:, :, list(recording.channels)]
+    channels = replace(
+        block, history=history[:, :: recording.every], times=block.times[:: recording.every]
     )
     if not recording.extremes:
-        return kept
+        return channels
     return replace(
-        kept,
-        low=around(whole, recording.every, np.fmin),
-        high=around(whole, recording.every, np.fmax),
+        channels,
+        low=around(history, recording.every, np.fmin),
+        high=around(history, recording.every, np.fmax),
     )
 
 
-def around(whole: np.ndarray, every: int, extreme: np.ufunc) -> np.ndarray:
-    """Extremes ``[sample, channel]`` of all flights, of the ticks from the sample before to the one after each."""
-    samples = range(0, whole.shape[1], every)
-    pieces = [whole[:, max(0, k - every) : k + every + 1] for k in samples]
+def around(samples_of: np.ndarray, every: int, extreme: np.ufunc) -> np.ndarray:
+    """Return extremes [sample, channel] of all flights between the neighbours of each sample."""
+    samples = range(0, samples_of.shape[1], every)
+    pieces = [samples_of[:, max(0, k - every) : k + every + 1] for k in samples]
     return np.stack([extreme.reduce(piece, axis=(0, 1)) for piece in pieces]) + np.float32(0.0)
 
 
 def fly_slowly(
     plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
 ) -> FlightBlock:
-    """The same, slow enough to be interrupted."""
+    """Fly slowly enough to be interrupted."""
     time.sleep(0.02)
     return fly(plan, parameters, record_every)
 
@@ -166,7 +166,7 @@ SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
 
 
 def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
-    """The engine as it is when somebody presses Ctrl-C after so many blocks, of which the first are trials."""
+    """Return an engine that is interrupted after a number of blocks; the first are trials."""
     left = iter(range(calls))
 
     def fly_until(
@@ -180,7 +180,7 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
 
 
 def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "RunResult":
-    """Fly a campaign; ``options`` are those of a request."""
+    """Run a campaign with the options of a request."""
     from abhv_mc.execution.runner import run_campaign  # not where workers import this file
     from abhv_mc.requests import Request
 
@@ -188,7 +188,7 @@ def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "
 
 
 def write_campaign(folder: Path, **entries: str) -> Path:
-    """A campaign file with its inputs; ``entries`` replace or add top-level entries, as YAML text."""
+    """Write a campaign file and its inputs; ``entries`` (YAML) replace or add top-level keys."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "tables").mkdir(exist_ok=True)
     (folder / "tables/cl.csv").write_text("mach,value\n1,2\n2,3\n", encoding="utf-8")

@@ -53,11 +53,11 @@ _ZERO = 1e-10  # absolute, for differences of numbers that are nearly equal
 _ON_A_NODE = {"winged_cone": "margins"}
 
 
-def run_program(folder: Path, *words: object) -> None:
-    """Run a command of the program in this process; its exit code says no more than its verdicts."""
+def run_program(folder: Path, *arguments: object) -> None:
+    """Run a command of the program in this process; exit codes of verdicts are ignored."""
     with ExitStack() as stack:
         stack.enter_context(patch.dict(os.environ, {"XDG_CONFIG_HOME": str(folder / "config")}))
-        stack.enter_context(patch.object(sys, "argv", ["abhv-mc", *map(str, words)]))
+        stack.enter_context(patch.object(sys, "argv", ["abhv-mc", *map(str, arguments)]))
         for name, value in _PATCHES.items():
             stack.enter_context(patch(name, value))
         try:
@@ -68,7 +68,7 @@ def run_program(folder: Path, *words: object) -> None:
 
 
 def make_report(case: str, folder: Path) -> Any:
-    """The numbers and statuses of a case's ``report.json``, made in an empty folder."""
+    """Return the numbers and statuses of a case's ``report.json``, made in an empty folder."""
     results = folder / "results"
     if case in ("dive", "table"):
         own = dive_campaign(folder / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, runs=300)
@@ -97,7 +97,7 @@ def make_report(case: str, folder: Path) -> Any:
 
 
 def keep_numbers(value: Any) -> Any:
-    """A value of ``report.json`` without its texts and what differs from folder to folder."""
+    """Return a value of ``report.json`` without texts and entries that depend on the folder."""
     if isinstance(value, dict):
         return {
             name: keep_numbers(entry)
@@ -116,38 +116,38 @@ def _is_text(value: Any) -> bool:
 
 
 def find_differences(
-    stored: Any, found: Any, tolerance: float = _TOLERANCE, path: str = ""
+    stored: Any, value: Any, tolerance: float = _TOLERANCE, path: str = ""
 ) -> Iterator[str]:
-    """Where a stored number or status is gone or another one; what is new is none."""
-    if isinstance(stored, dict) and isinstance(found, dict):
+    """Yield stored numbers and statuses that are missing or differ; new entries are ignored."""
+    if isinstance(stored, dict) and isinstance(value, dict):
         for name, entry in stored.items():
-            if name in found:
-                yield from find_differences(entry, found[name], tolerance, f"{path}/{name}")
+            if name in value:
+                yield from find_differences(entry, value[name], tolerance, f"{path}/{name}")
             else:
-                yield f"{path}/{name}: is gone"
-    elif isinstance(stored, list) and isinstance(found, list):
-        if len(stored) != len(found):
-            yield f"{path}: {len(found)} entries instead of {len(stored)}"
-        for k, (entry, other) in enumerate(zip(stored, found, strict=False)):
+                yield f"{path}/{name}: missing"
+    elif isinstance(stored, list) and isinstance(value, list):
+        if len(stored) != len(value):
+            yield f"{path}: {len(value)} entries instead of {len(stored)}"
+        for k, (entry, other) in enumerate(zip(stored, value, strict=False)):
             yield from find_differences(entry, other, tolerance, f"{path}/{k}")
-    elif not _is_same(stored, found, tolerance):
-        yield f"{path}: {found!r} instead of {stored!r}"
+    elif not _is_same(stored, value, tolerance):
+        yield f"{path}: {value!r} instead of {stored!r}"
 
 
-def _is_same(stored: Any, found: Any, tolerance: float) -> bool:
-    if isinstance(stored, float) and isinstance(found, float):
-        return math.isclose(stored, found, rel_tol=tolerance, abs_tol=_ZERO)
-    return type(stored) is type(found) and bool(stored == found)
+def _is_same(stored: Any, value: Any, tolerance: float) -> bool:
+    if isinstance(stored, float) and isinstance(value, float):
+        return math.isclose(stored, value, rel_tol=tolerance, abs_tol=_ZERO)
+    return type(stored) is type(value) and bool(stored == value)
 
 
 def compare_report(case: str, folder: Path) -> list[str]:
-    """Differences of a case's report, made in an empty folder, from the stored one."""
+    """Return the differences of a case's report, made in an empty folder, from the stored one."""
     tolerance = _TOLERANCES.get(case, _TOLERANCE)
     return list(find_differences(read_stored(case), make_report(case, folder), tolerance))
 
 
 def read_stored(case: str) -> Any:
-    """What was stored of a case."""
+    """Return the stored numbers of a case."""
     return json.loads(gzip.decompress((STORED / f"{case}.json.gz").read_bytes()))
 
 

@@ -1,4 +1,4 @@
-"""Simulators of a stranger's, and campaigns that fly them."""
+"""Custom simulators and campaigns that use them."""
 
 import json
 import re
@@ -47,7 +47,7 @@ DIVE_CHANNELS = {
 
 
 def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
-    """A campaign of a recovery from a dive, whose simulator is ``source``; ``changes`` of None leave a key out."""
+    """Write a campaign of a dive recovery with the simulator ``source``; None removes a key."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dive.py").write_text(source)
     content: dict[str, Any] = {
@@ -85,5 +85,5 @@ def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
 
 
 def shown_text(page: Path) -> str:
-    """What a page says without its scripts."""
+    """Return the text of a page without its scripts."""
     return re.sub(r"(?s)<(script|style|noscript).*?</\1>|<[^>]*>", " ", page.read_text("utf-8"))

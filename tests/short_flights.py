@@ -61,7 +61,7 @@ def rows_of(*cases: dict[str, float]) -> np.ndarray:
 
 
 def disperse(flights: int) -> np.ndarray:
-    """Rows of which every third flight ends at once, so that its lane is given away."""
+    """Return rows of which every third flight ends at the start, so that its lane is reused."""
     rows = nominal_parameters(flights)
     generator = np.random.default_rng(7)
     for name, width in (
@@ -75,9 +75,9 @@ def disperse(flights: int) -> np.ndarray:
     return rows
 
 
-def assert_same(one: FlightBlock, other: FlightBlock, rows: Any = slice(None)) -> None:
-    """These rows of one block are the other."""
-    for part in ("outcome", "end_time", "metrics", "history", "states"):
+def assert_same(first: FlightBlock, second: FlightBlock, rows: Any = slice(None)) -> None:
+    """Assert that rows of one block equal another block."""
+    for name in ("outcome", "end_time", "metrics", "history", "states"):
         assert np.array_equal(
-            getattr(one, part)[rows], getattr(other, part), equal_nan=part != "outcome"
-        ), part
+            getattr(first, name)[rows], getattr(second, name), equal_nan=name != "outcome"
+        ), name

@@ -1,4 +1,4 @@
-"""Limits of the threads of BLAS: entered side by side, lifted after the last."""
+"""Limit of the threads of BLAS with overlapping calls."""
 
 from threadpoolctl import threadpool_info, threadpool_limits
 

@@ -1,4 +1,4 @@
-"""A change of structure moves no number: small reports of all kinds of campaigns beside stored ones."""
+"""Small reports of all kinds of campaigns have the stored numbers."""
 
 import copy
 from itertools import islice
@@ -19,12 +19,12 @@ def test_every_stored_report_is_of_a_case():
 
 def test_a_moved_number_and_a_lost_one_are_named():
     stored = {"a": [1.0, {"b": 2.0, "c": "PASS"}], "d": None, "e": 0.0}
-    found = copy.deepcopy(stored)
-    found["a"][0] *= 1.0 + 1e-10
-    found["new"] = 1
-    found["e"] = 1e-12
-    assert not list(find_differences(stored, found))
-    found["a"][1] |= {"b": 2.0 + 1e-6, "c": "FAIL"}
-    del found["d"]
-    places = [text.partition(":")[0] for text in find_differences(stored, found)]
-    assert places == ["/a/1/b", "/a/1/c", "/d"]
+    differences = copy.deepcopy(stored)
+    differences["a"][0] *= 1.0 + 1e-10
+    differences["new"] = 1
+    differences["e"] = 1e-12
+    assert not list(find_differences(stored, differences))
+    differences["a"][1] |= {"b": 2.0 + 1e-6, "c": "FAIL"}
+    del differences["d"]
+    paths = [text.partition(":")[0] for text in find_differences(stored, differences)]
+    assert paths == ["/a/1/b", "/a/1/c", "/d"]

@@ -25,7 +25,7 @@ for line in sys.stdin:
 
 @pytest.fixture
 def worker(source):
-    """Asks a process that lives on which code it has, after it has imported a module."""
+    """Return a function that makes a running process import a module and return its code hash."""
     environment = {**os.environ, "PYTHONPATH": str(source.parent), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-c", WORKER]
     with subprocess.Popen(

@@ -1,7 +1,7 @@
-"""Both interfaces of numba make the same flights.
+"""Both interfaces of numba compute equal flights.
 
-The public one compiles for a minute or two when its cache is empty: numba optimizes each function by itself. It does
-so for the vectors that LLVM would choose, half as wide on Intel's processors: neither changes a bit.
+The public one compiles for a minute or two if its cache is empty, because numba optimizes each
+function separately. Its vectors are half as wide on Intel processors. Neither changes a bit.
 """
 
 import os
@@ -49,5 +49,5 @@ def test_the_same_flights(tmp_path):
     assert (
         np.ptp(private["tlc outcome"]) > 0 and len(np.unique(private["lqr metrics"], axis=0)) > 10
     )
-    for name, part in private.items():
-        assert np.array_equal(part, public[name], equal_nan=part.dtype.kind == "f"), name
+    for name, name in private.items():
+        assert np.array_equal(name, public[name], equal_nan=name.dtype.kind == "f"), name

@@ -1,4 +1,4 @@
-"""Requests: one declaration makes the command's options, the function's arguments and both their words."""
+"""Requests: one declaration gives options, function arguments and their documentation."""
 
 import inspect
 

@@ -1,4 +1,4 @@
-"""The package as a notebook uses it: campaigns and results as pandas; worst, rare, tune and compare."""
+"""Python interface: campaigns, results as pandas tables, searches, tuning and comparison."""
 
 import pydoc
 import re
@@ -14,7 +14,7 @@ from search.known_flights import METRIC
 import abhv_mc
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, read_compared
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_other_dispersions(flown):
 
 
 def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypatch, flown):
-    """The tables were called changed by a run, and another file of the same name was flown."""
+    """Regression: a run was reported as a change of the tables, and ran a file of the same name."""
     (tmp_path / "there").mkdir()
     monkeypatch.chdir(tmp_path)
     shutil.copytree(flown[1].folder, "out")
@@ -207,7 +207,7 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
         abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page"
     )
     numbers = comparison.numbers()
-    assert numbers == plain(
+    assert numbers == json_data(
         compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
     )
     assert (

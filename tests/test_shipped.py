@@ -1,4 +1,4 @@
-"""Shipped files are found by name; a folder of that name hides none."""
+"""Shipped files by name, also if a folder has the same name."""
 
 import os
 
@@ -6,7 +6,7 @@ from abhv_mc.shipped import find_input, shipped_campaigns
 
 
 def test_a_folder_named_like_a_shipped_file_is_no_input(tmp_path, monkeypatch):
-    """`abhv-mc run s_manoeuvre -o s_manoeuvre` could not be resumed."""
+    """Regression: `abhv-mc run s_manoeuvre -o s_manoeuvre` could not be resumed."""
     monkeypatch.chdir(tmp_path)
     shipped = shipped_campaigns() / "s_manoeuvre.yaml"
     (tmp_path / "s_manoeuvre").mkdir()

@@ -1,4 +1,4 @@
-"""The package as a user has it: a wheel in an environment of its own, away from the checkout."""
+"""Installation of the package as a wheel in a separate environment, away from the checkout."""
 
 import json
 import os
@@ -13,7 +13,7 @@ import pytest
 
 
 def install(source, folder):
-    """The bin folder of an environment that holds a source's wheel; the libraries are those of the tests."""
+    """Install a source's wheel in a new environment with the tests' libraries; return its bin."""
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     subprocess.run(build, cwd=source, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
@@ -44,7 +44,7 @@ def installed(repository, tmp_path_factory):
 
 
 def test_every_shipped_file_comes_with_it(installed, repository):
-    (held,) = installed.parent.glob("lib/python*/site-packages/abhv_mc/shipped_files")
+    (names,) = installed.parent.glob("lib/python*/site-packages/abhv_mc/shipped_files")
     files = [
         path
         for name in ("configs", "campaigns")
@@ -53,15 +53,15 @@ def test_every_shipped_file_comes_with_it(installed, repository):
     ]
     assert files
     for path in files:
-        assert (held / path.relative_to(repository)).read_bytes() == path.read_bytes()
+        assert (names / path.relative_to(repository)).read_bytes() == path.read_bytes()
 
 
 def test_a_new_user_flies_a_campaign(installed, tmp_path):
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache")}
 
-    def abhv_mc(*words, folder=tmp_path):
-        command = [installed / "abhv-mc", *words]
+    def abhv_mc(*arguments, folder=tmp_path):
+        command = [installed / "abhv-mc", *arguments]
         return subprocess.run(
             command, cwd=folder, env=environment, capture_output=True, text=True, check=False
         )
@@ -74,15 +74,15 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
     assert installed.parent in Path(imported.stdout).parents
 
     assert "missing" not in abhv_mc("--version").stdout
-    for words in (("explore",), ("import", "daveml"), ("import", "jsbsim"), ("verify", "nesc")):
-        assert abhv_mc(*words, "--help").returncode == 0, words
+    for command in (("explore",), ("import", "daveml"), ("import", "jsbsim"), ("verify", "nesc")):
+        assert abhv_mc(*command, "--help").returncode == 0, command
 
     assert abhv_mc("new", "demo").returncode == 0
     first = abhv_mc("run", "campaign.yaml", "--runs", "32", folder=tmp_path / "demo")
     assert first.returncode == 0, first.stderr
     assert "compiling the flight for this machine (once per kind of campaign)" in first.stderr
-    (told,) = [line for line in first.stdout.splitlines() if line.startswith("report ")]
-    report = tmp_path / "demo" / told.split()[-1]
+    (output,) = [line for line in first.stdout.splitlines() if line.startswith("report ")]
+    report = tmp_path / "demo" / output.split()[-1]
     assert report.name == "report.html" and report.stat().st_size > 100_000
     manifest = json.loads((report.parent / "manifest.json").read_text())
     assert manifest["state"] == "complete" and manifest["runs_done"] == 32
@@ -112,9 +112,20 @@ def test_kernels_that_come_with_it_are_used_and_give_the_same_bits(repository, t
     digests = []
     for python, variables in ((bin_folder / "python", fresh), (sys.executable, environment)):
         out = tmp_path / f"flown{len(digests)}"
-        words = [python, "-m", "abhv_mc", "run", campaign, "--runs", "64", "-o", out, "--no-report"]
+        command = [
+            python,
+            "-m",
+            "abhv_mc",
+            "run",
+            campaign,
+            "--runs",
+            "64",
+            "-o",
+            out,
+            "--no-report",
+        ]
         done = subprocess.run(
-            words, cwd=tmp_path, env=variables, capture_output=True, text=True, check=False
+            command, cwd=tmp_path, env=variables, capture_output=True, text=True, check=False
         )
         assert done.returncode in {0, 1}, done.stderr
         assert digests or "compiling" not in done.stderr

@@ -1,10 +1,11 @@
-"""The same runs of a user's function by abhv-mc and by other tools, end to end: what each costs, stores and concludes.
+"""Comparison of abhv-mc with other tools on the same runs of a custom function.
 
     python -m benchmarks.others.fair_fight [--rounds 3] [--json FILE]
 
-A round runs 10,000 cheap and 3000 costly (1 ms) evaluations with each tool, in turns, two workers where the tool has
-workers. Processor time is that of all processes. monaco is installed into ``benchmarks/others/.packages`` (network
-needed). Prints a table.
+A round runs 10,000 cheap and 3000 costly (1 ms) evaluations with each tool in turn, with two
+workers if the tool has workers. Processor time is that of all processes. monaco is installed into
+``benchmarks/others/.packages`` (needs the network). The script prints a table with the cost, the
+stored results and the conclusions of each tool.
 """
 
 import argparse
@@ -56,12 +57,12 @@ _POINTS = "points = np.random.default_rng(1).normal(size=(runs, 2))\n"
 
 
 class Tool(NamedTuple):
-    """A tool's program, and what it leaves."""
+    """Program of a tool, and descriptions of its results."""
 
     script: str
     stores: str
     concludes: str
-    module: str = "numpy"  # that it needs
+    module: str = "numpy"  # required module
 
 
 TABLE, SHARE = "a table", "the share of failures"
@@ -156,12 +157,12 @@ def write_campaign(folder: Path, runs: int) -> None:
 
 def measure_round(cases: dict[str, tuple[int, int]]) -> dict[str, dict[str, dict[str, float]]]:
     """Return processor and wall time (s) by tool and case."""
-    found: dict[str, dict[str, dict[str, float]]] = {}
+    times: dict[str, dict[str, dict[str, float]]] = {}
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     ours = [sys.executable, "-m", "abhv_mc", "run", "fight.yaml", "--workers", "2", "-o"]
     for case, (runs, steps) in cases.items():
-        with tempfile.TemporaryDirectory() as place:
-            folder = Path(place)
+        with tempfile.TemporaryDirectory() as folder_name:
+            folder = Path(folder_name)
             model = MODEL.replace("STEPS", str(steps))
             (folder / "model.py").write_text(model, encoding="utf-8")
             write_campaign(folder, runs)
@@ -172,9 +173,9 @@ def measure_round(cases: dict[str, tuple[int, int]]) -> dict[str, dict[str, dict
             for number, (name, tool) in enumerate(TOOLS.items()):
                 if importlib.util.find_spec(tool.module) is not None:
                     (folder / f"tool{number}.py").write_text(tool.script, encoding="utf-8")
-                    words = f"tool{number}.py", str(runs), str(steps)
-                    commands[name] = [sys.executable, *words]
-            searched = os.pathsep.join([place, str(ROOT / "src"), str(PACKAGES)])
+                    arguments = f"tool{number}.py", str(runs), str(steps)
+                    commands[name] = [sys.executable, *arguments]
+            searched = os.pathsep.join([folder_name, str(ROOT / "src"), str(PACKAGES)])
             for name, command in commands.items():
                 print(f"{case}: {name}", file=sys.stderr, flush=True)
                 start = time.perf_counter()
@@ -182,8 +183,8 @@ def measure_round(cases: dict[str, tuple[int, int]]) -> dict[str, dict[str, dict
                     command, environment | {"PYTHONPATH": searched}, folder=folder
                 )
                 wall = time.perf_counter() - start
-                found.setdefault(name, {})[case] = {"processor": seconds, "clock": wall}
-    return found
+                times.setdefault(name, {})[case] = {"processor": seconds, "clock": wall}
+    return times
 
 
 def make_table(rounds: list[dict[str, dict[str, dict[str, float]]]]) -> list[str]:
@@ -201,7 +202,8 @@ def make_table(rounds: list[dict[str, dict[str, dict[str, float]]]]) -> list[str
         cells = []
         for case in cases:
             processor, clock = (
-                median(one[name][case][kind] for one in rounds) for kind in ("processor", "clock")
+                median(times[name][case][kind] for times in rounds)
+                for kind in ("processor", "clock")
             )
             cells.append(f"{processor:.2g} ({clock:.2g})")
         lines.append(f"| {name} | {' | '.join(cells)} | {stores} | {concludes} |")
@@ -209,7 +211,7 @@ def make_table(rounds: list[dict[str, dict[str, dict[str, float]]]]) -> list[str
 
 
 def install_monaco() -> None:
-    """Install monaco apart, without the libraries that are here."""
+    """Install monaco separately, without libraries that are already installed."""
     if not (PACKAGES / "monaco").is_dir():
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
         subprocess.run([*pip, "--no-deps", "--target", str(PACKAGES), *MONACO], check=True)

@@ -1,10 +1,11 @@
-"""AeroBench's ground collision avoidance: at which call each search finds the first flight into the ground.
+"""Number of calls until searches find a ground impact in AeroBench's collision avoidance.
 
     python -m benchmarks.others.gcas_search AEROBENCH/code [--seeds 5] [--calls 320] [--json FILE]
 
-AEROBENCH is a copy of AeroBenchVVPython (GPL 3, no package; nothing of it is here). `abhv-mc worst` flies
-`gcas/campaign.yaml`; the random flights are those that it flies for comparison. Simulated annealing is scipy's
-dual_annealing without local search, which PSY-TaLiRo's DualAnnealing calls.
+AEROBENCH is a copy of AeroBenchVVPython (GPL 3, not a package and not included here). `abhv-mc
+worst` runs `gcas/campaign.yaml`; the random flights are those that it runs for comparison.
+Simulated annealing is scipy's dual_annealing without local search, which PSY-TaLiRo's DualAnnealing
+calls.
 """
 
 import argparse
@@ -30,9 +31,9 @@ BOX = {
 
 
 def search(seed: int, calls: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest altitudes, ft, in the order of the calls: of the search, and of as many random flights."""
+    """Return the lowest altitudes (ft) in the order of calls, of the search and random flights."""
     with tempfile.TemporaryDirectory() as folder:
-        words = [
+        arguments = [
             "worst",
             str(CAMPAIGN),
             "--metric",
@@ -42,29 +43,29 @@ def search(seed: int, calls: int) -> tuple[np.ndarray, np.ndarray]:
             "--seed",
             str(seed),
         ]
-        command = [sys.executable, "-m", "abhv_mc", *words, "-o", f"{folder}/worst"]
+        command = [sys.executable, "-m", "abhv_mc", *arguments, "-o", f"{folder}/worst"]
         subprocess.run(command, check=True, capture_output=True)
         table = pyarrow.dataset.dataset(f"{folder}/worst/flights").to_table().sort_by("flight")
     return tuple(np.split(table["altitude_min"].to_numpy(), 2))
 
 
 def anneal(seed: int, calls: int) -> np.ndarray:
-    """The same of simulated annealing."""
+    """Return the lowest altitudes (ft) of simulated annealing in the order of calls."""
     from gcas import fly
 
-    found: list[float] = []
+    altitudes: list[float] = []
 
     def value(angles: np.ndarray) -> float:
         inputs = dict(zip(BOX, angles.tolist(), strict=True))
-        found.append(fly(inputs, {"altitude": 2330.0})["altitude_min"])
-        return found[-1]
+        altitudes.append(fly(inputs, {"altitude": 2330.0})["altitude_min"])
+        return altitudes[-1]
 
     dual_annealing(value, list(BOX.values()), rng=seed, maxfun=calls, no_local_search=True)
-    return np.array(found[:calls])
+    return np.array(altitudes[:calls])
 
 
 def summarise(values: np.ndarray) -> dict[str, Any]:
-    """The lowest altitude, and the number of the first call below the ground, None where there is none."""
+    """Return the lowest altitude, and the number of the first call below ground or None."""
     below = np.flatnonzero(values <= 0.0)
     return {
         "calls": len(values),
@@ -74,24 +75,24 @@ def summarise(values: np.ndarray) -> dict[str, Any]:
 
 
 def study(seeds: int, calls: int) -> list[dict[str, Any]]:
-    """A row for each seed."""
+    """Return a row for each seed."""
     rows = []
     for seed in range(1, seeds + 1):
-        found, random = search(seed, calls)
-        methods = {"worst": found, "random": random, "annealing": anneal(seed, calls)}
+        searched, random = search(seed, calls)
+        methods = {"worst": searched, "random": random, "annealing": anneal(seed, calls)}
         rows.append({"seed": seed, **{name: summarise(values) for name, values in methods.items()}})
         print(describe(rows[-1]), flush=True)
     return rows
 
 
 def describe(row: dict[str, Any]) -> str:
-    """A row of the page's table."""
-    words = [
-        f"{one['first'] or 'none'}, {one['lowest_ft']:.1f} ft"
-        for name, one in row.items()
+    """Return a row of the page's table."""
+    cells = [
+        f"{summary['first'] or 'none'}, {summary['lowest_ft']:.1f} ft"
+        for name, summary in row.items()
         if name != "seed"
     ]
-    return f"| {row['seed']} | " + " | ".join(words) + " |"
+    return f"| {row['seed']} | " + " | ".join(cells) + " |"
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The tables of docs/explanation/on-others-ground.md, made of what is stored in benchmarks/results.
+"""Tables of docs/explanation/on-others-ground.md from the results in benchmarks/results.
 
 python -m benchmarks.others.page
 """
@@ -50,31 +50,31 @@ ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
 }
 
 
-def make_table(part: str, rows: Iterable[dict[str, Any]]) -> str:
-    """The Markdown of a part."""
-    heads = HEADS[part]
+def make_table(section: str, rows: Iterable[dict[str, Any]]) -> str:
+    """Return the table of a section as Markdown."""
+    heads = HEADS[section]
     return "\n".join(
-        [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *map(ROWS[part], rows)]
+        [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *map(ROWS[section], rows)]
     )
 
 
 def count_right(rows: list[dict[str, Any]], method: str) -> tuple[int, int]:
-    """Intervals that hold the published probability, and intervals given."""
-    right = given = 0
+    """Return the number of intervals with the published probability, and of all intervals."""
+    right = intervals = 0
     for row in rows:
         number = row["seeds"][1] - row["seeds"][0] + 1 - row[method]["refused"]
-        right, given = right + round(row[method]["right_of_given"] * number), given + number
-    return right, given
+        right, intervals = right + round(row[method]["right_of_given"] * number), intervals + number
+    return right, intervals
 
 
-def read_rows(part: str) -> list[dict[str, Any]]:
-    """What is stored of a part."""
-    return json.loads((RESULTS / f"others_{part}.json").read_text(encoding="utf-8"))
+def read_rows(section: str) -> list[dict[str, Any]]:
+    """Return the stored rows of a section."""
+    return json.loads((RESULTS / f"others_{section}.json").read_text(encoding="utf-8"))
 
 
 def main() -> None:
-    for part in HEADS:
-        replace_part(PAGE, part, make_table(part, read_rows(part)))
+    for section in HEADS:
+        replace_part(PAGE, section, make_table(section, read_rows(section)))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""otbenchmark's reliability problems by `rare` and by OpenTURNS' SubsetSampling, beside their published probabilities.
+"""Comparison of `rare` and OpenTURNS' SubsetSampling on otbenchmark's reliability problems.
 
-    python -m benchmarks.others.reliability [--seeds 10] [--first-seed 20000] [--problems RP8,R-S] [--json FILE]
+    python -m benchmarks.others.reliability [--seeds 10] [--first-seed 20000] [--problems RP8,R-S]
+        [--json FILE]
 
-Both methods have their default settings. Ours is asked of standard normal points, as `abhv-mc rare` asks its flights;
-OpenTURNS' of the event itself. Intervals are of 95 %; OpenTURNS' is that of its result's distribution.
+Both methods have their default settings. `rare` evaluates standard normal points, like the flights
+of `abhv-mc rare`; OpenTURNS evaluates the event. Intervals are 95 %; that of OpenTURNS is from the
+distribution of its result.
 """
 
 import argparse
@@ -21,11 +23,15 @@ from benchmarks.rare_coverage import Answer, Case, estimate, summarise
 
 PACKAGES = Path(__file__).parent / ".packages"
 WANTED = "otbenchmark==0.2.1"
-UNREADABLE = ("RP77", "RP110")  # their formulas are in a syntax that OpenTURNS no longer reads
+UNREADABLE = ("RP77", "RP110")  # have formulas that OpenTURNS can no longer parse
 
 
 def import_problems() -> list[Any]:
-    """otbenchmark's problems. It asks for numpy below 2, which it does not need, so it is installed apart and alone."""
+    """Return otbenchmark's problems.
+
+    The package requires numpy below 2 without need, so that it is installed separately and without
+    dependencies.
+    """
     if not (PACKAGES / "otbenchmark").is_dir():
         pip = [
             sys.executable,
@@ -42,14 +48,14 @@ def import_problems() -> list[Any]:
     import otbenchmark
 
     return [
-        one
-        for one in otbenchmark.ReliabilityBenchmarkProblemList()
-        if one.getName() not in UNREADABLE
+        problem
+        for problem in otbenchmark.ReliabilityBenchmarkProblemList()
+        if problem.getName() not in UNREADABLE
     ]
 
 
 def make_case(problem: Any) -> Case:
-    """Severity: how far the problem's function is beyond its threshold."""
+    """Return the case of a problem; its severity is the exceedance of the threshold."""
     event = problem.getEvent()
     law, function = event.getAntecedent().getDistribution(), event.getFunction()
     from_normal, threshold = law.getInverseIsoProbabilisticTransformation(), event.getThreshold()
@@ -62,7 +68,7 @@ def make_case(problem: Any) -> Case:
 
 
 def sample_subsets(problem: Any, seed: int) -> Answer:
-    """What OpenTURNS' SubsetSampling says."""
+    """Return the result of OpenTURNS' SubsetSampling."""
     ot.RandomGenerator.SetSeed(seed)
     event, function = problem.getEvent(), problem.getEvent().getFunction()
     before = function.getEvaluationCallsNumber()
@@ -80,17 +86,17 @@ def sample_subsets(problem: Any, seed: int) -> Answer:
 
 
 def study(problems: list[Any], first: int, seeds: int) -> Iterator[dict[str, Any]]:
-    """A row for each problem."""
+    """Yield a row for each problem."""
     for problem in problems:
         case = make_case(problem)
-        these = range(first, first + seeds)
+        seed_range = range(first, first + seeds)
         yield {
             "case": case.name,
             "dimension": case.dimension,
             "probability": case.probability,
             "seeds": [first, first + seeds - 1],
-            "ours": summarise(case, [estimate(case, seed) for seed in these]),
-            "openturns": summarise(case, [sample_subsets(problem, seed) for seed in these]),
+            "ours": summarise(case, [estimate(case, seed) for seed in seed_range]),
+            "openturns": summarise(case, [sample_subsets(problem, seed) for seed in seed_range]),
         }
 
 
@@ -98,7 +104,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=20_000)
-    parser.add_argument("--problems", default=None, help="names, with commas; left out: all")
+    parser.add_argument("--problems", default=None, help="comma-separated names; default: all")
     parser.add_argument("--json", type=Path, default=None)
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
@@ -106,7 +112,9 @@ def main() -> None:
     if arguments.smoke:
         problems, arguments.seeds = problems[:1], 1
     if arguments.problems is not None:
-        problems = [one for one in problems if one.getName() in arguments.problems.split(",")]
+        problems = [
+            problem for problem in problems if problem.getName() in arguments.problems.split(",")
+        ]
     for row in study(problems, arguments.first_seed, arguments.seeds):
         rows.append(row)
         print(describe(row), flush=True)
@@ -115,21 +123,21 @@ def main() -> None:
 
 
 def describe(row: dict[str, Any]) -> str:
-    """A row of the page's table."""
-    words = []
+    """Return a row of the page's table."""
+    cells = []
     for method in ("ours", "openturns"):
-        found, seeds = row[method], row["seeds"][1] - row["seeds"][0] + 1
-        given = seeds - found["refused"]
-        right = round(found["right_of_given"] * given)
-        truth = f"{found['mean_over_truth']:.2f} ± {found['cov']:.2f}"
-        words += [
-            f"{found['evaluations']:.0f}",
+        summary, seeds = row[method], row["seeds"][1] - row["seeds"][0] + 1
+        estimates = seeds - summary["refused"]
+        right = round(summary["right_of_given"] * estimates)
+        truth = f"{summary['mean_over_truth']:.2f} ± {summary['cov']:.2f}"
+        cells += [
+            f"{summary['evaluations']:.0f}",
             truth,
-            f"{right}" if given == seeds else f"{right} of {given}",
+            f"{right}" if estimates == seeds else f"{right} of {estimates}",
         ]
     return (
         f"| {row['case']} | {row['dimension']} | {row['probability']:.3g} | "
-        + " | ".join(words)
+        + " | ".join(cells)
         + " |"
     )
 

@@ -1,12 +1,13 @@
-"""RocketPy's own Monte Carlo of a sounding rocket, exported by it as lines of JSON: where the adopted table comes from.
+"""Monte Carlo simulation of a sounding rocket by RocketPy, the source of the imported table.
 
-    python -m benchmarks.others.rocketpy_monte_carlo fly FILE [--flights 600]   # with RocketPy[sensitivity]
+    python -m benchmarks.others.rocketpy_monte_carlo fly FILE [--flights 600]   # RocketPy[sensitivity]
     python -m benchmarks.others.rocketpy_monte_carlo numbers
 
-The first writes FILE.inputs.txt and FILE.outputs.txt, of which `benchmarks.others.rocketpy_table` makes a table. The
-rocket is that of the comparison of speed; what is dispersed, and how, stands in `rocketpy.yaml` beside this file, too.
-The second writes what RocketPy says of that table: medians and quantiles with its bootstrap intervals, and the variance
-that its sensitivity model gives each input.
+The first command writes FILE.inputs.txt and FILE.outputs.txt as lines of JSON, which
+`benchmarks.others.rocketpy_table` converts to a table. The rocket is that of the speed comparison;
+its dispersions are also in `rocketpy.yaml`. The second command writes RocketPy's results for the
+table: medians and quantiles with bootstrap intervals, and the variance that its sensitivity model
+attributes to each input.
 """
 
 import argparse
@@ -44,7 +45,7 @@ METRICS = ("apogee", "out_of_rail_velocity")
 
 
 def fly(file: str, flights: int) -> None:
-    """Fly them, with RocketPy's own random numbers."""
+    """Run the flights with RocketPy's random numbers."""
     environment = Environment(latitude=32.99, longitude=-106.97, elevation=1400.0)
     environment.set_atmospheric_model(type="custom_atmosphere", wind_u=6.0, wind_v=0.0)
     rocket = make_rocket()
@@ -73,14 +74,12 @@ def fly(file: str, flights: int) -> None:
 
 
 def find_numbers() -> dict[str, Any]:
-    """What RocketPy says of the stored table."""
+    """Return RocketPy's results for the stored table."""
     with TABLE.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    study = MonteCarlo.__new__(
-        MonteCarlo
-    )  # of results alone, as it has them after reading its own file
+    study = MonteCarlo.__new__(MonteCarlo)  # with results only, as after reading a file
     study.results = {name: [float(row[name]) for row in rows] for name in METRICS}
-    found: dict[str, Any] = {name: {} for name in METRICS}
+    numbers: dict[str, Any] = {name: {} for name in METRICS}
     for name in METRICS:
         for share in (0.5, 0.05):
 
@@ -89,7 +88,7 @@ def find_numbers() -> dict[str, Any]:
 
             interval = study.estimate_confidence_interval(name, statistic=quantile, random_state=0)
             value = float(quantile(study.results[name]))
-            found[name][f"{share:g}"] = [value, float(interval.low), float(interval.high)]
+            numbers[name][f"{share:g}"] = [value, float(interval.low), float(interval.high)]
     model = SensitivityModel(list(INPUTS), list(METRICS))
     model.set_parameters_nominal(
         *(np.array(column) for column in zip(*INPUTS.values(), strict=True))
@@ -98,8 +97,8 @@ def find_numbers() -> dict[str, Any]:
     model.fit(table, np.array([[float(row[name]) for name in METRICS] for row in rows]))
     for name in METRICS:
         shares = model.target_variables_info[name]["sensitivity"]
-        found[name]["variance"] = {key: float(shares[key]) for key in INPUTS}
-    return found
+        numbers[name]["variance"] = {key: float(shares[key]) for key in INPUTS}
+    return numbers
 
 
 def main() -> None:

@@ -1,10 +1,11 @@
-"""RocketPy's exported Monte Carlo as a table for `abhv-mc import flights`; its numbers beside the folder's.
+"""Import of RocketPy's Monte Carlo simulation by `abhv-mc import flights`, and comparison.
 
-    python -m benchmarks.others.rocketpy_table write FILE    # FILE.inputs.txt, FILE.outputs.txt, as RocketPy has them
+    python -m benchmarks.others.rocketpy_table write FILE    # from FILE.inputs.txt, FILE.outputs.txt
     python -m benchmarks.others.rocketpy_table adopt [--json FILE]
 
-The first writes `tests/reference/rocketpy/monte_carlo.csv`, a row a flight; nested inputs, such as a motor's, are found
-by their names in `rocketpy.yaml`. The second adopts that table and compares.
+The first command writes `tests/reference/rocketpy/monte_carlo.csv` with a row per flight; nested
+inputs, such as those of a motor, are found by their names in `rocketpy.yaml`. The second command
+imports that table and compares the results.
 """
 
 import argparse
@@ -28,24 +29,24 @@ THEIRS = (
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
-    """RocketPy's lines of JSON, in the order of their index: its workers write as they are done."""
+    """Return RocketPy's lines of JSON sorted by index, because its workers write in any order."""
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     return sorted(lines, key=lambda line: line["index"])
 
 
-def find_values(held: Any) -> Iterator[tuple[str, Any]]:
-    """Every number in a line by its own name, at any depth, the outermost first."""
-    if isinstance(held, dict):
-        yield from held.items()
-        for value in held.values():
+def find_values(content: Any) -> Iterator[tuple[str, Any]]:
+    """Yield every number in a line with its name, at any depth, the outermost first."""
+    if isinstance(content, dict):
+        yield from content.items()
+        for value in content.values():
             yield from find_values(value)
-    elif isinstance(held, list):
-        for value in held:
+    elif isinstance(content, list):
+        for value in content:
             yield from find_values(value)
 
 
 def write_table(base: Path) -> None:
-    """A row for each flight: the inputs and metrics of the campaign."""
+    """Write a row for each flight, with the inputs and metrics of the campaign."""
     model = read_campaign(CAMPAIGN).model
     inputs, outputs = (
         read_lines(base.with_name(f"{base.name}.{kind}.txt")) for kind in ("inputs", "outputs")
@@ -54,54 +55,53 @@ def write_table(base: Path) -> None:
     with TABLE.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["flight", *model.inputs, *model.metrics])
-        for number, (given, returned) in enumerate(zip(inputs, outputs, strict=True)):
-            known = dict(reversed([*find_values(given)])) | returned
+        for number, (drawn, returned) in enumerate(zip(inputs, outputs, strict=True)):
+            values = dict(reversed([*find_values(drawn)])) | returned
             writer.writerow(
-                [number, *(f"{known[name]:.12g}" for name in (*model.inputs, *model.metrics))]
+                [number, *(f"{values[name]:.12g}" for name in (*model.inputs, *model.metrics))]
             )
 
 
 def adopt() -> list[dict[str, Any]]:
-    """Adopt the table; for each required metric what RocketPy says of it (stored numbers), and what the report says."""
-    with tempfile.TemporaryDirectory() as place:
-        words = ["import", "flights", str(TABLE), "--campaign", str(CAMPAIGN), "-o", place]
-        subprocess.run([sys.executable, "-m", "abhv_mc", *words], capture_output=True, check=True)
-        report = json.loads((Path(place) / "report.json").read_text(encoding="utf-8"))
+    """Import the table, and return the results of RocketPy and of the report for each metric."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["import", "flights", str(TABLE), "--campaign", str(CAMPAIGN), "-o", folder]
+        subprocess.run([sys.executable, "-m", "abhv_mc", *command], capture_output=True, check=True)
+        report = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
     theirs = json.loads(THEIRS.read_text(encoding="utf-8"))
     rows = []
-    for metric, said in theirs.items():
+    for metric, stored in theirs.items():
         quantiles = report["metrics"]["table"][metric]["controllers"]["rocket"]["quantiles"]
         drivers = report["drivers"]["controllers"]["rocket"]["metrics"][metric]["parameters"]
-        ours = {
-            share: quantiles[name] for share, name in (("0.5", "q50"), ("0.05", "q95"))
-        }  # the 95 % towards bad
+        # The 95 % quantile is towards the bad side.
+        ours = {share: quantiles[name] for share, name in (("0.5", "q50"), ("0.05", "q95"))}
         rows.append(
             {
                 "metric": metric,
-                "theirs": said,
+                "theirs": stored,
                 "ours": {
-                    share: [one[key] for key in ("value", "low", "high")]
-                    for share, one in ours.items()
+                    share: [quantile[key] for key in ("value", "low", "high")]
+                    for share, quantile in ours.items()
                 },
-                "drivers": [one["parameter"] for one in drivers if one["driver"]],
+                "drivers": [driver["parameter"] for driver in drivers if driver["driver"]],
             }
         )
     return rows
 
 
 def describe(row: dict[str, Any]) -> str:
-    """A row of the page's table."""
-    words = [row["metric"]]
-    for said in (row["theirs"], row["ours"]):
+    """Return a row of the page's table."""
+    cells = [row["metric"]]
+    for source in (row["theirs"], row["ours"]):
         for share in ("0.5", "0.05"):
-            value, low, high = said[share]
-            words.append(f"{value:.2f} ({low:.2f} .. {high:.2f})")
-    shares = sorted(row["theirs"]["variance"].items(), key=lambda one: -one[1])
-    words.append(
+            value, low, high = source[share]
+            cells.append(f"{value:.2f} ({low:.2f} .. {high:.2f})")
+    shares = sorted(row["theirs"]["variance"].items(), key=lambda item: -item[1])
+    cells.append(
         ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares if share >= 0.01)
     )
-    words.append(", ".join(row["drivers"]))
-    return f"| {' | '.join(words)} |"
+    cells.append(", ".join(row["drivers"]))
+    return f"| {' | '.join(cells)} |"
 
 
 def main() -> None:

@@ -1,10 +1,11 @@
-"""Sobol' indices of published test functions from a plain sample, as a report's drivers have them.
+"""Sobol' indices of published test functions, estimated like the drivers of a report.
 
     python -m benchmarks.others.sensitivity [--samples 20] [--flights 2000] [--json FILE]
 
-`statistics.given_data` takes outputs by rank, so its truth is the index of the ranks, by pick and freeze on 2**20
-points (Saltelli et al. 2010), not the published index of the values; both are printed. Beside it stands OpenTURNS'
-rank-based estimate of first order (RankSobolSensitivityAlgorithm) on the same ranks; it has no total one.
+`statistics.given_data` uses the ranks of outputs, so that its true value is the index of the ranks,
+computed by pick and freeze on 2**20 points (Saltelli et al. 2010), and not the published index of
+the values; both are printed. OpenTURNS' rank-based estimate of first order
+(RankSobolSensitivityAlgorithm) is computed for the same ranks; it has no total index.
 """
 
 import argparse
@@ -21,12 +22,12 @@ from abhv_mc.statistics.given_data import given_data_indices
 from benchmarks.document import write_json
 
 FIRST_SEED = 30_000
-_POINTS = 20  # a power of two of the reference
+_POINTS = 20  # binary logarithm of the number of points of the reference
 
 
 @dataclass(frozen=True)
 class TestFunction:
-    """A function of points in the unit cube [point, input], with its published indices of first order and in total."""
+    """Function of points in the unit cube [point, input], with its published indices."""
 
     name: str
     value: Callable[[np.ndarray], np.ndarray]
@@ -35,7 +36,7 @@ class TestFunction:
 
 
 def ishigami(a: float = 7.0, b: float = 0.1) -> TestFunction:
-    """T. Ishigami, T. Homma, "An importance quantification technique in uncertainty analysis", ISUMA 1990."""
+    """Return the function of Ishigami and Homma (ISUMA 1990)."""
 
     def value(x: np.ndarray) -> np.ndarray:
         x = np.pi * (2.0 * x - 1.0)
@@ -50,7 +51,7 @@ def ishigami(a: float = 7.0, b: float = 0.1) -> TestFunction:
 
 
 def sobol_g(a: tuple[float, ...] = (0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0)) -> TestFunction:
-    """A. Saltelli, I. M. Sobol', "About the use of rank transformation in sensitivity analysis", RESS 50 (1995)."""
+    """Return the g function of Saltelli and Sobol' (RESS 50, 1995)."""
     weights = np.array(a)
 
     def value(x: np.ndarray) -> np.ndarray:
@@ -67,14 +68,14 @@ def sobol_g(a: tuple[float, ...] = (0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0))
 
 
 def rank_indices(function: TestFunction) -> tuple[np.ndarray, np.ndarray]:
-    """First and total indices of the ranks of the output."""
+    """Return first and total indices of the ranks of the output."""
     count = len(function.first)
     a, b = np.split(qmc.Sobol(2 * count, seed=FIRST_SEED).random_base2(_POINTS), 2, axis=1)
     values = function.value(a)
-    known = np.sort(values)
+    ordered = np.sort(values)
 
     def ranks(x: np.ndarray) -> np.ndarray:
-        return np.searchsorted(known, function.value(x)) / len(known)
+        return np.searchsorted(ordered, function.value(x)) / len(ordered)
 
     of_a, of_b = ranks(a), ranks(b)
     first, total = np.empty(count), np.empty(count)
@@ -88,7 +89,7 @@ def rank_indices(function: TestFunction) -> tuple[np.ndarray, np.ndarray]:
 
 
 def study(samples: int, flights: int) -> Iterator[dict[str, Any]]:
-    """A row for each input of each function."""
+    """Yield a row for each input of each function."""
     for function in (ishigami(), sobol_g()):
         ours, theirs = [], []
         for seed in range(FIRST_SEED, FIRST_SEED + samples):
@@ -106,20 +107,20 @@ def study(samples: int, flights: int) -> Iterator[dict[str, Any]]:
                 "flights": flights,
                 "published": [float(function.first[i]), float(function.total[i])],
                 "of_ranks": [float(first[i]), float(total[i])],
-                "ours_first": mean_and_spread([one.first[i, 0] for one in ours]),
-                "ours_total": mean_and_spread([one.total[i, 0] for one in ours]),
-                "openturns_first": mean_and_spread([one[i] for one in theirs]),
-                "named": [int(sum(one.found[i, 0] for one in ours)), samples],
+                "ours_first": mean_and_spread([indices.first[i, 0] for indices in ours]),
+                "ours_total": mean_and_spread([indices.total[i, 0] for indices in ours]),
+                "openturns_first": mean_and_spread([indices[i] for indices in theirs]),
+                "named": [int(sum(indices.found[i, 0] for indices in ours)), samples],
             }
 
 
 def mean_and_spread(values: list[float]) -> list[float]:
-    """Mean and standard deviation."""
+    """Return mean and standard deviation."""
     return [float(np.mean(values)), float(np.std(values, ddof=1))]
 
 
 def describe(row: dict[str, Any]) -> str:
-    """A row of the page's table."""
+    """Return a row of the page's table."""
     pairs = [f"{first:.3f}, {total:.3f}" for first, total in (row["published"], row["of_ranks"])]
     spreads = [
         f"{mean:.3f} ± {spread:.3f}"

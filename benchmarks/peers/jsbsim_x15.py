@@ -1,6 +1,7 @@
-"""JSBSim: the X-15 that comes with it, 60 s of gliding flight from 24 km and 1400 m/s, 100 Hz.
+"""Time of JSBSim: 60 s of gliding flight of its X-15 from 24 km and 1400 m/s, at 100 Hz.
 
-Another vehicle than ours, with its own flight control system, tables and ground; one flight at a time.
+The vehicle, its flight control system, tables and ground model differ from those of abhv-mc; one
+flight is run at a time.
 """
 
 import math
@@ -16,7 +17,7 @@ FOOT = 0.3048  # m
 
 
 def start() -> jsbsim.FGFDMExec:
-    """The aircraft at its start; loading its files is not part of the flight."""
+    """Return the aircraft at its start; loading its files is not part of the flight."""
     simulation = jsbsim.FGFDMExec(None)
     simulation.set_debug_level(0)
     simulation.load_model("X15")

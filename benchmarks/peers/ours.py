@@ -1,4 +1,4 @@
-"""abhv-mc itself: both controllers, batched and one at a time, metrics included."""
+"""Time of abhv-mc: both controllers, batched and one at a time, including metrics."""
 
 from abhv_mc.flight.fly import fly
 from abhv_mc.kernel.flight.interface import LANES

@@ -1,4 +1,4 @@
-"""What the peers that fly our equations share: one process measures one peer and prints one line of JSON."""
+"""Shared code of the peers; one process measures one peer and prints one line of JSON."""
 
 import json
 import pickle
@@ -13,21 +13,21 @@ from abhv_mc.flight.plan import FlightPlan
 
 
 class Work(NamedTuple):
-    """The flights that every peer flies, computed once."""
+    """Flights that every peer simulates, computed once."""
 
     plans: dict[str, FlightPlan]  # by controller
     parameters: Floats  # [flight, parameter]
-    final_states: Floats  # [flight, state] of ours under LQR
+    final_states: Floats  # [flight, state] of abhv-mc with LQR
     repeats: int
 
 
 def read_work() -> Work:
-    """The work that ``run.py`` wrote for its own peers: its path is the first argument."""
+    """Read the work that ``run.py`` wrote; its path is the first argument."""
     return Work(*pickle.loads(Path(sys.argv[1]).read_bytes()))  # noqa: S301  # written by the same run
 
 
 def measure(fly: Callable[[], Any], flights: int, repeats: int) -> list[float]:
-    """Seconds of processor time per flight, each time anew."""
+    """Return the processor time per flight of each repetition, s."""
     seconds = []
     for _ in range(repeats):
         start = time.process_time()
@@ -36,6 +36,6 @@ def measure(fly: Callable[[], Any], flights: int, repeats: int) -> list[float]:
     return seconds
 
 
-def write_result(name: str, seconds: list[float], **more: Any) -> None:
-    """One line of JSON to standard output."""
-    print(json.dumps({"peer": name, "seconds": seconds, **more}), flush=True)
+def write_result(name: str, seconds: list[float], **numbers: Any) -> None:
+    """Print one line of JSON to standard output."""
+    print(json.dumps({"peer": name, "seconds": seconds, **numbers}), flush=True)

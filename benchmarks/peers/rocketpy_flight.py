@@ -1,6 +1,7 @@
-"""RocketPy: a sounding rocket like its Calisto, a solid motor, the standard atmosphere, six degrees of freedom, LSODA.
+"""Time of RocketPy: a sounding rocket like its Calisto, in six degrees of freedom, with LSODA.
 
-Another vehicle and flight than ours, and an integrator of adaptive step; the time is scaled to 60 s of flight.
+The vehicle and flight differ from those of abhv-mc, and the integrator has an adaptive step; the
+time is scaled to 60 s of flight.
 """
 
 import time
@@ -11,7 +12,7 @@ SECONDS = 60.0
 
 
 def make_rocket() -> Rocket:
-    """A 19 kg rocket of 127 mm diameter with nose cone and fins, static and stable."""
+    """Return a stable rocket of 19 kg and 127 mm diameter with nose cone and fins."""
     motor = SolidMotor(
         thrust_source=1500.0,  # N
         burn_time=3.9,

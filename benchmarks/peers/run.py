@@ -1,11 +1,13 @@
-"""Speed beside other simulators: every peer in processes of its own, on one core, in turns with ours.
+"""Comparison of speed with other simulators, each in separate processes on one core.
 
-    make bench-peers          or          python -m benchmarks.peers.run [--rounds 3] [--repeats 5] [--flights 256]
+    make bench-peers
+    python -m benchmarks.peers.run [--rounds 3] [--repeats 5] [--flights 256]
 
-The peers are the extra ``peers`` of pyproject.toml, installed into ``benchmarks/peers/.venv``; the twin needs g++.
-Writes ``benchmarks/results/peers.json`` and the table of ``docs/explanation/performance.md``. Times are processor time,
-so that other programs on the machine count for little; a number is the median over every repeat of every process. A
-peer that fails is named, and the others go on; the exit code is then 1.
+The peers are the extra ``peers`` of pyproject.toml, installed into ``benchmarks/peers/.venv``; the
+twin needs g++. The results are written to ``benchmarks/results/peers.json`` and a table of
+``docs/explanation/performance.md``. Times are processor time, so that other programs on the machine
+have little influence; a number is the median over all repetitions of all processes. If a peer
+fails, it is named, the others are measured, and the exit code is 1.
 """
 
 import argparse
@@ -35,7 +37,7 @@ MODULES = ("ours", "twin", "jsbsim_x15", "rocketpy_flight")
 TIME_LIMIT = 300.0  # s, of a process: compiling, checking, repeats
 YARDSTICK = "abhv-mc lqr batched"
 OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
-ROWS = {  # peer: how it flies, what it flies
+ROWS = {  # peer: (method, simulated vehicle)
     "abhv-mc tlc batched": ("numba, batched flights, metrics", "ours: GHAME-X, TLC, 100 Hz"),
     YARDSTICK: ("numba, batched flights, metrics", OUR_EQUATIONS),
     "abhv-mc tlc one at a time": (
@@ -59,12 +61,12 @@ QUOTED = (
 
 
 def install() -> Path:
-    """The peers' interpreter, installed where it is not there yet or what it needs has changed."""
+    """Return the peers' interpreter; install it if it is missing or its requirements changed."""
     python = ENVIRONMENT / "bin" / "python"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = json.dumps([project["dependencies"], project["optional-dependencies"]["peers"]])
+    requirements = json.dumps([project["dependencies"], project["optional-dependencies"]["peers"]])
     stamp = ENVIRONMENT / "installed"
-    if not (stamp.exists() and stamp.read_text() == wanted):
+    if not (stamp.exists() and stamp.read_text() == requirements):
         print("installing the peers", file=sys.stderr, flush=True)
         subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True)
         pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
@@ -73,12 +75,12 @@ def install() -> Path:
             check=True,
             cwd=ROOT,
         )
-        stamp.write_text(wanted)
+        stamp.write_text(requirements)
     return python
 
 
 def write_work(path: Path, flights: int, repeats: int) -> None:
-    """What every peer flies, and how ours ends under LQR."""
+    """Write the flights that every peer simulates, and the final states of abhv-mc with LQR."""
     from abhv_mc.flight.fly import fly
     from abhv_mc_verification.bench.speed import make_work
 
@@ -90,11 +92,11 @@ def write_work(path: Path, flights: int, repeats: int) -> None:
 
 
 class PeerFailedError(Exception):
-    """A peer's process failed or took too long."""
+    """Failure or time-out of a peer's process."""
 
 
 def run_peer(python: Path, module: str, work: Path, core: int) -> list[dict[str, Any]]:
-    """Results of one process on one core. Raises PeerFailedError."""
+    """Return the results of one process on one core. Raise PeerFailedError if it fails."""
 
     def pin() -> None:
         if hasattr(os, "sched_setaffinity"):
@@ -118,30 +120,33 @@ def run_peer(python: Path, module: str, work: Path, core: int) -> list[dict[str,
 
 
 def find_versions(python: Path) -> dict[str, str]:
-    """Versions of what is compared."""
+    """Return the versions of the compared programs."""
     names = ("numba", "numpy", "jsbsim", "rocketpy")
     code = (
         f"from importlib.metadata import version; print(*(version(n) for n in {names}), sep='\\n')"
     )
-    found = subprocess.run(
+    installed = subprocess.run(
         [str(python), "-c", code], check=True, capture_output=True, text=True
     ).stdout.split()
-    versions = {"Python": platform.python_version(), **dict(zip(names, found, strict=True))}
+    versions = {"Python": platform.python_version(), **dict(zip(names, installed, strict=True))}
     if shutil.which("g++"):
-        said = subprocess.run(
+        output = subprocess.run(
             ["g++", "-dumpfullversion"], check=True, capture_output=True, text=True
         ).stdout
-        versions["g++"] = said.strip()
+        versions["g++"] = output.strip()
     return versions
 
 
 def measure_peers(
     python: Path, rounds: int, repeats: int, flights: int
 ) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-    """Seconds per flight by peer, with the ratio to ours of the same round; and the modules that failed, with why."""
+    """Return the time per flight of each peer, and the failed modules with their errors.
+
+    Ratios are to abhv-mc in the same round.
+    """
     seconds: dict[str, list[float]] = defaultdict(list)
     ratios: dict[str, list[float]] = defaultdict(list)
-    others: dict[str, dict[str, float]] = defaultdict(dict)  # the largest of each further number
+    further: dict[str, dict[str, float]] = defaultdict(dict)  # largest values of further numbers
     failed: dict[str, str] = {}
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
     with tempfile.TemporaryDirectory() as folder:
@@ -159,32 +164,33 @@ def measure_peers(
                     failed[module] = str(error)
                     print(f"{module} failed: {error}", file=sys.stderr, flush=True)
                     continue
-                for one in results:
-                    name = one.pop("peer")
-                    this_round[name] = one.pop("seconds")
-                    others[name] = {
-                        key: max(value, others[name].get(key, value)) for key, value in one.items()
+                for result in results:
+                    name = result.pop("peer")
+                    this_round[name] = result.pop("seconds")
+                    further[name] = {
+                        key: max(value, further[name].get(key, value))
+                        for key, value in result.items()
                     }
-            for name, found in this_round.items():
-                seconds[name] += found
-                ratios[name].append(median(found) / median(this_round[YARDSTICK]))
+            for name, times in this_round.items():
+                seconds[name] += times
+                ratios[name].append(median(times) / median(this_round[YARDSTICK]))
     peers = {
         name: {
-            "seconds_per_flight": median(found),
-            "lowest": min(found),
-            "highest": max(found),
+            "seconds_per_flight": median(times),
+            "lowest": min(times),
+            "highest": max(times),
             "over_ours": median(ratios[name]),
-            "repeats": len(found),
+            "repeats": len(times),
             "processes": len(ratios[name]),
-            **others[name],
+            **further[name],
         }
-        for name, found in seconds.items()
+        for name, times in seconds.items()
     }
     return peers, failed
 
 
 def make_table(record: dict[str, Any]) -> str:
-    """What was found, as Markdown."""
+    """Return the results as Markdown."""
     machine, peers = record["machine"], record["peers"]
     ours = peers[YARDSTICK]
     lines = [
@@ -201,20 +207,20 @@ def make_table(record: dict[str, Any]) -> str:
         if name not in peers:
             lines.append(f"| {title} | {how} | {what} | failed | | |")
             continue
-        one = peers[name]
+        peer = peers[name]
         low, mid, high = (
-            f"{1e3 * one[key]:.3g}" for key in ("lowest", "seconds_per_flight", "highest")
+            f"{1e3 * peer[key]:.3g}" for key in ("lowest", "seconds_per_flight", "highest")
         )
         lines.append(
-            f"| {title} | {how} | {what} | {mid} | {low} to {high} | {one['over_ours']:.2f} |"
+            f"| {title} | {how} | {what} | {mid} | {low} to {high} | {peer['over_ours']:.2f} |"
         )
     name, how, what, quoted = QUOTED
     ratio = quoted / 1e3 / ours["seconds_per_flight"]
     lines.append(f"| {name} | {how} | {what} | {quoted:.0f} | not measured here | {ratio:.0f} |")
     differences = [
-        f"{one['altitude_difference_m']:.1e} m ({name})"
-        for name, one in peers.items()
-        if "altitude_difference_m" in one
+        f"{peer['altitude_difference_m']:.1e} m ({name})"
+        for name, peer in peers.items()
+        if "altitude_difference_m" in peer
     ]
     lines += [
         "",

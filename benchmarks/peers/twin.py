@@ -1,7 +1,7 @@
-"""The C++ twin of the plant under the LQR law: ``twin/*.hpp``, compiled by ``g++ -O3 -march=native``.
+"""C++ twin of the plant with the LQR law: ``twin/*.hpp``, compiled by ``g++ -O3 -march=native``.
 
-It flies the same equations, tables and gains one flight at a time, with libm. It counts no metrics, as ours does, and
-knows no gusts, turbulence, density profile, wind table, failures, inlet, sensor noise or delay.
+It simulates the same equations, tables and gains one flight at a time, with libm, and without
+metrics, gusts, turbulence, density profile, wind table, failures, inlet, sensor noise and delay.
 """
 
 import subprocess
@@ -20,7 +20,7 @@ FLAGS = ("-std=c++17", "-O3", "-march=native")
 
 
 def write_names(path: Path) -> None:
-    """A header with the places of every name in the arrays, so that the twin repeats no list of ours."""
+    """Write a header with the position of every name in the arrays."""
     from abhv_mc.kernel.laws.columns import (
         LQR_ELEVATOR,
         LQR_GAINS,
@@ -45,8 +45,8 @@ def write_names(path: Path) -> None:
     }
     lines = ["#pragma once"]
     for group, names in groups.items():
-        places = ", ".join(f"{name.replace('.', '_')} = {i}" for i, name in enumerate(names))
-        lines.append(f"namespace {group} {{ enum : int {{ {places}, count = {len(names)} }}; }}")
+        positions = ", ".join(f"{name.replace('.', '_')} = {i}" for i, name in enumerate(names))
+        lines.append(f"namespace {group} {{ enum : int {{ {positions}, count = {len(names)} }}; }}")
     gains = f"guidance = {LQR_GUIDANCE}, elevator = {LQR_ELEVATOR}, lateral = {LQR_LATERAL}, count = {len(LQR_GAINS)}"
     lines.append(f"namespace actuators {{ constexpr int substeps = {SUBSTEPS}; }}")
     lines.append(f"namespace gain {{ enum : int {{ {gains} }}; }}")
@@ -54,7 +54,7 @@ def write_names(path: Path) -> None:
 
 
 def compile_twin(folder: Path) -> Path:
-    """Build the twin in a folder. Raises FileNotFoundError without g++."""
+    """Build the twin in a folder. Raise FileNotFoundError if g++ is missing."""
     write_names(folder / "names.hpp")
     program = folder / "twin"
     source = [f"-I{folder}", f"-I{SOURCE}", str(SOURCE / "main.cpp"), "-o", str(program)]
@@ -63,9 +63,9 @@ def compile_twin(folder: Path) -> Path:
 
 
 def write_input(path: Path, plan: FlightPlan, parameters: Floats, states: Floats) -> None:
-    """The plan as arrays of doubles, each behind its length, in the order of ``input.hpp``.
+    """Write a plan as arrays of doubles, each after its length, in the order of ``input.hpp``.
 
-    ``states`` [flight, state]: the start of each flight, its initial errors included.
+    ``states`` [flight, state] are the initial states, including initial errors.
     """
     vehicle, timing = plan.vehicle, plan.timing
     tables = vehicle.tables._asdict()
@@ -100,16 +100,17 @@ def fly_twin(
     repeats: int = 0,
     keep: int = 0,
 ) -> tuple[list[float], Floats]:
-    """(seconds per flight of each repeat, states ``[keep, tick, state]``); the kept flights must reach their end.
+    """Return seconds per flight of each repetition, and states [keep, tick, state].
 
-    Raises ValueError where a flight has a dispersion that the twin does not know.
+    Stored flights must reach their end. Raise ValueError if a flight has a dispersion that the
+    twin does not support.
     """
     from abhv_mc.plant.parameters import PARAMETERS
 
     for i, parameter in enumerate(PARAMETERS):
         unknown = parameter.name.startswith(UNKNOWN) or parameter.name.endswith("_noise")
         if unknown and (parameters[:, i] != parameter.nominal).any():
-            raise ValueError(f"the twin does not know {parameter.name}")
+            raise ValueError(f"the twin does not support {parameter.name}")
     plan_file, states_file = program.with_name("input.bin"), program.with_name("states.bin")
     write_input(plan_file, plan, parameters, starts)
     command = [str(program), str(plan_file), str(states_file), str(repeats), str(keep)]
@@ -123,9 +124,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         starts = np.tile(work.plans["lqr"].initial_state, (len(work.parameters), 1))
         program = compile_twin(Path(folder))
-        kept = len(work.final_states)
+        count = len(work.final_states)
         seconds, states = fly_twin(
-            program, work.plans["lqr"], work.parameters, starts, work.repeats, kept
+            program, work.plans["lqr"], work.parameters, starts, work.repeats, count
         )
     difference = float(np.abs(states[:, -1, 0] - work.final_states[:, 0]).max())
     write_result("C++ twin", seconds, altitude_difference_m=difference)

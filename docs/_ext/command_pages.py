@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import typer
 from tables import table
@@ -10,9 +11,10 @@ from typer.cli import get_docs_for_click
 from abhv_mc.cli.app import app
 
 
-def _options(name: str, command: object, context: typer.Context) -> str:
-    """What typer says of a command, its headings below the page's own."""
+def _options(name: str, command: Any, context: typer.Context) -> str:
+    """Return the help of a command, with headings below that of the page."""
     text = get_docs_for_click(obj=command, ctx=context, indent=1, name=f"abhv-mc {name}")
+    text = text.replace(command.epilog or "\0", "")  # the page has examples of its own
     text = re.sub(r"\A#+ .*\n", "", text)
     text = re.sub(r"^### ", "## ", text, flags=re.MULTILINE)  # commands of a command
     return (
@@ -23,15 +25,15 @@ def _options(name: str, command: object, context: typer.Context) -> str:
 
 
 def make(examples: Path) -> dict[str, str]:
-    """The pages ``commands/<name>.md`` and their table of contents."""
+    """Return the pages ``commands/<name>.md`` and their table of contents."""
     group = typer.main.get_command(app)
     context = typer.Context(group, info_name="abhv-mc")
     pages: dict[str, str] = {}
     contents = [
         "# Commands\n",
-        "`abhv-mc COMMAND --help` prints the same. A campaign, mission, vehicle or controller is a path or the name of",
-        "a shipped one. `--json FILE` writes the figures that a command prints, and `--json -` has them alone on",
-        "standard output: they are for programs and stable. What is printed in words may change.\n",
+        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or controller is a path or the",
+        "name of a shipped one. `--json FILE` writes the numbers that a command prints, `--json -` writes only them to",
+        "standard output. Their format is stable; printed text may change.\n",
     ]
     panels: dict[str, list[str]] = {}
     for name, command in group.commands.items():
@@ -47,7 +49,7 @@ def make(examples: Path) -> dict[str, str]:
             if by_hand.exists():
                 parts += ["## Examples\n", by_hand.read_text(encoding="utf-8").strip(), ""]
             pages[f"commands/{name}.md"] = "\n".join(parts)
-        contents += [f"## {panel}\n", table(("command", "does"), rows)]
+        contents += [f"## {panel}\n", table(("command", "purpose"), rows)]
     toctree = "\n".join(f"commands/{name}" for names in panels.values() for name in names)
     contents.append(f"```{{toctree}}\n:hidden:\n\n{toctree}\n```\n")
     pages["commands.md"] = "\n".join(contents)

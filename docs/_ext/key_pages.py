@@ -10,10 +10,10 @@ from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.io.units import DIMENSIONS, dimension_of
 
 _INTRODUCTIONS = {
-    "campaign": "What is flown, how often, with which uncertainties, and what has to come out.",
-    "vehicle": "Constants and tables of a vehicle, and the build-up of its coefficients. "
-    "[Your own vehicle](../../../tutorials/own-vehicle.md) has a whole example, the axes and the signs.",
-    "mission": "Start, manoeuvres, environment and end conditions of a flight.",
+    "campaign": "Vehicle, mission, controllers, dispersions, number of flights and requirements.",
+    "vehicle": "The vehicle's numbers, its tables, and the terms of its coefficients. "
+    "[A custom vehicle](../../../tutorials/own-vehicle.md) has a complete example, the axes and the signs.",
+    "mission": "The start, the reference trajectory and the end of a flight.",
     "controller": "A control law with its gains or weights. The defaults are those of the paper.",
 }
 _ENUMERATIONS = {  # named in words here: their tables have pages of their own
@@ -58,7 +58,7 @@ def _kind(schema: Schema) -> str:
         return (
             "a failure of one of the vehicle's effectors"
             if "failure" in schema["pattern"]
-            else "one of your own"
+            else "a custom name"
         )
     if "const" in schema:
         return code(schema["const"])
@@ -117,7 +117,7 @@ def _keys(schema: Schema) -> str:
         (code(key), _kind(part), _default(part, key in required), part["description"])
         for key, part in schema.get("properties", {}).items()
     )
-    return table(("key", "what", "default", "meaning"), rows)
+    return table(("key", "type", "default", "meaning"), rows)
 
 
 def _parts(schema: Schema) -> Iterator[tuple[str, Schema]]:

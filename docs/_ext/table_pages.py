@@ -13,12 +13,12 @@ from abhv_mc.plant.parameters import PARAMETERS
 
 _EXIT_CODES = {
     ExitCode.DONE: "done",
-    ExitCode.FAILED: "done, but a requirement or a verification failed. Of a requirement only FAIL counts, and only "
-    "for its own `controllers:` (by default the first of the campaign)",
-    ExitCode.BAD_INPUT: "bad input: the message names file, line and column, what was found and what was expected. "
-    "Nothing was written, nothing was flown",
-    ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights could not be computed. What was flown is kept; "
-    "the same command resumes",
+    ExitCode.FAILED: "done, but a verification failed or a requirement got FAIL for one of its `controllers:` (by "
+    "default the first of the campaign)",
+    ExitCode.BAD_INPUT: "bad input: the message gives file, line, column, the value found and the value expected. No "
+    "files are created, and no flight is run",
+    ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights failed to run. Completed flights are kept; the "
+    "same command resumes",
     ExitCode.DEFECT: "a defect of the program, with a traceback; please report it",
 }
 
@@ -35,39 +35,39 @@ def _metrics() -> str:
     others = [source for source in SOURCES.values() if source not in CHANNELS]
     return f"""# Metrics
 
-One column of `flights/*.parquet` each; a requirement, `keep.histories.by` and the report name them so. They are taken
-at every control tick, from the start to the end of the flight. A flight that ends early has its metrics up to that
-moment, its outcome says why, and every statistic and verdict counts it as a failure unless the requirement says
-`ended_early: as_measured`. Errors of angle of attack and bank are against the controller's own command.
+Each metric is a column of `flights/*.parquet`; requirements, `keep.histories.by` and the report use the same names.
+Metrics are evaluated at every control tick, from the start to the end of the flight. A flight that terminated early has
+its metrics up to that time. Its outcome states the reason, and it counts as a failure unless the requirement sets
+`ended_early: as_measured`. Errors of angle of attack and bank refer to the controller's own command.
 
 {table(("name", "unit", "meaning", "counted as", "bad", "group"), rows)}
-`abhv-mc list metrics` prints the same table, and with a campaign's file the metrics that it declares.
+`abhv-mc list metrics` prints the same table, and with a campaign file also the metrics that it declares.
 
-Besides the channels, metrics may name these sources:
+Besides the channels, metrics may use these sources:
 
 {_signals(others)}
 ## Stability margins
 
-With `margins:` in the campaign, for as many flights as it names. A flight whose loop is unstable, or that ended
-before, has 0.
+Computed if the campaign has `margins:`, for the number of flights given there. A flight whose loop is unstable, or that
+ended before the time of the margins, has 0.
 
 {_signals(MARGIN_VALUES)}
-## Of your own
+## Custom metrics
 
-[Metrics of your own](../user-laws.md#metrics-of-your-own) are declared in the campaign and are metrics like any other.
+[Custom metrics](../user-laws.md#custom-metrics) are declared in the campaign and used like the built-in ones.
 """
 
 
 def _channels() -> str:
     return f"""# Channels
 
-What histories, envelopes and replays record. A command has `_command` before its unit. The heat flux
-is not a number where the vehicle file has no `reference.nose_radius`.
+Quantities that histories, envelopes and replays record. Commands have `_command` before the unit. The heat flux
+is not-a-number if the vehicle file has no `reference.nose_radius`.
 
 {_signals(CHANNELS)}
 ## Reference channels
 
-The mission's reference, in `reference.parquet`, the same for every flight of a campaign.
+The mission's reference, in `reference.parquet`. It is the same for every flight of a campaign.
 
 {_signals(REFERENCE_CHANNELS)}"""
 
@@ -75,10 +75,10 @@ The mission's reference, in `reference.parquet`, the same for every flight of a 
 def _parameters() -> str:
     parts = [
         "# Parameters\n",
-        "What a campaign may disperse, under `dispersions:`. A factor multiplies (nominal 1); an error is added, in",
-        "its unit (nominal 0). Nominal values leave the flight unchanged to the last bit. The plant is dispersed;",
-        "controllers see the nominal model only. `abhv-mc list parameters` prints this table. A campaign names",
-        "`effector_0` to `effector_3` as the vehicle file does: `failure.right_elevon.stuck_time`.\n",
+        "Parameters that a campaign can disperse under `dispersions:`. A factor multiplies (nominal 1); an error is",
+        "added in its unit (nominal 0). Nominal values do not change the flight. Dispersions act on the plant;",
+        "controllers use the nominal model. `abhv-mc list parameters` prints this table. In a campaign the names",
+        "of the vehicle file replace `effector_0` to `effector_3`: `failure.right_elevon.stuck_time`.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
     for parameter in PARAMETERS:
@@ -96,15 +96,15 @@ def _outcomes() -> str:
 How a flight ended: the column `outcome` of `flights/*.parquet`.
 
 {table(("outcome", "meaning"), ((code(o.code), SENTENCES[o]) for o in Outcome))}
-Limits on altitude are the mission file's, those on angle of attack and sideslip the vehicle file's; loads, heat, bank
-and oscillation may be limited in both, and the tighter one counts.
+Limits on altitude are in the mission file, those on angle of attack and sideslip in the vehicle file. Loads, heat, bank
+and oscillation may be limited in both; the tighter limit applies.
 """
 
 
 def _exit_codes() -> str:
     return f"""# Exit codes
 
-Scripts may rely on them.
+The exit codes are stable and can be used in scripts.
 
 {table(("code", "meaning"), ((int(c), _EXIT_CODES[c]) for c in ExitCode))}"""
 
@@ -116,9 +116,9 @@ def _units() -> str:
     symbols = ", ".join(code(symbol) for symbol in units._UNITS)
     return f"""# Units
 
-In a file a quantity with a dimension carries its unit in the text; a number alone is refused, so that degrees are never
-taken for radians. A unit is a product of symbols with whole powers, such as `kg m2` or `ft/s2`; `/` divides by the one
-symbol after it. Inside the program and in Parquet columns everything is SI, angles in degrees where the name says so.
+In a file a quantity with a dimension carries its unit in the text; a number without a unit is rejected, so that degrees
+are not mistaken for radians. A unit is a product of symbols with integer powers, such as `kg m2` or `ft/s2`; `/`
+divides by the next symbol only. Parquet columns are in SI, angles in degrees if the name ends in `deg`.
 
 {table(("quantity", "SI unit", "example"), rows)}
 Symbols: {symbols}.

@@ -1,4 +1,4 @@
-"""A topic: the rank correlation (Spearman) of each dispersion with each required metric."""
+"""Topic of the report: Spearman correlation of each dispersion with each required metric."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from abhv_mc.topics import Cell, FlownCampaign, Names, Section, Table, Topic
 
 @dataclass(frozen=True)
 class Correlations:
-    """Controller -> metric -> parameter -> correlation of the ranks."""
+    """Rank correlations by controller, metric and parameter."""
 
     controllers: Mapping[str, Mapping[str, Mapping[str, float]]]
 
 
 def compute(results: FlownCampaign) -> Correlations:
-    """Of all flights of each controller."""
+    """Return the correlations over all flights of each controller."""
     return Correlations(
         {name: {m: _row(results, name, m) for m in results.asked} for name in results.controllers}
     )
@@ -31,10 +31,10 @@ def _row(results: FlownCampaign, controller: str, metric: str) -> dict[str, floa
     }
 
 
-def section(found: Correlations, names: Names) -> Section:
-    """A row for each controller and metric."""
+def section(correlations: Correlations, names: Names) -> Section:
+    """Return a table with a row for each controller and metric."""
     groups, parameters = [], ()
-    for name, metrics in found.controllers.items():
+    for name, metrics in correlations.controllers.items():
         rows = []
         for metric, row in metrics.items():
             parameters = tuple(row)

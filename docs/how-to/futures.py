@@ -1,4 +1,4 @@
-"""An executor on any pool of ``concurrent.futures``: here processes of this machine, as ``pool://4``."""
+"""Executor on a pool of ``concurrent.futures``, here processes of this machine: ``pool://4``."""
 
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
@@ -10,7 +10,7 @@ from abhv_mc.io.input_error import InputError
 
 
 class PoolExecutor:
-    """Keeps the promises of :class:`abhv_mc.interfaces.Executor`, but does not end flights that hang."""
+    """Implementation of :class:`abhv_mc.interfaces.Executor` that does not end flights that hang."""
 
     def __init__(self, pool, workers, engine):
         self.pool, self.workers, self.engine = pool, workers, engine
@@ -19,21 +19,21 @@ class PoolExecutor:
         """Compute a block in a process of the pool."""
         try:
             return self.pool.submit(compute, self.engine.fly, plan, rows, recorded).result()
-        except BrokenExecutor as error:  # a process died, and the pool with it
-            raise UnusableError(f"the pool is gone: {error}") from None
+        except BrokenExecutor as error:  # a process died, which ends the pool
+            raise UnusableError(f"the pool has ended: {error}") from None
         except Exception as error:
             raise FlightLostError(f"{type(error).__name__}: {error}") from None
 
     def close(self):
-        """Cancel what has not begun."""
+        """Cancel pending blocks."""
         self.pool.shutdown(wait=False, cancel_futures=True)
 
 
 @contextmanager
 def connect(address: str) -> Iterator:
-    """Open a pool with the number of processes that the address says."""
+    """Open a pool with the number of processes in the address."""
     number = address.removeprefix("pool://")
     if not number.isdecimal() or int(number) < 1:
-        raise InputError("--scheduler", f"'{address}'", "pool://NUMBER, as pool://4")
+        raise InputError("--scheduler", f"'{address}'", "pool://NUMBER, such as pool://4")
     pool = ProcessPoolExecutor(int(number))
     yield lambda engine, limit: PoolExecutor(pool, int(number), engine)

@@ -1,4 +1,4 @@
-"""The command ``largest``: the flights with the largest values of a metric."""
+"""Command ``largest``, which prints the flights with the largest values of a metric."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 
 def largest(
-    folder: Annotated[Path, typer.Argument(help="Folder of a campaign.")],
+    folder: Annotated[Path, typer.Argument(help="Results folder.")],
     metric: Annotated[str, typer.Argument(help="Metric, by its column in the flights.")],
     number: Annotated[int, typer.Option(help="Flights to print.")] = 5,
 ) -> None:

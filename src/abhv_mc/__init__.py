@@ -1,25 +1,33 @@
 """Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic vehicle.
 
-In a notebook::
+===================================== =============================================================
+``Campaign``, ``open_results``,       campaigns and their results
+``Results``
+``fly``, ``trim``, ``simulate``       single flights, steady flight, tables of inputs
+``margins``, ``linearize``,           stability margins and linear models
+``fly_on``, ``LinearModel``,
+``StateSpace``
+``worst``, ``rare``, ``tune``         worst cases, rare failures, controller gains
+``compare``                           comparison of two campaigns
+``InputError``, ``InputErrors``       errors of invalid files and arguments
+``extend``, ``topics``                interfaces of custom controllers and report sections
+``statistics``, ``plots``             functions of arrays, and figures
+===================================== =============================================================
 
-    import abhv_mc
+Large modules are imported on first use.
 
-    results = abhv_mc.Campaign.read("campaign.yaml").run()
-    results = abhv_mc.open_results("reports/campaign")  # what was flown before
-    flight = abhv_mc.fly("turn", "abhv", {"base": "tlc", "limits.bank": "60 deg"}, {"aero.drag": 1.1})
-    table = abhv_mc.trim("abhv", bank=["0 deg", "50 deg"])
-    table = abhv_mc.margins("level", "abhv", "tlc", at="trim")
-    model = abhv_mc.linearize("level", "abhv", "tlc", at="30 s")
-    found = abhv_mc.worst("s_manoeuvre", "reports/worst", "altitude_error_max_m")  # and rare, tune, compare
-
-Importing this package is cheap: what is heavy is imported where it is used.
+Examples
+--------
+>>> import abhv_mc
+>>> results = abhv_mc.Campaign.read("s_manoeuvre").run()  # doctest: +SKIP
+>>> results.summary[0]  # doctest: +SKIP
 """
 
 from typing import Any
 
 __version__ = "0.1.0"
-_MODULES = ("extend", "plots", "statistics", "topics")  # public as they are
-_ADDED = ("tune",)  # by packages, as entry points of the group abhv_mc.functions
+_MODULES = ("extend", "plots", "statistics", "topics")
+_ADDED = ("tune",)  # functions of other packages, entry points of the group abhv_mc.functions
 __all__ = [
     "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__", "compare", "extend",
     "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "simulate", "statistics", "topics",

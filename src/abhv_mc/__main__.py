@@ -1,4 +1,4 @@
-"""``python -m abhv_mc``: the command line."""
+"""Command line as ``python -m abhv_mc``."""
 
 from abhv_mc.cli.app import main
 

@@ -58,37 +58,95 @@ __all__ = [
 
 
 class Campaign:
-    """Checked campaign file; :meth:`run` runs it. It is accepted wherever its path is."""
+    """Checked campaign file, which functions accept in place of its path.
+
+    Attributes
+    ----------
+    path
+        Absolute path of the file.
+    name, question
+        Name of the campaign and the question that it answers.
+    runs
+        Flights of each controller.
+    controllers
+        Names of the controllers; the first is compared with the others.
+    parameters
+        Names of the dispersed parameters.
+
+    Examples
+    --------
+    >>> campaign = abhv_mc.Campaign.read("s_manoeuvre")
+    >>> campaign.controllers
+    ('tlc', 'lqr', 'tlc_robust', 'lqr_robust')
+    >>> results = campaign.run(runs=64)  # doctest: +SKIP
+    """
 
     def __init__(self, path: Path, checked: Experiment) -> None:
-        self.path, self._checked = (
-            path.absolute(),
-            checked,
-        )  # independent of later changes of the working folder
+        self.path = path.absolute()  # independent of later changes of the working folder
+        self._checked = checked
         self.name: str = checked.model.name
-        self.question: str = checked.model.question  # what it asks
-        self.runs: int = checked.runs  # flights of each controller
-        self.controllers: tuple[str, ...] = (
-            checked.controllers
-        )  # the first is compared with the others
-        self.parameters: tuple[str, ...] = checked.names  # that are dispersed
+        self.question: str = checked.model.question
+        self.runs: int = checked.runs
+        self.controllers: tuple[str, ...] = checked.controllers
+        self.parameters: tuple[str, ...] = checked.names
 
     def __fspath__(self) -> str:
         return str(self.path)
 
     @classmethod
     def read(cls, path: Paths) -> "Campaign":
-        """Read a campaign file. Raise InputError with all problems."""
-        return cls(Path(path), read_campaign(path))
+        """Read a campaign file.
+
+        Parameters
+        ----------
+        path
+            Campaign file, or the name of a shipped one.
+
+        Returns
+        -------
+        Campaign
+
+        Raises
+        ------
+        InputError
+            With all problems of the file.
+        """
+        file = find_input(os.fspath(path), "campaign")
+        return cls(file, read_campaign(file))
 
     @classmethod
     def make(cls, data: Mapping[str, Any], **overrides: Any) -> "Campaign":
         """Return a campaign from the content of its file.
 
-        ``Campaign.make({"name": "study", "mission": "turn", ...})``: vehicle, mission and
-        controllers are shipped names, paths or mappings, with ``base`` and the entries that differ
-        (see :func:`abhv_mc.fly`), so that a gain sweep is a dict of controllers. ``overrides``
-        replace entries, such as ``runs=200``. Raise InputError with all problems.
+        Parameters
+        ----------
+        data
+            Content of a campaign file. Vehicle, mission and controllers are shipped names, paths or
+            mappings, see :func:`abhv_mc.fly`; a gain sweep is a dict of controllers.
+        overrides
+            Entries that replace those of ``data``, such as ``runs=200``.
+
+        Returns
+        -------
+        Campaign
+
+        Raises
+        ------
+        InputError
+            With all problems of the content.
+
+        Examples
+        --------
+        >>> study = {
+        ...     "name": "study",
+        ...     "vehicle": "abhv",
+        ...     "mission": "turn",
+        ...     "controllers": {"tlc": "tlc", "narrow": {"base": "tlc", "limits.bank": "60 deg"}},
+        ...     "dispersions": {"aero.drag": {"distribution": "uniform", "half_width": "10 %"}},
+        ...     "seed": 1,
+        ... }
+        >>> abhv_mc.Campaign.make(study, runs=200)
+        <Campaign study: 200 flights of tlc, narrow, 1 dispersions>
         """
         folder = mkdtemp(prefix="abhv-mc-")
         try:
@@ -99,11 +157,32 @@ class Campaign:
             raise
         weakref.finalize(
             campaign, shutil.rmtree, folder, ignore_errors=True
-        )  # a flown campaign has copies in its folder
+        )  # results contain copies of the files
         return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
-        """Return the dispersions of the first flights (default: all), SI, one column each."""
+        """Return the dispersions of the first flights.
+
+        Parameters
+        ----------
+        flights
+            Number of flights; all by default.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each flight and one column for each parameter, SI.
+
+        Raises
+        ------
+        InputError
+            If the number is negative.
+
+        Examples
+        --------
+        >>> abhv_mc.Campaign.read("s_manoeuvre").draw_samples(3).shape
+        (3, 3)
+        """
         import pandas as pd
 
         source = self._checked.make_samples()
@@ -113,9 +192,9 @@ class Campaign:
         index = pd.RangeIndex(number, name="flight")
         return pd.DataFrame(source.draw(0, number), columns=list(source.names), index=index)
 
-    @takes(Request, of="campaign")
-    def run(request: Request) -> "Results":  # noqa: N805  of which the campaign is a part
-        """Run the campaign, or its missing flights, as ``abhv-mc run`` does; return the results.
+    @takes(Request, method_of="campaign")
+    def run(request: Request) -> "Results":  # noqa: N805  the campaign is a field of the request
+        """Run the campaign, or its missing flights, as ``abhv-mc run`` does, and return results.
 
         Returns
         -------
@@ -126,7 +205,9 @@ class Campaign:
         Raises
         ------
         InputError
-            If an input is invalid; StorageFullError on a full disk.
+            If an input is invalid.
+        StorageFullError
+            If the disk is full.
         """
         from abhv_mc.execution.runner import run_campaign
 
@@ -153,19 +234,23 @@ class Campaign:
 
 @takes(WorstRequest)
 def worst(request: WorstRequest) -> "WorstFound":
-    """Search a campaign's dispersions for the worst value of a metric.
-
-    ``abhv-mc worst`` does the same.
+    """Search the dispersions for the worst value of a metric, as ``abhv-mc worst`` does.
 
     Returns
     -------
     WorstFound
-        ``.numbers()`` is what ``--json`` holds.
+        ``.numbers()`` returns the content of ``--json``.
 
     Raises
     ------
     InputError
-        For what is wrong with a file or an argument.
+        If a file or an argument is invalid.
+
+    Examples
+    --------
+    >>> result = abhv_mc.worst(
+    ...     "s_manoeuvre", "reports/worst", "altitude_error_max_m", flights=500
+    ... )  # doctest: +SKIP
     """
     from abhv_mc.report.pages.page import write_answer
     from abhv_mc.report.pages.worst_page import make_worst_answer
@@ -178,20 +263,25 @@ def worst(request: WorstRequest) -> "WorstFound":
 
 @takes(RareRequest)
 def rare(request: RareRequest) -> "RareFound":
-    """Estimate the probability that a flight violates a requirement.
-
-    ``abhv-mc rare`` does the same.
+    """Estimate the probability that a flight violates a requirement, as ``abhv-mc rare`` does.
 
     Returns
     -------
     RareFound
-        ``.numbers()`` is the content of ``--json``: its probability is None if repetitions
-        contradict each other (``.estimate.refusal`` is the reason).
+        ``.numbers()`` returns the content of ``--json``. The probability is None if repetitions
+        contradict each other; ``.estimate.refusal`` is the reason.
 
     Raises
     ------
     InputError
-        For what is wrong with a file or an argument.
+        If a file or an argument is invalid.
+
+    Examples
+    --------
+    >>> result = abhv_mc.rare(
+    ...     "s_manoeuvre", "reports/rare", "altitude_error_max_m"
+    ... )  # doctest: +SKIP
+    >>> result.estimate.probability  # doctest: +SKIP
     """
     from abhv_mc.report.pages.page import write_answer
     from abhv_mc.report.pages.rare_page import make_rare_answer
@@ -217,25 +307,33 @@ def simulate(
     campaign
         Campaign with the vehicle, mission, controllers and metrics.
     inputs
-        A row a flight, a column a parameter, SI; parameters without a column are nominal. The rows of
-        :meth:`Campaign.draw_samples` give the campaign's flights, bit for bit. The index numbers the flights.
+        One row for each flight and one column for each parameter, SI; parameters without a column
+        are nominal. The rows of :meth:`Campaign.draw_samples` give the campaign's flights, bit for
+        bit. The index numbers the flights.
     controllers
-        Some of the campaign's; all by default.
+        Controllers of the campaign; all by default.
     channels
         Channels to record, at the rate of the campaign's histories.
 
     Returns
     -------
     xarray.Dataset
-        With the axes controller and flight: ``outcome``, ``end_time_s`` and each metric; the channels over time, too,
-        not-a-number after a flight's end. ``attrs["units"]`` of each.
+        ``outcome``, ``end_time_s`` and each metric by controller and flight, and channels also by
+        time, NaN after a flight's end. ``attrs["units"]`` is the unit of each.
 
     Raises
     ------
     InputError
         If the table is invalid.
+
+    Examples
+    --------
+    >>> campaign = abhv_mc.Campaign.read("s_manoeuvre")
+    >>> dataset = abhv_mc.simulate(
+    ...     campaign, campaign.draw_samples(8), ["tlc"], ["bank_deg"]
+    ... )  # doctest: +SKIP
     """
-    from abhv_mc.execution.in_memory import simulate_table
+    from abhv_mc.execution.table_simulation import simulate_table
 
     path = find_input(os.fspath(campaign), "campaign")
     return simulate_table(read_campaign(path), inputs, controllers, channels)
@@ -250,29 +348,37 @@ def compare(
 ) -> "Comparison":
     """Compare two campaigns.
 
-    On the same samples they are compared flight by flight, else by verdicts, shares and quantiles.
+    Campaigns on the same samples are compared flight by flight, others by verdicts, shares and
+    quantiles.
 
     Parameters
     ----------
     a, b
-        Their results or folders.
+        Results or folders.
     controllers
-        Two to compare across, the first campaign's and the second's.
+        A controller of the first campaign and one of the second, to compare with each other.
     fail_if_worse
-        The share by which `b` may be worse in a metric, such as ``{"altitude_error_max_m": "5 %"}``.
+        Share by which `b` may be worse, by metric, such as ``{"altitude_error_max_m": "5 %"}``.
     output
-        A folder for the page.
+        Folder for the page; none is written by default.
 
     Returns
     -------
     Comparison
-        ``.table`` is a DataFrame of differences with their intervals, ``.figure()`` the figure of the page, and
-        ``.numbers()`` what ``--json`` holds.
+        ``.table`` is a DataFrame of differences with intervals, ``.figure()`` the figure of the
+        page, and ``.numbers()`` the content of ``--json``.
 
     Raises
     ------
     InputError
-        For what is wrong with a folder or an argument.
+        If a folder or an argument is invalid.
+
+    Examples
+    --------
+    >>> comparison = abhv_mc.compare("reports/study", "reports/study", ("tlc", "lqr"))
+    >>> table = comparison.table.set_index(["metric", "quantity"])
+    >>> float(table.loc[("sideslip_max_deg", "median over flights"), "difference"]) < 0.0
+    True
     """
     from abhv_mc.report.numbers.compare import parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders

@@ -1,4 +1,4 @@
-"""Types of arrays, once for every layer."""
+"""Types of arrays."""
 
 from typing import Any
 

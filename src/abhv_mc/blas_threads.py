@@ -1,4 +1,4 @@
-"""Limit of the threads of BLAS: on small matrices further threads spin, and cost as much processor time again."""
+"""Limit of the threads of BLAS, which waste processor time on small matrices."""
 
 import os
 import threading
@@ -7,21 +7,21 @@ from contextlib import contextmanager
 from typing import Any
 
 _lock = threading.Lock()
-_entered = 0  # calls under way
+_entered = 0  # open contexts
 _limits: Any = None
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread in this process, until the last of the calls side by side ends.
+    """Limit BLAS to one thread in this process, until the last of overlapping contexts ends.
 
     Programs that start with OPENBLAS_NUM_THREADS=1, such as the command line and workers, need no limit.
     """
-    global _entered, _limits  # noqa: PLW0603  the limit is the process's
+    global _entered, _limits  # noqa: PLW0603  the limit applies to the process
     if os.environ.get("OPENBLAS_NUM_THREADS") == "1":
         yield
         return
-    import scipy.linalg  # noqa: F401  it has a BLAS of its own, and only one that is loaded can be limited
+    import scipy.linalg  # noqa: F401  its BLAS must be loaded to be limited
     from threadpoolctl import threadpool_limits
 
     with _lock:

@@ -1,7 +1,35 @@
-"""What a user's own controller or channel is written with; ``docs/tutorials/own-controller.md`` shows how.
+"""Interface of custom control laws, filters, channels and vehicle functions.
 
-A law sees one flight at one control tick: named tuples of floats in SI and radians, wired by name. What is imported
-from here works alike compiled in lanes and in plain Python, to the last bit.
+A control law is a Python function that is called once per control tick of a flight. Its arguments
+are passed by name: named tuples of floats, in SI units and radians. The functions of this module
+give equal bits in compiled code and in plain Python. ``docs/tutorials/own-controller.md`` is an
+introduction.
+
+============================================= =====================================================
+``controller``, ``measurement_filter``,       decorators of the function of a file
+``dynamics``, ``channel``
+``Measured``, ``Reference``, ``Onboard``,     arguments of laws, with ``Moment`` and ``Inertia``
+``Command``, ``Filtered``                     results of a law and of a filter
+``Coefficients``, ``Thrust``, ``Effect``,     results of aerodynamics, engine and custom dynamics
+``Sensed``
+``sqrt``, ``exp``, ``log``, ``power``         elementary functions of floats
+``sin``, ``cos``, ``sincos``, ``tan``,        trigonometric functions, in radians
+``asin``, ``acos``, ``atan2``
+``clamp``, ``larger``, ``smaller``, ``wrap``  limits, and angles in [-pi, pi]
+``table``, ``scattered``, ``allocate``        look-ups and control allocation
+============================================= =====================================================
+
+Examples
+--------
+A law that commands the elevator of the reference with a damper:
+
+>>> from typing import NamedTuple
+>>> class Settings(NamedTuple):
+...     damping: float = 0.5
+>>> @controller
+... def law(measured, reference, settings):
+...     elevator = reference.elevator + settings.damping * measured.pitch_rate
+...     return Command(0.0, 0.0, elevator, reference.equivalence_ratio)
 """
 
 import math
@@ -75,11 +103,30 @@ def controller(
     compiled: bool = True,
     dispersable: tuple[str, ...] = (),
 ) -> Any:
-    """Mark the one function of a file that is its control law.
+    """Mark the function of a file that is its control law.
 
-    ``units`` of the settings that have one: YAML must give them with it. ``compiled=False`` calls the law in plain
-    Python, a thousand times slower: for prototypes, with any library. ``dispersable`` names settings that a campaign
-    may disperse as ``law.NAME``.
+    Parameters
+    ----------
+    function
+        Control law; its arguments are passed by name.
+    units
+        Units of settings; the YAML file must give these settings with a unit.
+    compiled
+        False calls the law in plain Python, a thousand times slower, for prototypes with any
+        library.
+    dispersable
+        Settings that a campaign may disperse as ``law.NAME``.
+
+    Returns
+    -------
+    function
+        The same function, or a decorator if no function is given.
+
+    Examples
+    --------
+    >>> @controller(units={"lag": "s"}, dispersable=("lag",))
+    ... def law(measured, reference, settings):
+    ...     return Command(0.0, 0.0, reference.elevator)
     """
 
     def mark(law: F) -> F:
@@ -90,7 +137,25 @@ def controller(
 
 
 def channel(*, unit: str) -> Callable[[F], F]:
-    """Mark a function that gives one number a control tick: a channel of the function's name and this unit."""
+    """Mark a function that computes a custom channel, which has the name of the function.
+
+    Parameters
+    ----------
+    unit
+        Unit of the returned number.
+
+    Returns
+    -------
+    callable
+        Decorator of a function of ``measured``, ``reference`` and other arguments of a law, which
+        is called once per control tick.
+
+    Examples
+    --------
+    >>> @channel(unit="Pa")
+    ... def dynamic_pressure(onboard):
+    ...     return onboard.dynamic_pressure
+    """
 
     def mark(function: F) -> F:
         doc = (function.__doc__ or function.__name__.replace("_", " ")).strip().splitlines()[0]
@@ -101,9 +166,26 @@ def channel(*, unit: str) -> Callable[[F], F]:
 
 
 def measurement_filter(function: F | None = None, *, units: dict[str, str] | None = None) -> Any:
-    """Mark the one function of a file that filters the measurement of TLC or LQR: it returns a :class:`Filtered`.
+    """Mark the function of a file that filters the measurements of TLC or LQR.
 
-    A filter with a class ``Memory`` returns ``Filtered(...), Memory(...)``. ``units`` as of :func:`controller`.
+    Parameters
+    ----------
+    function
+        Filter; returns a :class:`Filtered`, and with a class ``Memory`` in the file also the new
+        ``Memory``.
+    units
+        Units of settings, see :func:`controller`.
+
+    Returns
+    -------
+    function
+        The same function, or a decorator if no function is given.
+
+    Examples
+    --------
+    >>> @measurement_filter
+    ... def without_bias(measured):
+    ...     return Filtered(sideslip=measured.sideslip - 0.001)
     """
 
     def mark(law: F) -> F:
@@ -114,32 +196,66 @@ def measurement_filter(function: F | None = None, *, units: dict[str, str] | Non
 
 
 def dynamics(function: F) -> F:
-    """Mark the one function of a file that is a vehicle's custom dynamics: it returns an :class:`Effect`."""
+    """Mark the function of a file that computes custom dynamics of a vehicle.
+
+    Parameters
+    ----------
+    function
+        Function that returns an :class:`Effect`: rates of its states, and loads on the vehicle.
+
+    Returns
+    -------
+    function
+        The same function.
+
+    Examples
+    --------
+    >>> @dynamics
+    ... def gear(states, motion):
+    ...     return Effect(rates=(), force=(-50.0 * motion.u, 0.0, 0.0))
+    """
     setattr(function, DYNAMICS, True)
     return function
 
 
 @scalar
 def sqrt(x: float) -> float:
-    """Square root; NaN below zero."""
+    """Return the square root of x, NaN below zero."""
     return math.sqrt(x) if x >= 0.0 else math.nan
 
 
 @scalar
 def sin(x: float) -> float:
-    """Sine of x in radians."""
+    """Return the sine of x, rad."""
     return sincos(x)[0]
 
 
 @scalar
 def cos(x: float) -> float:
-    """Cosine of x in radians."""
+    """Return the cosine of x, rad."""
     return sincos(x)[1]
 
 
 @scalar
 def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
-    """Changes of aileron, rudder and elevator (rad) that add a moment (N m) to that of the last command."""
+    """Return deflections that add a moment to that of the last command.
+
+    Parameters
+    ----------
+    onboard
+        Nominal vehicle with the moments' slopes.
+    roll, pitch, yaw
+        Additional moment, N m.
+
+    Returns
+    -------
+    tuple of float
+        Changes of aileron, rudder and elevator, rad.
+
+    Examples
+    --------
+    In a law: ``aileron, rudder, elevator = allocate(onboard, 0.0, 2e5, 0.0)``.
+    """
     a, r, e = onboard.moment_by_aileron, onboard.moment_by_rudder, onboard.moment_by_elevator
     return solve_3x3(
         a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw

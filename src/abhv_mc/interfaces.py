@@ -1,7 +1,7 @@
-"""The contracts at the package's boundaries.
+"""Contracts at the package's boundaries: plans, simulators, executors and stores.
 
-What stands above a contract never asks which implementation it has: a feature that needs more than the contract
-promises to all asks for a capability, or calls :meth:`Simulator.check`. The contract of a section of the report is
+Callers never ask which implementation they have. A feature that needs more than a contract requires
+asks for a capability, or calls :meth:`Simulator.check`. The contract of a report's section is
 :class:`abhv_mc.topics.Topic`.
 """
 
@@ -20,13 +20,14 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.user_code.source import UserSource
 
-Recorded = Recording | int | None  # a number: samples of every channel so many ticks apart
+Recorded = Recording | int | None  # a number: ticks between samples of all channels
 
 
 class Plan(Protocol):
-    """Everything that the flights of one system need apart from their inputs; it travels to worker processes.
+    """Data that the flights of one system need besides their inputs, sent to worker processes.
 
-    A folder stores it as arrays, which its simulator rebuilds and checks; where there is no mission, not at all.
+    A folder stores it as arrays, which its simulator restores and checks. Plans without a mission
+    are not stored.
     """
 
     @property
@@ -39,108 +40,108 @@ class Plan(Protocol):
 
     @property
     def timing(self) -> Timing | None:
-        """Control ticks of the mission; None where each flight has times of its own."""
+        """Control ticks of the mission, None if each flight has its own times."""
 
     @property
     def sources(self) -> tuple[UserSource, ...]:
-        """The user's code in it whose imported packages the manifest names."""
+        """Custom code of the plan, whose imported packages the manifest names."""
 
 
 Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # of a Plan and rows [flight, parameter]
 
 
 class Capabilities(NamedTuple):
-    """What a simulator can do beyond what each of them promises."""
+    """Optional capabilities of a simulator."""
 
-    can_rerun: bool = True  # flights can be computed, not read alone
-    is_repeatable: bool = True  # equal inputs give equal bits: nobody needs to compute them twice
-    has_margins: bool = True  # stability margins, of flights and in steady flight
-    has_mission: bool = True  # equal times, the program's channels, a reference, a nominal flight
+    can_rerun: bool = True  # flights can be computed, not only read
+    is_repeatable: bool = True  # equal inputs give equal bits, so that no check is needed
+    has_margins: bool = True  # stability margins in flights and in steady flight
+    has_mission: bool = True  # common times, standard channels, a reference, a nominal flight
 
 
 @dataclass(frozen=True)
 class Engine:
-    """How a plan is made and flown; tests put cheap ones in the place of the compiled flight.
+    """Functions that make and run a plan; tests replace them by cheap ones.
 
-    Flights depend on their plan and their row alone, whatever block they are in.
+    A flight depends on its plan and its row only, not on the block that it is in.
     """
 
-    prepare: (
-        Any  # a plan of vehicle, mission and controller; None where a simulator has none of these
-    )
+    prepare: Any  # makes a plan of vehicle, mission and controller; None without these
     fly: Fly
-    source: str  # hash of the code: rows of two of them never share a folder
-    # What margins.json holds, of the campaign and its plans.
+    source: str  # hash of the code; rows of different code never share a folder
+    # Makes the content of margins.json from the campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
     checked: bool = False  # whether ``source`` is identity.code_hash() in every process that flies
-    isolation: str = "threads"  # where "auto" flies; processes need a ``fly`` that can be imported
-    # Ends the processes that it starts itself; they account for each flight that is lost.
+    isolation: str = "threads"  # meaning of "auto"; processes need a ``fly`` that can be imported
+    # Ends processes started by the engine, which report each lost flight.
     close: Callable[[], None] | None = None
 
 
 class Simulator(Protocol):
-    """What computes the flights of one campaign, or has computed them."""
+    """Source of a campaign's flights: a program that computes them, or a table of results."""
 
-    kind: str  # what is compared, in a word
-    systems: tuple[str, ...]  # what is compared, by name; the first has to meet the requirements
-    outcomes: Outcomes  # how flights may end
-    channels: tuple[Signal, ...]  # what histories hold; none where flights return no history
+    kind: str  # noun for a compared system, such as 'controller'
+    systems: tuple[str, ...]  # names; the first has to meet the requirements
+    outcomes: Outcomes  # possible ends of flights
+    channels: tuple[Signal, ...]  # of histories; empty if flights return no history
     capabilities: Capabilities
-    independent: (
-        bool | None
-    )  # whether flights are stated to be independent; None: the sampling decides
-    states_noise: bool  # whether flights are stated to have noise that no input brings
-    origin: str  # of flights that were computed elsewhere, in words; '' where ``fly`` computes them
-    method: str  # sentence with the method's source, for the page; '' without
+    independent: bool | None  # whether flights are declared independent; None: by the sampling
+    states_noise: bool  # whether flights are declared to have noise besides their inputs
+    origin: str  # description of flights computed elsewhere; '' if ``fly`` computes them
+    method: str  # sentence with the method's source for the page, or ''
 
     @property
     def engine(self) -> Engine:
-        """How plans are flown; reading flights asks for none."""
+        """Functions that run plans; not needed to read flights."""
 
     def check(self, feature: str) -> None:
-        """Raise InputError if ``feature`` needs a vehicle, mission and controllers that there are none of."""
+        """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
-        """The user's code with the file that it is trusted by. Nothing is run."""
+        """Return custom code with the file whose hash is trusted. Nothing is run."""
 
     def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
-        """Entries of the campaign file with the places of its files in a results folder.
+        """Return the campaign file's entries with the paths of its files in a results folder.
 
-        ``take`` copies a file, and those that it names, to a place; ``copies`` are files by place.
+        ``take`` copies a file, and the files that it names, to a path; ``copies`` are files by
+        path.
         """
 
     def make_plans(self, names: Sequence[str]) -> Mapping[str, Plan]:
-        """Plans of some systems. Raises InputError."""
+        """Return plans of some systems. Raise InputError."""
 
     def restore_plans(
         self, root: Path, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Plans of some systems of the folder ``root``, without a design. Raises InputError."""
+        """Return plans of systems stored in the folder ``root``. Raise InputError."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
-        """Plans with the stability margins that the campaign asks for; empty where it asks for none."""
+        """Return plans with the stability margins that the campaign requests, empty without any."""
 
     def fit_plans(
         self, plans: Mapping[str, Any], names: Sequence[str], rows: Floats
     ) -> Mapping[str, Plan]:
-        """Plans for ``rows`` of these inputs. Raises InputError for rows that cannot be flown."""
+        """Return plans for ``rows`` of these inputs. Raise InputError for invalid rows."""
 
-    def find_stride(self, plan: Any, kept: str) -> int:
-        """Ticks between samples of the 'histories' or 'envelopes'. Raises InputError for an odd rate."""
+    def find_stride(self, plan: Any, output: str) -> int:
+        """Return ticks between samples of 'histories' or 'envelopes'. Raise InputError."""
 
     def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
-        """Sentences on the mission, and on what of the campaign cannot come out."""
+        """Return warnings about the mission and unattainable parts of the campaign."""
 
     def find_reference(self, plan: Any) -> dict[str, Floats]:
-        """Columns of the mission's reference at the rate of the histories."""
+        """Return columns of the mission's reference at the rate of the histories."""
 
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
-        """Mean time of the last flights, s, by which blocks are cut; 0 before any, None: by their number."""
+        """Return the mean time of the last flights, s, which determines the size of blocks.
+
+        It is 0 before any flight, and None if blocks have a fixed number of flights.
+        """
 
     def prove(self, plan: Any, check: int = 0) -> Any:
         """Return the plan whose blocks are each followed by a proof that no answer is left over.
 
-        ``check``: number of the processes that its flights have for themselves; 0: those of the campaign.
+        ``check`` is the number of separate processes for its flights; 0 uses the campaign's.
         """
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
@@ -150,23 +151,24 @@ class Simulator(Protocol):
         """Return files that flights read since a time (s) and the campaign does not name."""
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
-        """Sentences on the end of the flight of ``row`` [1, input]."""
+        """Return sentences on the end of the flight of ``row`` [1, input]."""
 
     def find_lacking(self) -> list[InputError]:
-        """Dispersions of what the simulator has nothing of, which would change no flight."""
+        """Return errors for dispersions without effect in this simulator."""
 
     def try_out(self) -> Iterator[str]:
-        """Start what can be started without a flight, and yield warnings. Raises InputError."""
+        """Start everything that needs no flight, and yield warnings. Raise InputError."""
 
 
 class Executor(Protocol):
-    """Place where blocks of flights are computed: worker processes, this process, a cluster.
+    """Resource that computes blocks of flights: worker processes, this process, a cluster.
 
     An executor must promise:
 
     - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's ``Engine.fly``
-      computes it, or raises. Each process that computes signs its block with :func:`abhv_mc.execution.attest.sign`, so
-      that a worker with other code is rejected by name; :func:`abhv_mc.execution.worker.compute` does both.
+      computes it, or raises. Each process that computes signs its block with
+      :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is rejected by name;
+      :func:`abhv_mc.execution.worker.compute` does both.
     - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one block each. Blocks
       may finish in any order: no result depends on it.
     - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise ``FlightLostError``.
@@ -183,7 +185,7 @@ class Executor(Protocol):
 
     @property
     def workers(self) -> int:
-        """Blocks to have under way."""
+        """Number of blocks to compute at the same time."""
 
     def fly(self, plan: Any, rows: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute the flights of ``rows`` [flight, parameter]."""
@@ -192,15 +194,15 @@ class Executor(Protocol):
         """End all workers."""
 
 
-# Opens an executor: of an engine, and the processor time (s) that 16 flights may take, None where the file sets none.
+# Opens an executor for an engine and a limit of the processor time of 16 flights, s, or None.
 OpenExecutor = Callable[[Engine, float | None], Executor]
-# Connects to the scheduler at an address, before anything is written. Raises InputError. An entry point of the group
-# ``abhv_mc.executors``, whose name is the scheme of the address.
+# Connects to the scheduler at an address, before any file is written. Raises InputError. It is an entry point
+# of the group ``abhv_mc.executors``, named after the scheme of the address.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
 class Store(Protocol):
-    """Place of campaign folders: a local folder, or an address.
+    """Storage of campaign folders: a local folder, or an address.
 
     Every command works in a local folder, which the store fills and copies back. A store must promise:
 
@@ -212,11 +214,11 @@ class Store(Protocol):
     - **Nothing lost.** :meth:`writing` begins with the content of the store, so that a run resumes. What is in the
       local folder when it ends, by an error or an interrupt too, is in the store, or is kept in a local folder that
       ``StorageFullError`` names. During a run new files are copied every few seconds.
-    - **No surprises.** Names that lead out of the folder are rejected. Nothing of a folder is executed or unpickled.
+    - **Safety.** Names that lead out of the folder are rejected. No content of a folder is executed or unpickled.
 
-    What the package adds is the same in each store: readers check every hash and name a damaged file; flights are
-    evidence and are never replaced by those of other code or inputs; all else (envelopes, histories, margins, pages)
-    follows from them and is remade if it is missing.
+    The package adds the following to each store: readers check every hash and name a damaged file; flights are
+    evidence and are never replaced by those of other code or inputs; all other files (envelopes, histories, margins,
+    pages) follow from them and are remade if they are missing.
 
     A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``; it is made of an
     :class:`abhv_mc.io.address.Address`.
@@ -227,10 +229,10 @@ class Store(Protocol):
         """The folder, if it is on this machine."""
 
     def reading(self, pattern: str = "*") -> AbstractContextManager[Path]:
-        """Give a local folder with the files whose names fit ``pattern``. Raises InputError."""
+        """Give a local folder with the files whose names match ``pattern``. Raise InputError."""
 
     def writing(self, staging: Path | None = None) -> AbstractContextManager[Path]:
-        """Give a local folder that is kept in the store; ``staging`` is where a copy is made."""
+        """Give a local folder that is saved to the store; ``staging`` is the folder of a copy."""
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return who writes to the folder ``name`` inside, and its size in bytes."""
+        """Return the process that writes to the folder ``name``, and its size in bytes."""

@@ -27,9 +27,9 @@ class Option(NamedTuple):
     """Description of a field of a request."""
 
     help: str
-    kind: str  # of value, which `abhv_mc.cli.request_options` reads; '' of one for Python alone
-    default: str | None = None  # in words, where the field's own says too little
-    low: Any = None  # bounds, of numbers
+    kind: str  # of the value, for `abhv_mc.cli.request_options`; '' for fields of Python only
+    default: str | None = None  # description of the default, if its value is not clear
+    low: Any = None  # bounds of numbers
     high: Any = None
 
 
@@ -73,7 +73,7 @@ def _check_side(value: object, name: str, _option: Option) -> object:
     return value
 
 
-_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind; of values that are not None
+_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind, for values except None
     **dict.fromkeys(
         ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
     ),
@@ -86,16 +86,19 @@ _CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind; of values 
 }
 
 CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
-Controller = Annotated[str | None, Option("Controller.", "controller", "the first")]
-Seed = Annotated[int | None, Option("Seed.", "count", "the campaign's", low=0)]
+Controller = Annotated[str | None, Option("Controller to use.", "controller", "the first")]
+Seed = Annotated[
+    int | None, Option("Seed of the random numbers.", "count", "the campaign's", low=0)
+]
 Workers = Annotated[
-    int | None, Option("Flights in parallel.", "count", "cores", low=1, high=MOST_WORKERS)
+    int | None,
+    Option("Number of parallel workers.", "count", "cores", low=1, high=MOST_WORKERS),
 ]
 Scheduler = Annotated[
     str | None,
-    Option("Compute on this cluster, as tcp://host:8786 of Dask.", "scheduler"),
+    Option("Address of a Dask scheduler, such as tcp://host:8786, to run on.", "scheduler"),
 ]
-Fresh = Annotated[bool, Option("Delete what the folder holds of a campaign first.", "flag")]
+Fresh = Annotated[bool, Option("Delete the campaign in the folder first, and start again.", "flag")]
 
 
 class CheckedRequest:
@@ -116,35 +119,43 @@ class Request(CheckedRequest):
     campaign: CampaignPath
     output: Annotated[
         Paths | None,
-        Option("Folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"),
+        Option(
+            "Results folder, or an address such as s3://bucket/folder.", "address", "reports/NAME"
+        ),
     ] = None
     runs: Annotated[
-        int | None, Option("Flights of each controller.", "count", "the campaign's", low=1)
+        int | None,
+        Option("Number of flights of each controller.", "count", "the campaign's", low=1),
     ] = None
     seed: Seed = None
     controllers: Annotated[
-        Sequence[str] | None, Option("Only these of its controllers.", "controllers")
+        Sequence[str] | None,
+        Option("Controllers of the campaign to simulate, instead of all.", "controllers"),
     ] = None
     workers: Workers = None
     fresh: Fresh = False
     scheduler: Scheduler = None
     shard: Annotated[
-        tuple[int, int] | None, Option("Only part I of N; merge joins them.", "shard")
+        tuple[int, int] | None,
+        Option("Run only shard I of N; 'merge' joins the shards.", "shard"),
     ] = None
     plans: Annotated[
-        Paths | None, Option("Fly the plans of this campaign's folder.", "results", "new")
+        Paths | None,
+        Option("Results folder whose flight plans are used, for equal bits.", "results", "new"),
     ] = None
     trust_code: Annotated[
-        bool, Option("Run Python code of a campaign's folder that you have not flown.", "flag")
+        bool,
+        Option("Allow Python code of the campaign to run that has not been run here.", "flag"),
     ] = False
     check_workers: Annotated[
-        bool, Option("Fly one flight of each worker again here; compare its bits.", "flag")
+        bool,
+        Option("Re-run one flight of each worker locally and compare the bits.", "flag"),
     ] = False
     baseline: Annotated[
         Paths | None,
         Option(
-            "Campaign flown before on the same samples: its points of unknowns are flown, too, and the report says "
-            "what changed.",
+            "Results folder of an earlier campaign with the same samples: its points of unknowns "
+            "are simulated, too, and the report lists the changes.",
             "results",
         ),
     ] = None
@@ -157,7 +168,11 @@ class SearchRequest(CheckedRequest):
     campaign: CampaignPath
     output: Annotated[
         Paths,
-        Option("Folder of the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"),
+        Option(
+            "Results folder for the flights and the page.",
+            "folder",
+            "reports/CAMPAIGN_SEARCH_NAME",
+        ),
     ]
     _: KW_ONLY
     controller: Controller = None
@@ -169,25 +184,27 @@ class SearchRequest(CheckedRequest):
     @property
     def settings(self) -> dict[str, Any]:
         """Fields specific to this kind of search, on which its result depends."""
-        own = fields(self)[len(fields(SearchRequest)) :]
-        return {field.name: getattr(self, field.name) for field in own}
+        specific = fields(self)[len(fields(SearchRequest)) :]
+        return {field.name: getattr(self, field.name) for field in specific}
 
 
 @dataclass(frozen=True)
 class WorstRequest(SearchRequest):
     """Request of a search for the worst value of a metric."""
 
-    metric: Annotated[str, Option("Metric to search.", "metric")]
+    metric: Annotated[str, Option("Metric whose worst value is searched.", "metric")]
     _: KW_ONLY
     bad: Annotated[
         Literal["high", "low"] | None,
-        Option("Large or small values are bad.", "side", "as the campaign has it"),
+        Option("Whether large or small values are bad.", "side", "that of the metric"),
     ] = None
     flights: Annotated[
-        int, Option("Flights of the search; as many random ones follow.", "count", low=1)
+        int,
+        Option("Number of flights of the search; as many random ones follow.", "count", low=1),
     ] = 2000
     box: Annotated[
-        float, Option("Box of unbounded distributions, sigma.", "number", low=0.1, high=8.0)
+        float,
+        Option("Range of unbounded distributions in sigma.", "number", low=0.1, high=8.0),
     ] = 3.0
 
 
@@ -195,19 +212,25 @@ class WorstRequest(SearchRequest):
 class RareRequest(SearchRequest):
     """Request of an estimate of the probability of a failure."""
 
-    requirement: Annotated[str, Option("Requirement by its ID, or its metric.", "requirement")]
+    requirement: Annotated[
+        str, Option("Requirement to violate: its ID or its metric.", "requirement")
+    ]
     _: KW_ONLY
     target_cov: Annotated[
         float | str,
-        Option("Coefficient of variation to reach, as 0.2 or 20 %.", "share", low=0.01, high=1.0),
+        Option(
+            "Coefficient of variation to reach, such as 0.2 or 20 %.", "share", low=0.01, high=1.0
+        ),
     ] = 0.2
-    flights: Annotated[int, Option("Flights at most.", "count", low=1)] = 20_000
+    flights: Annotated[int, Option("Largest number of flights.", "count", low=1)] = 20_000
 
 
-def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]], Callable[P, T]]:
-    """Make the fields of a request the arguments of a function, signature and docstring.
+def takes(
+    request: Callable[P, R], method_of: str = ""
+) -> Callable[[Callable[[R], T]], Callable[P, T]]:
+    """Return a decorator that makes the fields of a request the arguments of a function.
 
-    If the function is a method, the field ``of`` is its object.
+    Signature and docstring follow. ``method_of`` is the field for the object of a method.
     """
 
     def decorate(function: Callable[[R], T]) -> Callable[P, T]:
@@ -224,7 +247,7 @@ def takes(request: Callable[P, R], of: str = "") -> Callable[[Callable[[R], T]],
         returned = inspect.signature(function).return_annotation
         wrapper.__signature__ = inspect.Signature(parameters, return_annotation=returned)
         lines, options = ["Parameters", "----------"], options_of(described)
-        for name in (parameter.name for parameter in parameters if parameter.name != of):
+        for name in (parameter.name for parameter in parameters if parameter.name != method_of):
             default = options[name].default
             default = f" By default: {default}." if default else ""
             lines += [name, f"    {options[name].help}{default}"]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.campaign.file.requirement_set import RequirementSource
     from abhv_mc.folder.flown_campaign import FlownCampaign
-    from abhv_mc.report.numbers.judged import Judgement
+    from abhv_mc.report.numbers.judgement_record import Judgement
     from abhv_mc.topics.topic import Models
 
 _AXES = {
@@ -33,8 +33,36 @@ _AXES = {
 class Results:
     """Results in a campaign's folder as pandas tables, in SI units and degrees.
 
-    ``attrs["units"]`` of a table holds the units of its columns. Tables are read on first access;
-    an InputError is raised if the folder has changed since it was opened.
+    ``attrs["units"]`` of a table holds the units of its columns. Tables are read on first access.
+    Each topic of the report is an attribute, such as ``results.margins``.
+
+    Parameters
+    ----------
+    folder
+        Folder of the campaign; :func:`abhv_mc.open_results` opens it.
+    requirements
+        Requirements that replace those of the folder, see :meth:`judge`.
+
+    Attributes
+    ----------
+    folder
+        Absolute path of the folder.
+    manifest
+        Content of ``manifest.json``.
+
+    Raises
+    ------
+    InputError
+        If the folder is damaged, or has changed since it was opened.
+
+    Examples
+    --------
+    >>> results = abhv_mc.open_results("reports/study")
+    >>> results.complete
+    True
+    >>> results.verdicts["status"].tolist()
+    ['NOT SHOWN', 'NOT SHOWN']
+    >>> errors = results.flights.groupby("controller")["altitude_error_max_m"].max()
     """
 
     def __init__(self, folder: Path, requirements: "RequirementSource | None" = None) -> None:
@@ -117,8 +145,10 @@ class Results:
 
         Examples
         --------
-        >>> results = abhv_mc.open_results("first")  # doctest: +SKIP
-        >>> results.judge("tighter.yaml").verdicts  # doctest: +SKIP
+        >>> results = abhv_mc.open_results("reports/study")
+        >>> tighter = {"metric": "sideslip_max_deg", "below": 1e-9, "probability": 0.9}
+        >>> results.judge([tighter]).verdicts["status"].tolist()
+        ['FAIL', 'FAIL']
         """
         judged = Results(self.folder, requirements)
         judged._results  # noqa: B018  # requirements that do not fit are rejected here
@@ -127,7 +157,7 @@ class Results:
     @property
     def summary(self) -> list[str]:
         """Summary of the campaign as sentences, as in the report."""
-        from abhv_mc.report.numbers.judged import judgement_lead
+        from abhv_mc.report.numbers.judgement_record import judgement_lead
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
         first = judgement_lead(self.judgement, self._models.names.folder)
@@ -184,9 +214,7 @@ class Results:
 
     def figure(self, name: str, dpi: float = 100.0) -> "Figure":
         """Return a figure of the report. Raise KeyError for an unknown name."""
-        figure = self._figures[name]
-        figure.set_dpi(dpi)
-        return figure
+        return _on_white(self._figures[name], dpi)
 
     def to_xarray(
         self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories"
@@ -203,7 +231,7 @@ class Results:
         try:
             import xarray  # noqa: F401
         except ImportError:
-            raise InputError("to_xarray", "no xarray here", "pip install xarray") from None
+            raise InputError("to_xarray", "no xarray installed", "pip install xarray") from None
         rows = getattr(self, table)
         axes, units = list(_AXES[table]), rows.attrs.get("units", {})
         texts = {
@@ -235,9 +263,9 @@ class Results:
         """
         import pandas as pd
 
-        from abhv_mc.folder.tables import ask
+        from abhv_mc.folder.tables import run_query
 
-        table = ask(self.folder, sql, lambda answer: answer.df())
+        table = run_query(self.folder, sql, lambda answer: answer.df())
         refuse_changes(self._paths, self.manifest)
         return pd.DataFrame() if table is None else table
 
@@ -280,9 +308,7 @@ class Results:
         """Return the figure of a failed flight, with its causes alone, and the nominal flight."""
         from abhv_mc.report.pages.single_flights import make_explained_figure
 
-        figure = make_explained_figure(explanation)
-        figure.set_dpi(dpi)
-        return figure
+        return _on_white(make_explained_figure(explanation), dpi)
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
         """Return quantiles as simulated and for other dispersions.
@@ -294,7 +320,7 @@ class Results:
         import pandas as pd
 
         from abhv_mc.report.numbers.whatif import make_whatif
-        from abhv_mc.topics.words import ends_of
+        from abhv_mc.topics.formatting import ends_of
 
         nested: dict[str, dict[str, Any]] = {}
         for key, value in check_mapping(settings, "settings").items():
@@ -394,6 +420,13 @@ class Results:
         return as_html(head, rows)
 
 
+def _on_white(figure: "Figure", dpi: float) -> "Figure":
+    """Return a figure with a white background, so that notebooks with a dark theme show its text."""
+    figure.set_dpi(dpi)
+    figure.set_facecolor("white")
+    return figure
+
+
 def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
     """Return a small HTML table with escaped text."""
     lines = (
@@ -404,5 +437,26 @@ def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
 
 
 def open_results(folder: str | Path) -> Results:
-    """Return the results in a campaign's folder. Raise InputError if there are none."""
+    """Return the results in a campaign's folder.
+
+    Parameters
+    ----------
+    folder
+        Folder of the campaign.
+
+    Returns
+    -------
+    Results
+        Tables, verdicts, figures and re-run flights.
+
+    Raises
+    ------
+    InputError
+        If the folder has no results or is damaged.
+
+    Examples
+    --------
+    >>> abhv_mc.open_results("reports/study")
+    <Results synthetic_s: 12 of 12 flights, complete>
+    """
     return Results(Path(folder))

@@ -1,11 +1,11 @@
-"""What comes with the program, from a checkout and from a wheel alike: packages, configurations and campaigns."""
+"""Shipped packages, configurations and campaigns, in a checkout or an installed wheel."""
 
 import os
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, one_of
 
-PACKAGES = (  # side by side
+PACKAGES = (
     "abhv_mc",
     "abhv_mc_daveml",
     "abhv_mc_explore",
@@ -16,22 +16,22 @@ PACKAGES = (  # side by side
     "abhv_mc_verification",
 )
 _PACKAGE = Path(__file__).parent
-DEFAULT_VEHICLE = "abhv"  # of a flight, trim or margins that name none
+DEFAULT_VEHICLE = "abhv"  # of flights, trims and margins
 
 
 def shipped_folder() -> Path:
-    """The folder that holds ``configs`` and ``campaigns``: inside the wheel, or the checkout's root."""
+    """Return the folder of ``configs`` and ``campaigns``: in the wheel, or the checkout's root."""
     installed = _PACKAGE / "shipped_files"
     return installed if installed.is_dir() else _PACKAGE.parents[1]
 
 
 def shipped_configs() -> Path:
-    """The folder of the vehicle, mission and control files."""
+    """Return the folder of the vehicle, mission and control files."""
     return shipped_folder() / "configs"
 
 
 def shipped_campaigns() -> Path:
-    """The folder of the campaign files."""
+    """Return the folder of the campaign files."""
     return shipped_folder() / "campaigns"
 
 
@@ -44,24 +44,23 @@ def shipped_files(kind: str) -> dict[str, Path]:
     folders = [folder]
     if kind == "control":
         folders += [folder / vehicle for vehicle in shipped_files("vehicle")]
-    paths = [path for each in folders for path in each.glob("*.yaml")]
+    paths = [path for source in folders for path in source.glob("*.yaml")]
     return {path.stem: path for path in sorted(paths, key=lambda path: path.stem)}
 
 
 def find_input(name: str | Path, *kinds: str) -> Path:
-    """The file that is meant: a path, or the name of a shipped one of these kinds, the first kind that has it.
+    """Return the path of an input: ``name`` itself, or the shipped file of the first fitting kind.
 
-    A folder is no input: a campaign's results may have the name of the shipped campaign.
-
-    Raises :class:`abhv_mc.io.input_error.InputError` for a name that none has.
+    Folders are ignored, because a campaign's results may have the name of the shipped campaign.
+    Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.
     """
     text = str(name)
     is_file = os.path.exists(text) and not os.path.isdir(text)  # noqa: PTH110, PTH112  Path's raise for long names
     if is_file or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
         return Path(text)
-    known = [shipped_files(kind) for kind in kinds]
-    for files in known:
+    choices = [shipped_files(kind) for kind in kinds]
+    for files in choices:
         if text in files:
             return files[text]
-    names = sorted({shipped for files in known for shipped in files})
+    names = sorted({shipped for files in choices for shipped in files})
     raise InputError(text, "no such file", f"a file, or {one_of(names, text)}")

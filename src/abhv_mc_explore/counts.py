@@ -16,9 +16,9 @@ from abhv_mc.folder.tables import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
 from abhv_mc.report.pages.flights_view import BARS, CELLS, LISTED, describe_flights
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.formatting import axis_unit
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.words import axis_unit
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -130,8 +130,8 @@ def _ranks(results: FlownCampaign) -> Any:
     parts, required = [], results.campaign.requirements
     for name in results.controllers:
         flights, ranking = results.flights[name], results.ranking
-        columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.places_of(name)}
-        columns[_BY] = ranking.by[name]
+        columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.ranks_of(name)}
+        columns[_BY] = ranking.criterion_index[name]
         columns |= {
             f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)
         }

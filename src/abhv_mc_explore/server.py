@@ -20,10 +20,10 @@ from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.csv_table import csv_text
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.channel_curves import band_names, channel_curves
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
-from abhv_mc.report.pages.interactive import band_names, channel_curves
 from abhv_mc.report.pages.page import make_environment
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc_explore.counts import (
     FlightTable,
@@ -196,7 +196,7 @@ class _Handler(BaseHTTPRequestHandler):
         return False
 
     def _send_json(self, value: Any) -> None:
-        self._send(json.dumps(plain(value), allow_nan=False).encode(), "application/json")
+        self._send(json.dumps(json_data(value), allow_nan=False).encode(), "application/json")
 
     def _send_csv(self, text: str) -> None:
         """Stream the selected flights as CSV, because a million of them do not fit in memory."""

@@ -1,8 +1,10 @@
-"""A law as an FMU for co-simulation (FMI 2.0, 3.0): unpacked and described by fmpy, called by its functions' addresses.
+"""Control law as an FMU for co-simulation (FMI 2.0, 3.0).
 
-One instance flies a flight from its start to its end and is reset for the next one; a flight's lane holds its number.
-A control tick sets the inputs, makes one communication step of the control period and reads the outputs, which are
-the commands of this tick. Where slopes are taken, the states that the FMU names are set as start values at each tick.
+fmpy unpacks the FMU and reads its description; compiled code calls its functions by address. One
+instance computes a flight from start to end and is reset for the next; the flight's lane stores
+its number. A control tick sets the inputs, makes one communication step of the control period and
+reads the outputs, which are the commands of this tick. For linearization, the states that the FMU
+declares are set as start values at each tick.
 """
 
 import ctypes
@@ -26,7 +28,9 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
 from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
 
-_FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls; what makes and frees an instance
+# FMI version -> functions that set up a flight, that a tick calls, and that create and free an
+# instance.
+_FUNCTIONS = {
     2: (
         *("Reset", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode"),
         *("SetReal", "DoStep", "GetReal", "Instantiate", "FreeInstance"),
@@ -38,7 +42,7 @@ _FUNCTIONS = {  # by version: what sets up a flight, then what a tick calls; wha
 }
 
 
-_KINDS = {  # of variables by version, as FMI 3.0 calls them
+_KINDS = {  # FMI version -> type of a variable -> its type in FMI 3.0
     2: {"Real": FLOAT, "Integer": "Int32", "Enumeration": "Int32", "Boolean": "Boolean4"},
     3: {
         **{name: name for name in (FLOAT, "Float32")},
@@ -52,55 +56,61 @@ _KINDS = {  # of variables by version, as FMI 3.0 calls them
 
 
 class Fmu(NamedTuple):
-    """An FMU in this process."""
+    """FMU whose library is loaded into this process."""
 
     version: int
-    functions: tuple[Any, ...]  # of what a flight calls
-    typed: tuple[Any, ...]  # of parameters, inputs and outputs that are no 64-bit floats, in turn
-    instantiate: Callable[[], int]  # a new instance's address, 0 where there is none
+    functions: tuple[Any, ...]  # that a flight calls
+    typed: tuple[Any, ...]  # of parameters, inputs and outputs that are not 64-bit floats
+    instantiate: Callable[[], int]  # returns the address of a new instance, 0 on failure
     free: Any
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]
     params: tuple[Wire, ...]
-    states: dict[
-        str, tuple[int, float | None]
-    ]  # reference and start value of the states that it names
+    states: dict[str, tuple[int, float | None]]  # name -> reference and start value
 
 
 @functools.lru_cache(maxsize=16)
 def _describe(source: UserSource) -> tuple[Path, Any]:
-    """The folder of an unpacked FMU, and fmpy's description of it. Raises InputError."""
+    """Return the folder of an unpacked FMU and its description by fmpy.
+
+    Raise InputError if fmpy is missing or the FMU cannot be read.
+    """
     try:
         import fmpy
     except ImportError:
-        wish = "pip install fmpy"
-        raise InputError(source.file, "no fmpy in this installation", wish) from None
+        remedy = "pip install fmpy"
+        raise InputError(source.file, "FMUs need the package fmpy", remedy) from None
     recipe: Any = source.recipe
     try:
         file = str(unpack(source) / recipe["file"])
-        folder = filled_once(f"fmu_{source.hash[:24]}", lambda made: fmpy.extract(file, str(made)))
+        folder = filled_once(
+            f"fmu_{source.hash[:24]}", lambda target: fmpy.extract(file, str(target))
+        )
         return folder, fmpy.read_model_description(str(folder), validate=False)
-    except Exception as error:  # of zipfile, lxml and fmpy alike
-        raise InputError(source.file, f"no FMU that can be read ({error})", "an FMU") from None
+    except Exception as error:  # errors of zipfile, lxml and fmpy
+        raise InputError(source.file, f"the FMU cannot be read ({error})", "a valid FMU") from None
 
 
 @functools.lru_cache(maxsize=16)
 def load_fmu(source: UserSource) -> Fmu:
-    """Unpack an FMU and load its library into this process. Raises InputError for what cannot fly."""
+    """Unpack an FMU and load its library into this process. Raise InputError if unsuitable."""
     check_may_run()
-    folder, described = _describe(source)
+    folder, description = _describe(source)
     import fmpy
 
     recipe: Any = source.recipe
-    version, simulation = int(described.fmiVersion[0]), described.coSimulation
+    version, simulation = int(description.fmiVersion[0]), description.coSimulation
     if (
         version not in _FUNCTIONS
         or simulation is None
         or simulation.canBeInstantiatedOnlyOncePerProcess
     ):
-        found = f"an FMU of FMI {described.fmiVersion} without co-simulation, or with one instance a process"
+        problem = (
+            f"the FMU (FMI {description.fmiVersion}) has no co-simulation, or allows only one "
+            "instance per process"
+        )
         raise InputError(
-            source.file, found, "co-simulation of FMI 2.0 or 3.0, one instance a flight"
+            source.file, problem, "co-simulation of FMI 2.0 or 3.0, with several instances"
         )
     platform = fmpy.platform if version == 2 else fmpy.platform_tuple
     library = (
@@ -111,30 +121,31 @@ def load_fmu(source: UserSource) -> Fmu:
     )
     try:
         dll = ctypes.CDLL(str(library))
-        *functions, make, free = (
+        *functions, create, free = (
             getattr(dll, f"fmi{version}{name}") for name in _FUNCTIONS[version]
         )
     except (OSError, AttributeError) as error:
-        found = f"an FMU whose library does not load here ({error})"
-        raise InputError(source.file, found, "one with binaries for this platform") from None
-    make.restype, free.restype, free.argtypes = ctypes.c_void_p, None, [ctypes.c_void_p]
-    (params, inputs, outputs), misfits = _read_wires(described, recipe, source.file)
+        problem = f"the library of the FMU cannot be loaded ({error})"
+        raise InputError(source.file, problem, "an FMU with binaries for this platform") from None
+    create.restype, free.restype, free.argtypes = ctypes.c_void_p, None, [ctypes.c_void_p]
+    (params, inputs, outputs), misfits = _read_wires(description, recipe, source.file)
     if misfits:
-        raise InputErrors([InputError(source.file, *each[1:]) for each in misfits])
+        raise InputErrors([InputError(source.file, *misfit[1:]) for misfit in misfits])
     try:
         typed = [
-            getattr(dll, f"fmi{version}{verb}{_spoken(version, wire.kind)}")
+            getattr(dll, f"fmi{version}{verb}{_function_suffix(version, wire.kind)}")
             for verb, group in (("Set", (*params, *inputs)), ("Get", outputs))
             for wire in group
             if wire.kind != FLOAT
         ]
     except AttributeError as error:
-        raise InputError(source.file, f"an FMU without a function ({error})", "all") from None
+        problem = f"the FMU lacks a function ({error})"
+        raise InputError(source.file, problem, "all functions of the standard") from None
     return Fmu(
         version,
         tuple(functions),
         tuple(typed),
-        _make_instantiate(make, version, described, folder),
+        _make_instantiate(create, version, description, folder),
         free,
         inputs,
         outputs,
@@ -144,45 +155,49 @@ def load_fmu(source: UserSource) -> Fmu:
                 int(state.valueReference),
                 None if state.start is None else float(state.start),
             )
-            for state in (rate.variable.derivative for rate in described.derivatives)
+            for state in (rate.variable.derivative for rate in description.derivatives)
         },
     )
 
 
-def _spoken(version: int, kind: str) -> str:
-    """The end of the names of the functions of a kind."""
+def _function_suffix(version: int, kind: str) -> str:
+    """Return the suffix of the names of functions for a type, as in ``fmi2SetReal``."""
     if kind.startswith("Boolean"):
         return "Boolean"
     return {FLOAT: "Real", "Int32": "Integer"}[kind] if version == 2 else kind
 
 
-Misfit = tuple[tuple[str, str], str, str]  # keys in the controller file, found, expected
+Misfit = tuple[tuple[str, str], str, str]  # keys in the controller file, problem, expected
 
 
 def _read_wires(
-    described: Any, recipe: Mapping[str, Any], file: str
+    description: Any, recipe: Mapping[str, Any], file: str
 ) -> tuple[tuple[tuple[Wire, ...], ...], list[Misfit]]:
-    """Parameters, inputs and outputs of a law, of each first the 64-bit floats; and what does not fit."""
+    """Return the parameters, inputs and outputs of a law, and the errors of its wiring.
+
+    In each group 64-bit floats come first.
+    """
     misfits: list[Misfit] = []
 
     def read(key: str, items: Iterable[tuple[str, str, str, Any]]) -> tuple[Wire, ...]:
         wires = []
-        for at, name, wired, value in items:
+        for field, name, quantity, value in items:
             try:
-                wires.append(_wire(file, described, name, wired, value))
+                wires.append(_wire(file, description, name, quantity, value))
             except InputError as error:
-                place = "inputs" if at in recipe["constants"] and key == "params" else key
-                misfits.append(((place, at), error.found, error.expected))
+                is_constant = key == "params" and field in recipe["constants"]
+                section = "inputs" if is_constant else key
+                misfits.append(((section, field), error.found, error.expected))
         return tuple(sorted(wires, key=lambda wire: wire.kind != FLOAT))
 
-    own = recipe["effectors"]
+    effectors = recipe["effectors"]
     groups = (
         read("params", ((name, name, name, value) for name, value in recipe["params"].items())),
         read("inputs", ((name, name, wired, None) for name, wired in recipe["inputs"].items())),
         read(
             "outputs",
             (
-                (field, name, f"effectors.{field}" if field in own else field, None)
+                (field, name, f"effectors.{field}" if field in effectors else field, None)
                 for field, name in recipe["outputs"].items()
             ),
         ),
@@ -191,97 +206,108 @@ def _read_wires(
 
 
 def find_misfits(source: UserSource) -> list[Misfit]:
-    """What of a law's wiring does not fit its FMU, whose library is not loaded. Raises InputError for no FMU."""
+    """Return the errors of a law's wiring, without loading the library of its FMU.
+
+    Raise InputError if the FMU cannot be read.
+    """
     recipe: Any = source.recipe
     return _read_wires(_describe(source)[1], recipe, source.file)[1]
 
 
 def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
-    """The states of an FMU as they start; None where one cannot be set. Called in the child."""
+    """Return the start values of the states of an FMU; None if one cannot be set.
+
+    To be called in the child process.
+    """
     starts = {
         name: start for name, (_, start) in load_fmu(source).states.items() if start is not None
     }
     return starts if len(starts) == len(load_fmu(source).states) <= MAX_MEMORY else None
 
 
-def _make_instantiate(make: Any, version: int, described: Any, folder: Path) -> Callable[[], int]:
-    """What makes an instance, by the structures of fmpy; without messages, which nobody would read."""
+def _make_instantiate(
+    create: Any, version: int, description: Any, folder: Path
+) -> Callable[[], int]:
+    """Return a function that creates an instance without messages, with structures of fmpy."""
     from fmpy import fmi2, fmi3
 
-    name, token = described.coSimulation.modelIdentifier.encode(), described.guid.encode()
+    name, token = description.coSimulation.modelIdentifier.encode(), description.guid.encode()
     if version == 2:
-        where = (folder / "resources").as_uri().encode()
+        resources = (folder / "resources").as_uri().encode()
         return lambda: int(
-            make(name, 1, token, where, ctypes.byref(fmi2.defaultCallbacks), 0, 0) or 0
+            create(name, 1, token, resources, ctypes.byref(fmi2.defaultCallbacks), 0, 0) or 0
         )
-    where = f"{folder / 'resources'}{os.sep}".encode()
+    resources = f"{folder / 'resources'}{os.sep}".encode()
     log = fmi3.fmi3LogMessageCallback(fmi3.printLogMessage)
-    no, none = ctypes.c_bool(False), fmi3.fmi3IntermediateUpdateCallback()
-    return lambda: int(
-        make(name, token, where, no, no, no, no, None, ctypes.c_size_t(0), None, log, none) or 0
-    )
+    false, no_callback = ctypes.c_bool(False), fmi3.fmi3IntermediateUpdateCallback()
+    flags, callbacks = (false,) * 4, (None, ctypes.c_size_t(0), None, log, no_callback)
+    return lambda: int(create(name, token, resources, *flags, *callbacks) or 0)
 
 
 def _wire(
-    file: str, described: Any, name: str, wired: str, value: str | float | None = None
+    file: str, description: Any, name: str, quantity: str, value: str | float | None = None
 ) -> Wire:
-    """A variable and what it is wired to, or a parameter and its ``value``.
+    """Return a variable with its wired quantity, or a parameter with its ``value``.
 
-    Raises InputError for a variable that there is not, of another type, or in a unit of another dimension.
+    Raise InputError if the variable does not exist, has an unsuitable type, or a unit of another
+    dimension.
     """
-    variables = {variable.name: variable for variable in described.modelVariables}
+    variables = {variable.name: variable for variable in description.modelVariables}
     variable = variables.get(name)
     if variable is None:
         raise InputError(file, f"no variable '{name}'", one_of(variables, name))
-    kinds = _KINDS[int(described.fmiVersion[0])]
+    kinds = _KINDS[int(description.fmiVersion[0])]
     kind = kinds.get(variable.type)
     if kind is None or variable.shape:
-        found = f"the variable '{name}' of the type {variable.type}"
-        raise InputError(file, found, f"a scalar of {one_of(kinds)}")
+        problem = f"the variable '{name}' has the type {variable.type}"
+        raise InputError(file, problem, f"a scalar of {one_of(kinds)}")
     unit = variable.unit or (
         variable.declaredType.unit if variable.declaredType is not None else None
     )
     if not unit:
-        return Wire(wired, int(variable.valueReference), 1.0, 0.0, kind)
-    base = {each.name: each.baseUnit for each in described.unitDefinitions}.get(unit)
+        return Wire(quantity, int(variable.valueReference), 1.0, 0.0, kind)
+    base = {definition.name: definition.baseUnit for definition in description.unitDefinitions}.get(
+        unit
+    )
     try:
         factor, exponents = (
             parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
         )
     except Refusal:
-        found = f"the unit '{unit}' of '{name}', which the FMU does not define"
-        raise InputError(file, found, "a unit with its base units") from None
-    expected = find_unit(wired) if value is None else unit_of(value)
-    given = parse_unit(expected or "")[1]
-    places = 4 if value is not None and not any(given) else 3  # radians are often left out
-    if expected is not None and exponents[:places] != given[:places]:
-        found = (
+        problem = f"the FMU does not define the unit '{unit}' of '{name}'"
+        raise InputError(file, problem, "a unit with its base units") from None
+    expected = find_unit(quantity) if value is None else unit_of(value)
+    dimension = parse_unit(expected or "")[1]
+    compared = 4 if value is not None and not any(dimension) else 3  # radians are often left out
+    if expected is not None and exponents[:compared] != dimension[:compared]:
+        problem = (
             f"'{name}' in {unit}"
             if value is None
             else f"'{name}: {value}' of a parameter in {unit}"
         )
-        raise InputError(file, found, f"a quantity in {expected if value is None else unit}")
+        raise InputError(file, problem, f"a quantity in {expected if value is None else unit}")
     offset = 0.0 if base is None else base.offset
-    return Wire(wired, int(variable.valueReference), factor, offset, kind)
+    return Wire(quantity, int(variable.valueReference), factor, offset, kind)
 
 
 def open_fmu(
     source: UserSource,
     gains: tuple[str, ...],
     width: int,
-    places: int,
+    flights: int,
     memory: int | None,
     _: int,
     effectors: tuple[str, ...],
 ) -> OpenLaw:
-    """The law for ``width`` lanes, with instances for ``places`` flights; ``effectors`` are the vehicle's.
+    """Return the law for ``width`` lanes, with instances for ``flights`` flights.
 
-    With ``memory`` the lanes' rows hold the states that the FMU names, as those of a compiled law, and an instance is
-    reset and given them at each tick. Raises InputError.
+    ``effectors`` are those of the vehicle. With ``memory`` the rows of the lanes store the states
+    that the FMU declares, like those of a compiled law, and an instance is reset and receives
+    them at each tick. Raise InputError if the wiring or the FMU is unsuitable.
     """
     fmu = load_fmu(source)
     states = tuple(reference for reference, _ in fmu.states.values()) if memory is not None else ()
-    places = places if memory is None else width
+    flights = flights if memory is None else width
     unknown = [
         wire.name
         for wire in fmu.inputs
@@ -289,7 +315,9 @@ def open_fmu(
     ]
     if unknown:
         raise InputError(
-            source.file, f"an input from '{unknown[0]}'", one_of([f"gains.{g}" for g in gains])
+            source.file,
+            f"an input is wired to the unknown '{unknown[0]}'",
+            one_of([f"gains.{g}" for g in gains]),
         )
     recipe: Any = source.recipe
     rows = tuple(zip(find_commanded(source), effector_rows(source, effectors), strict=True))
@@ -303,10 +331,10 @@ def open_fmu(
         remade=memory,
         effectors=rows,
     )
-    instances = np.array([fmu.instantiate() for _ in range(places)], np.int64)
+    instances = np.array([fmu.instantiate() for _ in range(flights)], np.int64)
     if not instances.all():
         raise InputError(
-            source.file, "an FMU that makes no instance", "one for each of many flights"
+            source.file, "the FMU creates no instance", "an instance for each of many flights"
         )
     starts = {
         wire: (parse_any(recipe["params"][wire.name]) - wire.offset) / wire.factor
@@ -330,19 +358,19 @@ def open_fmu(
     ]
     references = [np.array(group or [0], np.uint32) for group in (*groups, states)]
     references.append(np.array([wire.reference for wire in typed] or [0], np.uint32))
-    functions, more = (
+    functions, typed_functions = (
         [int(ctypes.cast(function, ctypes.c_void_p).value or 0) for function in group]
         for group in (fmu.functions, fmu.typed)
     )
     pointers = [array.ctypes.data for array in (*references[:4], values, instances)]
     context = np.array(
-        [*functions, *pointers, places, 0, *more, references[4].ctypes.data], np.int64
+        [*functions, *pointers, flights, 0, *typed_functions, references[4].ctypes.data], np.int64
     )
-    held = loop, values, references, context
+    resources = loop, values, references, context
     return OpenLaw(
         int(loop.address),
         int(context.ctypes.data),
-        held,
+        resources,
         lambda: any(map(fmu.free, instances.tolist())),
     )
 

@@ -1,4 +1,4 @@
-"""What the kernel calls for an FMU: the text of a loop over the lanes for a wiring, compiled."""
+"""Compiled loop over the lanes that calls an FMU, generated as text for its wiring."""
 
 import functools
 import math
@@ -14,12 +14,12 @@ from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
 from abhv_mc.user_code.native_loop import build_native
 
-FLAGS = 8  # numbers' room for what a step of FMI 3.0 says
+FLAGS = 8  # numbers reserved for the flags that a step of FMI 3.0 returns
 
 
 FLOAT = "Float64"
 _INTEGERS = {f"{sign}Int{bits}": (not sign, bits) for sign in ("", "U") for bits in (8, 16, 32, 64)}
-NAMES = {  # in the texts of these
+NAMES = {  # available to the generated text
     "floor": math.floor,
     "int64": np.int64,
     "int32": np.int32,
@@ -29,17 +29,17 @@ NAMES = {  # in the texts of these
 
 
 class Wire(NamedTuple):
-    """A variable of the FMU and the quantity that it is wired to: SI is ``offset + factor * value``."""
+    """Variable of the FMU and its wired quantity; SI is ``offset + factor * value``."""
 
     name: str  # measured.altitude, gains.k, time, or a field of Command
     reference: int
     factor: float
     offset: float
-    kind: str = FLOAT  # of FMI 3.0; Boolean1 and Boolean4 by their bytes
+    kind: str = FLOAT  # type of FMI 3.0; Boolean1 and Boolean4 by their number of bytes
 
 
 def _ends(kind: str) -> tuple[float, float]:
-    """The least and the greatest integer of a kind that is passed in a signed integer of 64 bits."""
+    """Return the smallest and largest integer of a type that a signed 64-bit integer can pass."""
     signed, bits = _INTEGERS[kind]
     if bits == 64:
         return (-(2.0**63) if signed else 0.0), 2.0**63 - 1024.0
@@ -47,7 +47,7 @@ def _ends(kind: str) -> tuple[float, float]:
 
 
 def pack(kind: str, value: float) -> int:
-    """The integer whose low bytes hold a value of a kind; 0 for 64-bit floats."""
+    """Return the integer whose low bytes are a value of a type; 0 for 64-bit floats."""
     if kind == FLOAT:
         return 0
     if kind.startswith("Boolean"):
@@ -59,7 +59,7 @@ def pack(kind: str, value: float) -> int:
 
 
 def encode(kind: str, value: str) -> str:
-    """The text of what :func:`pack` computes."""
+    """Return the expression that computes :func:`pack`."""
     if kind.startswith("Boolean"):
         return f"(1 if {value} != 0.0 else 0)"
     if kind == "Float32":
@@ -69,7 +69,7 @@ def encode(kind: str, value: str) -> str:
 
 
 def decode(kind: str, bits: str) -> str:
-    """The text of the float that the low bytes of an integer are in a kind."""
+    """Return the expression of the float that the low bytes of an integer represent."""
     if kind.startswith("Boolean"):
         return f"(1.0 if ({bits} & {2 ** (8 * int(kind[7:])) - 1}) != 0 else 0.0)"
     if kind == "Float32":
@@ -94,41 +94,43 @@ def compile_fmu_adapter(
     remade: int | None,
     effectors: tuple[tuple[str, int], ...] = (),
 ) -> Any:
-    """The compiled loop for a wiring; ``remade``: states that are in the lanes' rows and set anew at each tick.
+    """Return the compiled loop for a wiring.
 
-    Variables of 64-bit floats are set and read in one call; each of another kind has eight bytes and a call.
-
-    ``effectors``: name and row of those that it commands.
+    ``remade`` is the number of states that the lanes store and that are set at each tick.
+    ``effectors`` are the names and rows of the commanded effectors. Variables of 64-bit floats are
+    set and read in one call; each variable of another type has eight bytes and a call.
     """
     written = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)) | {
         f"effectors.{name}": row for name, row in effectors
     }
 
-    at = functools.partial(lane_of, width)
+    lane = functools.partial(lane_of, width)
 
     def source(name: str) -> str:
         group, _, field = name.partition(".")
         if group == "measured":
-            return at(s.MEASURED + Measured._fields.index(field))
+            return lane(s.MEASURED + Measured._fields.index(field))
         if group == "reference":
             return f"row[r + {REFERENCE.index(field)}]"
         if group == "onboard":
-            return at(ONBOARD_ROWS[onboard_fields().index(field)])
+            return lane(ONBOARD_ROWS[onboard_fields().index(field)])
         return "time" if group == "time" else f"column[k + {gains.index(field)}]"
 
     def to_fmu(wire: Wire) -> str:
-        plain = source(wire.name)
+        value = source(wire.name)
         return (
-            plain
+            value
             if (wire.factor, wire.offset) == (1.0, 0.0)
-            else f"({plain} - {wire.offset!r}) / {wire.factor!r}"
+            else f"({value} - {wire.offset!r}) / {wire.factor!r}"
         )
 
     def from_fmu(field: str) -> str:
         for i, wire in enumerate(outputs):
             if wire.name == field:
-                plain = (wire.factor, wire.offset) == (1.0, 0.0)
-                return f"out[{i}]" if plain else f"{wire.offset!r} + {wire.factor!r} * out[{i}]"
+                is_unscaled = (wire.factor, wire.offset) == (1.0, 0.0)
+                return (
+                    f"out[{i}]" if is_unscaled else f"{wire.offset!r} + {wire.factor!r} * out[{i}]"
+                )
         return "inf"
 
     typed = [wire for wire in (*params, *inputs, *outputs) if wire.kind != FLOAT]
@@ -142,13 +144,13 @@ def compile_fmu_adapter(
     at_typed = at_states + 8 * (remade or 0)
 
     def call(function: str, group: str, numbers: int, byte: int) -> str:
-        again = f", {numbers}" if version == 3 else ""
-        return f"call_c({function}, (instance, {group}, {numbers}, place + {byte}{again}))"
+        count = f", {numbers}" if version == 3 else ""
+        return f"call_c({function}, (instance, {group}, {numbers}, place + {byte}{count}))"
 
     def call_typed(wire: Wire) -> str:
-        k, again = typed.index(wire), ", 1" if version == 3 else ""
-        given = f"(instance, typed_references + {4 * k}, 1, place + {at_typed + 8 * k}{again})"
-        return f"failed = max(failed, call_c(context[{15 + k}], {given}))"
+        k, count = typed.index(wire), ", 1" if version == 3 else ""
+        arguments = f"(instance, typed_references + {4 * k}, 1, place + {at_typed + 8 * k}{count})"
+        return f"failed = max(failed, call_c(context[{15 + k}], {arguments}))"
 
     typed_in = [wire for wire in inputs if wire.kind != FLOAT]
     typed_out = [wire for wire in outputs if wire.kind != FLOAT]
@@ -164,7 +166,7 @@ def compile_fmu_adapter(
     for i, wire in enumerate(typed_out, n_floats):
         bits = f"float_bits(slots[{typed.index(wire)}])"
         read.append(f"out[{i}] = {decode(wire.kind, bits)}")
-    rows = [at(MEMORY + i) for i in range(remade or 0)]
+    rows = [lane(MEMORY + i) for i in range(remade or 0)]
     timing = "(instance, no, 0.0, time, no, 0.0)"
     put_inputs = call("put", "inputs", n_inputs, 8 * n_params)
     begin = [f"failed = max(failed, call_c(setup, {timing}))"] if version == 2 else []
@@ -188,8 +190,8 @@ def compile_fmu_adapter(
         if rows
         else []
     )
-    told = ", flags, flags + 8, flags + 16, flags + 24" if version == 3 else ""
-    before = f"""\
+    flag_pointers = ", flags, flags + 8, flags + 16, flags + 24" if version == 3 else ""
+    setup = f"""\
 reset, setup, enter, leave = context[0], context[1], context[2], context[3]
 put, step, get = context[4], context[5], context[6]
 params, inputs, outputs, states = context[7], context[8], context[9], context[10]
@@ -198,7 +200,7 @@ value, out, flags = floats_at(place + {8 * n_params}), floats_at(place + {at_out
 numbers, kept = floats_at(instances), floats_at(place + {at_states})
 slots, typed_references = floats_at(place + {at_typed}), context[{15 + len(typed)}]
 time, r, k = tick * dt, tick * {len(REFERENCE)}, tick * {len(gains)}"""
-    each = f"""\
+    body = f"""\
 instance = float_bits(numbers[number])
 {indent(0, fill)}
 for i in range({n_inputs}):
@@ -210,7 +212,7 @@ if failed <= 1:
     failed = {put_inputs}
 {indent(4, set_typed)}
 if failed <= 1 and total - total == 0.0:
-    failed = call_c(step, (instance, time, dt, yes{told}))
+    failed = call_c(step, (instance, time, dt, yes{flag_pointers}))
 if failed <= 1:
     failed = {call("get", "outputs", n_floats, at_outputs)}
 {indent(4, read)}
@@ -219,5 +221,5 @@ if failed <= 1:
     if typed:
         names |= {**NAMES, "bits_float": bits_float}
     texts = {row: from_fmu(field) for field, row in written.items()}
-    place = (14, "context[13]") if remade is None else None
-    return build_native(width, before, each, "failed > 1", n_outputs, texts, place, names)
+    instance_slot = (14, "context[13]") if remade is None else None
+    return build_native(width, setup, body, "failed > 1", n_outputs, texts, instance_slot, names)

@@ -1,1 +1,1 @@
-"""JSBSim models read: aerodynamics as Python functions, metrics and mass as a vehicle file."""
+"""Import of JSBSim models: aerodynamics as Python functions, metrics and mass as a vehicle file."""

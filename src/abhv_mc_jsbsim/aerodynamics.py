@@ -1,7 +1,8 @@
-"""The aerodynamics of a JSBSim model as one Python function from the program's quantities to coefficients.
+"""Aerodynamics of a JSBSim model as one Python function that returns coefficients.
 
-A force is ``qbar S`` times its coefficient and a moment that times a length. Most functions of a model are products
-with these factors, which are left out; a function that is built otherwise is divided by them.
+A force is ``qbar S`` times its coefficient, and a moment is also multiplied by a length. Most
+functions of a model are products with these factors, which are omitted; other functions are
+divided by them.
 """
 
 from collections.abc import Iterable
@@ -25,7 +26,7 @@ from abhv_mc_jsbsim.properties import (
     UNKNOWN_RATES,
 )
 
-# Forces by the names of axes: the frame, and each axis' coefficient with its sign.
+# Names of force axes -> frame, and sign and coefficient of each axis.
 _FRAMES = {
     ("LIFT", "DRAG"): ("wind", {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CC")}),
     ("AXIAL", "NORMAL"): ("body", {"AXIAL": ("-", "CX"), "NORMAL": ("-", "CZ"), "SIDE": ("", "CY")}),
@@ -53,7 +54,7 @@ _LEFT_OUT = {
 
 @dataclass
 class Setting:
-    """A number that no quantity of the program gives, and the functions that use it."""
+    """Constant for a property without a quantity of abhv-mc, and the functions that use it."""
 
     key: str
     value: float
@@ -61,27 +62,31 @@ class Setting:
 
 
 class Aerodynamics:
-    """The functions of a model, read in the order in which they need each other."""
+    """Functions of a model in the order of their dependence."""
 
     def __init__(
         self,
         node: Node,
-        known: dict[str, float],
+        metrics: dict[str, float],
         values: dict[str, float],
-        full: dict[str, float],
-        taken: Iterable[str],
+        full_deflections: dict[str, float],
+        reserved: Iterable[str],
     ) -> None:
-        """Metrics (``known``), the file's own properties (``values``) and ``full`` deflections in rad, by property."""
+        """Read the functions of ``node``.
+
+        Metrics, ``values`` of the file's properties and full deflections (rad) are by property;
+        ``reserved`` are names that the generated module must not define.
+        """
         self.settings: dict[str, Setting] = {}  # by property
         self.notes: list[str] = []
         self.body: list[Line] = []
-        self._taken = {*taken, *_NAMES}
+        self._taken = {*reserved, *_NAMES}
         self._expressions = Expressions(self._resolve, self._taken)
-        self._known, self._values, self._full = known, values, full
-        self._functions: dict[str, tuple[Node, str | None]] = {}  # by property: function, axis
-        self._done: dict[str, str] = {}  # text of a value, by property
+        self._known, self._values, self._full = metrics, values, full_deflections
+        self._functions: dict[str, tuple[Node, str | None]] = {}  # property -> function, axis
+        self._done: dict[str, str] = {}  # property -> expression of its value
         self._pending: list[str] = []
-        self._terms: dict[str, list[str]] = {}  # names of an axis' coefficients
+        self._terms: dict[str, list[str]] = {}  # axis -> names of its coefficients
         axes = {}
         for child in node.children:
             if child.name in _LEFT_OUT:
@@ -102,37 +107,38 @@ class Aerodynamics:
 
     @property
     def tables(self) -> list[Line]:
-        """The statements of the tables."""
+        """Statements that define the tables."""
         return self._expressions.tables
 
     def _choose_frame(
         self, node: Node, axes: dict[str, Node]
     ) -> tuple[str, dict[str, tuple[str, str]]]:
         forces = [name for name in axes if name not in _MOMENTS]
-        found = next(
-            (made for names, made in _FRAMES.items() if any(name in forces for name in names)), None
+        match = next(
+            (layout for names, layout in _FRAMES.items() if any(name in forces for name in names)),
+            None,
         )
-        if found is None:
+        if match is None:
             raise node.refuse(
                 f"the axes {', '.join(axes) or 'none'}",
-                "LIFT, DRAG and SIDE, or those of another frame",
+                "the axes LIFT, DRAG and SIDE, or those of another frame",
             )
-        frame, names = found
+        frame, names = match
         for name, axis in axes.items():
             if name not in names and name not in _MOMENTS:
                 raise axis.refuse(
-                    f"the axis '{name}' beside {', '.join(forces)}",
+                    f"the axis '{name}' together with {', '.join(forces)}",
                     one_of((*names, *_MOMENTS), name),
                 )
-            given = axis.attributes.get("frame", "")
+            frame_name = axis.attributes.get("frame", "")
             natural = {"BODY"} if name in _MOMENTS or frame == "body" else {"WIND", "STABILITY"}
-            if given and given not in natural:
+            if frame_name and frame_name not in natural:
                 raise axis.refuse(
-                    f"the axis '{name}' in the frame '{given}'", one_of(natural, given)
+                    f"the axis '{name}' in the frame '{frame_name}'", one_of(natural, frame_name)
                 )
             if axis.attributes.get("unit", "LBS") not in ("LBS", "LBSFT", "LBS*FT", "FT*LBS"):
                 raise axis.refuse(f"the unit '{axis.attributes['unit']}'", "LBS")
-            if given == "STABILITY":
+            if frame_name == "STABILITY":
                 frame, names = "stability", _STABILITY
         return frame, names
 
@@ -143,16 +149,16 @@ class Aerodynamics:
         self._functions[name] = (function, axis)
 
     def _read(self, name: str) -> str:
-        """Write a function behind those that it needs; return the text of its value."""
+        """Add a function after those that it needs, and return the expression of its value."""
         if name in self._done:
             return self._done[name]
         function, axis = self._functions[name]
         if name in self._pending:
-            raise function.refuse(f"'{name}', which needs itself", "functions without a circle")
+            raise function.refuse(f"'{name}' depends on itself", "functions without a cycle")
         self._pending.append(name)
         key = free_name(name.rpartition("/")[2], self._taken)
         self._taken.add(key)
-        operand, made = operand_of(function), key
+        operand, value = operand_of(function), key
         if axis is None:
             text = self._expressions.read(operand, key)
         else:
@@ -160,24 +166,24 @@ class Aerodynamics:
             self._terms[axis].append(key)
             scale = f"air.dynamic_pressure / PSF * {number(self._known[AREA])}"
             length = f" * {number(self._known[_MOMENTS[axis][1]])}" if axis in _MOMENTS else ""
-            made = f"({key} * {scale}{length})"
-        words = function.words("description").replace("_", " ")
+            value = f"({key} * {scale}{length})"
+        description = function.words("description").replace("_", " ")
         too_long = len(f"{INDENT}{key} = {text}") > WIDTH
-        self.body.append(Line(f"{key} = {f'({text})' if too_long else text}", words or name))
+        self.body.append(Line(f"{key} = {f'({text})' if too_long else text}", description or name))
         self._pending.pop()
-        self._done[name] = made
-        return made
+        self._done[name] = value
+        return value
 
     def _coefficient(self, operand: Node, key: str, axis: str) -> str:
-        """A function of an axis without dynamic pressure, area and length."""
+        """Return a function of an axis without its factors dynamic pressure, area and length."""
         factors = factors_of(operand)
         names = [
             property_of(factor)[1] if factor.name in ("property", "p") else "" for factor in factors
         ]
         length = _MOMENTS[axis][1] if axis in _MOMENTS else None
         if (rate := next((name for name in UNKNOWN_RATES if name in names), None)) is not None:
-            constants = [each for each in factors if each.name in ("value", "v")]
-            if all(each.number(each.text) for each in constants):
+            constants = [constant for constant in factors if constant.name in ("value", "v")]
+            if all(constant.number(constant.text) for constant in constants):
                 self.notes.append(f"{rate} of {self._pending[-1]}, which is 0 here")
             return "0.0"
         if PRESSURE_AREA not in names and not {DYNAMIC_PRESSURE, AREA} <= set(names):
@@ -186,33 +192,33 @@ class Aerodynamics:
             return self._expressions.tidy(
                 operand, f"{text} / (larger(air.dynamic_pressure, 1e-9) / PSF * {scale})"
             )
-        left = list(range(len(factors)))
+        remaining = list(range(len(factors)))
         signs = ""
 
         def take(name: str) -> bool:
             nonlocal signs
-            k = next((k for k in left if names[k] == name), None)
+            k = next((k for k in remaining if names[k] == name), None)
             if k is not None:
-                left.remove(k)
+                remaining.remove(k)
                 signs += property_of(factors[k])[0]
             return k is not None
 
         if not take(PRESSURE_AREA):
             take(DYNAMIC_PRESSURE)
             take(AREA)
-        over = "" if length is None or take(length) else f" / {number(self._known[length])}"
-        parts = []
+        divisor = "" if length is None or take(length) else f" / {number(self._known[length])}"
+        terms = []
         for pair, text in REDUCED:
-            if all(any(names[k] == name for k in left) for name in pair):
+            if all(any(names[k] == name for k in remaining) for name in pair):
                 for name in pair:
                     take(name)
-                parts.append(text)
-        parts += [self._expressions.value(factors[k], key) for k in left]
-        product = " * ".join(parts) or "1.0"
-        return self._expressions.tidy(operand, f"{'-' if len(signs) % 2 else ''}{product}{over}")
+                terms.append(text)
+        terms += [self._expressions.value(factors[k], key) for k in remaining]
+        product = " * ".join(terms) or "1.0"
+        return self._expressions.tidy(operand, f"{'-' if len(signs) % 2 else ''}{product}{divisor}")
 
     def _resolve(self, name: str, node: Node) -> str:
-        """The text of a property. Raises InputError."""
+        """Return the expression of a property. Raise InputError if it cannot be computed."""
         if name in self._functions:
             return self._read(name)
         if name in self._known:
@@ -225,7 +231,7 @@ class Aerodynamics:
             self.notes.append(f"{name}, which is 0 here")
             return "0.0"
         if name in GROUND:
-            self.notes.append("ground effect of anything but the sea at altitude 0")
+            self.notes.append("ground effect of terrain above sea level")
         if name in PROPERTIES:
             return PROPERTIES[name]
         if name in NORMS:
@@ -242,7 +248,7 @@ class Aerodynamics:
 
     def _lift_squared(self, node: Node) -> str:
         if self.frame == "body":
-            raise node.refuse("the square of the lift coefficient of a model without it", "LIFT")
+            raise node.refuse("the model has no lift coefficient to be squared", "the axis LIFT")
         if LIFT_SQUARED not in self._done:
             lift = [name for name, (_, axis) in self._functions.items() if axis == "LIFT"]
             for name in lift:

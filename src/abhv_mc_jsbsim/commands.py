@@ -1,4 +1,4 @@
-"""The command ``import jsbsim``."""
+"""Command ``import jsbsim``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,18 +11,24 @@ from abhv_mc.cli.printing import announce_warnings, say
 
 def jsbsim(
     model: Annotated[
-        Path, typer.Argument(metavar="MODEL.xml", help="A JSBSim model of an aircraft.")
+        Path, typer.Argument(metavar="MODEL.xml", help="JSBSim model of an aircraft.")
     ],
-    out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle.")],
+    out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle files.")],
 ) -> None:
-    """Write a JSBSim model's aerodynamics, metrics and mass as a vehicle; what else it has is named."""
+    """Import aerodynamics, metrics and mass of a JSBSim model as a vehicle.
+
+    Parts of the model that are not imported are listed.
+    """
     from abhv_mc_jsbsim.import_vehicle import import_jsbsim
 
     imported = import_jsbsim(model, out)
     for path in imported.paths:
         say(path)
     for name in imported.settings:
-        say(f"a number in the vehicle file: {name}")
+        say(f"constant in the vehicle file: {name}")
     for name in imported.left_out:
         say(f"left out: {name}")
-    announce_warnings(f"{path} was edited; the new text is beside it" for path in imported.kept)
+    announce_warnings(
+        f"{path} was edited and is kept; the new text is written next to it"
+        for path in imported.kept
+    )

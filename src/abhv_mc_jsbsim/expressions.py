@@ -1,6 +1,6 @@
-"""JSBSim's functions and tables as the text of Python expressions, by a fixed list of elements.
+"""Translation of JSBSim functions and tables to Python expressions, for a fixed list of elements.
 
-Nothing that a file says becomes code: its names become identifiers, its numbers are read and written anew.
+No text of a file becomes code: names are converted to identifiers, and numbers are parsed.
 """
 
 import ast
@@ -46,58 +46,61 @@ Resolve = Callable[[str, Node], str]
 
 
 def operand_of(function: Node) -> Node:
-    """The one element that gives a function its value. Raises InputError."""
+    """Return the only element with the value of a function. Raise InputError if not unique."""
     operands = [child for child in function.children if child.name not in _WORDS]
     if len(operands) != 1:
-        raise function.refuse(f"a function of {len(operands)} elements", "one")
+        raise function.refuse(f"the function has {len(operands)} elements", "one element")
     return operands[0]
 
 
 def property_of(node: Node) -> tuple[str, str]:
-    """The sign, empty or ``-``, and the name of a property."""
+    """Return the sign, empty or ``-``, and the name of a property."""
     name = node.text
     return ("-", name[1:]) if name.startswith("-") else ("", name)
 
 
 def factors_of(node: Node) -> list[Node]:
-    """The factors of a product and of products in it; else the element itself."""
+    """Return the factors of a product and its nested products, or the element itself."""
     if node.name != "product":
         return [node]
     return [factor for child in node.children for factor in factors_of(child)]
 
 
 class Expressions:
-    """Elements as text. Tables are collected, each once, as statements of the module."""
+    """Translator of elements; collects each table once as a statement of the module."""
 
-    def __init__(self, resolve: Resolve, taken: set[str]) -> None:
-        self._resolve, self._taken = resolve, taken
-        self._tables: dict[str, str] = {}  # name by text
+    def __init__(self, resolve: Resolve, reserved: set[str]) -> None:
+        self._resolve, self._taken = resolve, reserved
+        self._tables: dict[str, str] = {}  # text -> name
 
     @property
     def tables(self) -> list[Line]:
-        """The tables that were read."""
+        """Statements that define the tables."""
         return [Line(f"{name} = {text}") for text, name in self._tables.items()]
 
     def read(self, node: Node, name: str) -> str:
-        """The value of an element, whose tables are named after ``name``. Raises InputError."""
+        """Return the expression of an element, whose tables are named after ``name``.
+
+        Raise InputError if the element is not supported.
+        """
         return self.tidy(node, self.value(node, name))
 
     @staticmethod
     def tidy(node: Node, text: str) -> str:
-        """A text without brackets that it does not need. Raises InputError."""
+        """Return an expression without superfluous brackets. Raise InputError if too deep."""
         try:
             return ast.unparse(ast.parse(text, mode="eval"))
         except (SyntaxError, RecursionError, MemoryError):
             raise node.refuse(
-                "a function too deep for Python", "parts of it as functions"
+                "the function is too deeply nested for Python", "several smaller functions"
             ) from None
 
     def value(self, node: Node, name: str) -> str:
-        """As :meth:`read`, with more brackets."""
+        """Return the expression of an element like :meth:`read`, with superfluous brackets."""
         kind = node.name
         if kind in _PROPERTY:
-            sign, used = property_of(node)
-            text = self._resolve(used, node)
+            sign, property_name = property_of(node)
+            text = self._resolve(property_name, node)
             return f"({sign}{text})" if sign else text
         if kind in _VALUE:
             return f"({number(node.number(node.text))})"
@@ -114,7 +117,8 @@ class Expressions:
         if kind in _FOLDED and count:
             return functools.reduce(_FOLDED[kind].format, operands)
         if kind in _TRUTHS and count:
-            return f"(1.0 if {_TRUTHS[kind].join(f'{each} != 0.0' for each in operands)} else 0.0)"
+            condition = _TRUTHS[kind].join(f"{operand} != 0.0" for operand in operands)
+            return f"(1.0 if {condition} else 0.0)"
         if kind == "ifthen" and count == 3:
             return f"({operands[1]} if {operands[0]} != 0.0 else {operands[2]})"
         if kind == "pow" and count == 2:
@@ -123,47 +127,47 @@ class Expressions:
         if kind in patterns:
             return patterns[kind].format(*operands)
         if kind in _OPERATORS:
-            raise node.refuse(f"'{kind}' of {count} operands", "as many as it takes")
+            raise node.refuse(f"'{kind}' of {count} operands", "another number of operands")
         raise node.refuse(f"the element '{kind}'", one_of(_OPERATORS, kind))
 
     @staticmethod
     def _power(base: str, exponent: str) -> str:
         try:
-            known = float(ast.literal_eval(exponent))
+            value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        whole = abs(known) <= 64 and known == int(known)  # real for a negative base, too
-        return f"({base} ** {int(known)})" if whole else f"power({base}, {exponent})"
+        is_integer = abs(value) <= 64 and value == int(value)  # also for a negative base
+        return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
 
     def _table(self, node: Node, name: str) -> str:
         by_axis = {}
         for k, variable in enumerate(node.all("independentVar")):
             axis = variable.attributes.get("lookup", ("row", "column", "table")[min(k, 2)])
-            sign, used = property_of(variable)
-            by_axis[axis] = f"{sign}{self._resolve(used, variable)}"
+            sign, property_name = property_of(variable)
+            by_axis[axis] = f"{sign}{self._resolve(property_name, variable)}"
         grids, values = _read_table(node, len(by_axis))
         axes = ("row", "column", "table")[: len(by_axis)]
         if set(by_axis) != set(axes):
             raise node.refuse(
                 f"a table over {', '.join(by_axis) or 'nothing'}", "row, column, table"
             )
-        keep = [k for k, grid in enumerate(grids) if len(grid) > 1]
-        values = values.squeeze(tuple(k for k in range(len(grids)) if k not in keep))
-        if not keep:
+        long_axes = [k for k, grid in enumerate(grids) if len(grid) > 1]
+        values = values.squeeze(tuple(k for k in range(len(grids)) if k not in long_axes))
+        if not long_axes:
             return f"({number(float(values))})"
-        for k in keep:
+        for k in long_axes:
             if not (np.diff(grids[k]) > 0.0).all():
-                raise node.refuse("breakpoints that do not rise", "a table by rising breakpoints")
-        text = call("table", [*(sequence(grids[k]) for k in keep), sequence(values)])
+                raise node.refuse("the breakpoints are not ascending", "ascending breakpoints")
+        text = call("table", [*(sequence(grids[k]) for k in long_axes), sequence(values)])
         if text not in self._tables:
-            made = free_name(f"{name}_table", self._taken)
-            self._taken.add(made)
-            self._tables[text] = made
-        return call(self._tables[text], (by_axis[axes[k]] for k in keep))
+            table_name = free_name(f"{name}_table", self._taken)
+            self._taken.add(table_name)
+            self._tables[text] = table_name
+        return call(self._tables[text], (by_axis[axes[k]] for k in long_axes))
 
 
 def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
-    """The grids of rows, columns and tables, as many as there are, and the values over them."""
+    """Return the grids of the axes of a table, and the values on them."""
     blocks = node.all("tableData")
     if axes in (1, 2) and len(blocks) == 1:
         *grids, values = _read_block(blocks[0], axes)
@@ -171,18 +175,18 @@ def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
     if axes != 3 or not blocks:
         raise node.refuse(f"a table of {axes} axes and {len(blocks)} blocks", "1 to 3 axes")
     levels = np.array([block.number(block.attributes.get("breakPoint", "")) for block in blocks])
-    read = [_read_block(block, 2) for block in blocks]
-    rows = np.unique(np.concatenate([block[0] for block in read]))
-    columns = np.unique(np.concatenate([block[1] for block in read]))
-    # A block bilinear on its own grid is so on the grid of all, too, and is held outside.
-    held = [_on_grid(own, rows, columns) for own in read]
-    return [rows, columns, levels], np.stack(held, axis=-1)
+    tables = [_read_block(block, 2) for block in blocks]
+    rows = np.unique(np.concatenate([block[0] for block in tables]))
+    columns = np.unique(np.concatenate([block[1] for block in tables]))
+    # A block that is bilinear on its own grid is so on the common grid, and constant outside.
+    resampled = [_on_grid(block, rows, columns) for block in tables]
+    return [rows, columns, levels], np.stack(resampled, axis=-1)
 
 
 def _on_grid(block: Sequence[Floats], rows: Floats, columns: Floats) -> Floats:
     own_rows, own_columns, values = block
-    wide = np.array([np.interp(columns, own_columns, row) for row in values])
-    return np.array([np.interp(rows, own_rows, column) for column in wide.T]).T
+    resampled = np.array([np.interp(columns, own_columns, row) for row in values])
+    return np.array([np.interp(rows, own_rows, column) for column in resampled.T]).T
 
 
 def _read_block(data: Node, axes: int) -> tuple[Floats, ...]:

@@ -1,4 +1,4 @@
-"""``abhv-mc import jsbsim``: from a JSBSim model to a folder with a Python module and a vehicle file."""
+"""Import of a JSBSim model into a folder with a Python module and a vehicle file."""
 
 import hashlib
 import math
@@ -34,8 +34,8 @@ from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_b
 from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG, SPAN, SQUARE_FOOT
 
 _MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
-_LIMIT = 30.0  # deg, of deflections: what a model's flight control allows is not read
-_ANGLES = (-20.0, 45.0)  # deg, of attack, where the lift rises as far
+_LIMIT = 30.0  # deg, of deflections, because limits in the model's flight control are not read
+_ANGLES = (-20.0, 45.0)  # deg, largest range of angles of attack
 _LOW_SPEED = {
     "altitude": 0.0,
     "mach": 0.3,
@@ -47,7 +47,7 @@ _LOW_SPEED = {
     "sideslip": 0.0,
 }
 _SURFACES = ("aileron", "rudder", "elevator")
-_PARTS = {  # of a model, that are not read
+_UNREAD = {  # sections of a model that are not imported -> their items and description
     "ground_reactions": ("contact", "landing gear and contacts"),
     "external_reactions": ("force", "external forces"),
     "buoyant_forces": ("gas_cell", "buoyant forces"),
@@ -59,65 +59,75 @@ _PARTS = {  # of a model, that are not read
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import wrote and what it left out."""
+    """Files that an import wrote, and parts of the model that it left out."""
 
     paths: tuple[Path, ...]
     left_out: tuple[str, ...]
-    settings: tuple[str, ...]  # properties that stand in the vehicle file as numbers
-    kept: tuple[Path, ...]  # files that were edited, whose new text is written beside them
+    settings: tuple[str, ...]  # properties that are constants in the vehicle file
+    kept: tuple[Path, ...]  # edited files, whose new text is written next to them
 
 
 def import_jsbsim(path: Path, folder: Path) -> Imported:
-    """Write a model into a folder. Raises :class:`abhv_mc.io.input_error.InputError` with line and column."""
+    """Write a model into a folder. Raise InputError, with line and column, if it is unsuitable."""
     root, content = read_xml(path, "a JSBSim model")
     if root.name != "fdm_config":
-        raise root.refuse(f"the element '{root.name}'", "a JSBSim model: 'fdm_config'")
-    metrics, node = _part(root, "metrics"), _part(root, "aerodynamics")
-    mass = read_mass(_part(root, "mass_balance"), root.first("propulsion"))
+        raise root.refuse(
+            f"the element '{root.name}'", "the element 'fdm_config' of a JSBSim model"
+        )
+    metrics, node = _section(root, "metrics"), _section(root, "aerodynamics")
+    mass = read_mass(_section(root, "mass_balance"), root.first("propulsion"))
     center = to_body(mass.center - reference_point(metrics))
-    known = _read_metrics(metrics)
-    known |= {"inertia/weight-lbs": mass.mass / POUND, "inertia/mass-slugs": mass.mass / SLUG}
+    properties = _read_metrics(metrics)
+    properties |= {"inertia/weight-lbs": mass.mass / POUND, "inertia/mass-slugs": mass.mass / SLUG}
     values = {
         child.text: child.number(child.attributes["value"])
         for parent in (root, node)
         for child in parent.all("property")
         if "value" in child.attributes
     }
-    taken = (*extend.__all__, *FROM_MATH, *CONSTANTS, "SPAN", "CHORD")
-    aerodynamics = Aerodynamics(node, known, values, _full_deflections(root), taken)
+    reserved = (*extend.__all__, *FROM_MATH, *CONSTANTS, "SPAN", "CHORD")
+    aerodynamics = Aerodynamics(node, properties, values, _full_deflections(root), reserved)
     origin = (
         f"Imported from {fold(path.name)} (JSBSim), SHA-256 {hashlib.sha256(content).hexdigest()}."
     )
-    module = _write_module(aerodynamics, origin, known)
+    module = _write_module(aerodynamics, origin, properties)
     idle = [
-        f"the {name}: no function uses it" for name in _SURFACES if f"controls.{name}" not in module
+        f"the {name}: not used by any function"
+        for name in _SURFACES
+        if f"controls.{name}" not in module
     ]
     left_out = (*_left_out(root, mass, center), *aerodynamics.notes, *idle)
     angles = _rising_lift(module, aerodynamics)
     texts = {
         _MODULE: module,
         _VEHICLE: _write_vehicle(
-            path, aerodynamics, mass, center, known, angles=angles, left_out=left_out
+            path, aerodynamics, mass, center, properties, angles=angles, left_out=left_out
         ),
     }
-    paths, kept = write_unless_edited(folder, texts)
-    return Imported(tuple(paths), left_out, tuple(aerodynamics.settings), kept)
+    paths, edited = write_unless_edited(folder, texts)
+    return Imported(tuple(paths), left_out, tuple(aerodynamics.settings), edited)
 
 
-def _part(root: Node, name: str) -> Node:
-    """A part of the model, which may stand in a file of its own. Raises InputError."""
-    found = root.first(name)
-    if found is not None and (file := found.attributes.get("file")):
+def _section(root: Node, name: str) -> Node:
+    """Return a section of the model, which may be in a separate file.
+
+    Raise InputError if it is missing or empty.
+    """
+    node = root.first(name)
+    if node is not None and (file := node.attributes.get("file")):
         path = root.path.parent / (file if file.endswith(".xml") else f"{file}.xml")
-        found = read_xml(path, f"the {name} of a JSBSim model")[0]
-    if found is None or not found.children:
-        raise (found or root).refuse(f"no {name}", "one")
-    return found
+        node = read_xml(path, f"the {name} of a JSBSim model")[0]
+    if node is None or not node.children:
+        raise (node or root).refuse(f"no element '{name}'", f"a model with '{name}'")
+    return node
 
 
 def _read_metrics(metrics: Node) -> dict[str, float]:
-    """The metrics by the names of their properties, in JSBSim's units. Raises InputError."""
-    found = {}
+    """Return the metrics by the names of their properties, in JSBSim's units.
+
+    Raise InputError if one is invalid.
+    """
+    properties = {}
     for name, kind, unit, key in (
         ("wingarea", "area", SQUARE_FOOT, AREA),
         ("wingspan", "length", FOOT, SPAN),
@@ -128,15 +138,17 @@ def _read_metrics(metrics: Node) -> dict[str, float]:
         ("vtailarm", "length", FOOT, "metrics/lv-ft"),
     ):
         node = metrics.first(name)
-        found[key] = quantity(node, kind, {"area": "FT2", "length": "FT"}[kind]) / unit
-        if key in (AREA, SPAN, CHORD) and not found[key] > 0.0:
-            raise (node or metrics).refuse(f"the {name} {found[key]:g}", "one above 0")
-    return found
+        properties[key] = quantity(node, kind, {"area": "FT2", "length": "FT"}[kind]) / unit
+        if key in (AREA, SPAN, CHORD) and not properties[key] > 0.0:
+            raise (node or metrics).refuse(
+                f"the {name} is {properties[key]:g}", "a positive number"
+            )
+    return properties
 
 
 def _full_deflections(root: Node) -> dict[str, float]:
-    """Full deflections in rad by the property that a component of the flight control puts out."""
-    found = {"": math.radians(_LIMIT)}
+    """Return full deflections in rad by the output property of a flight control component."""
+    deflections = {"": math.radians(_LIMIT)}
     pending = list(root.all("flight_control"))
     while pending:
         node = pending.pop()
@@ -144,8 +156,8 @@ def _full_deflections(root: Node) -> dict[str, float]:
         limits, output = node.first("range"), node.words("output")
         if limits is not None and output.endswith("-rad"):
             ends = [abs(limits.number(limits.words(end) or "0")) for end in ("min", "max")]
-            found[output] = max(ends) or found[""]
-    return found
+            deflections[output] = max(ends) or deflections[""]
+    return deflections
 
 
 def _engine(node: Node) -> str:
@@ -155,47 +167,48 @@ def _engine(node: Node) -> str:
 
 
 def _left_out(root: Node, mass: Mass, center: Floats) -> list[str]:
-    """What a model has beyond what a vehicle file holds."""
-    found = []
-    for name, (child, words) in _PARTS.items():
-        for part in root.all(name):
-            title = part.attributes.get("name") or part.attributes.get("file") or ""
-            names = [fold(each.attributes.get("name", child)) for each in part.all(child)]
-            about = ", ".join(filter(None, (fold(title), *names)))
-            if part.children or part.attributes:
-                found.append(f"{words}: {about}" if about else words)
+    """Return descriptions of the parts of a model that a vehicle file cannot represent."""
+    notes = []
+    for name, (child, description) in _UNREAD.items():
+        for section in root.all(name):
+            title = section.attributes.get("name") or section.attributes.get("file") or ""
+            names = [fold(item.attributes.get("name", child)) for item in section.all(child)]
+            items = ", ".join(filter(None, (fold(title), *names)))
+            if section.children or section.attributes:
+                notes.append(f"{description}: {items}" if items else description)
     propulsion = root.first("propulsion")
     engines = Counter(map(_engine, propulsion.all("engine") if propulsion else ()))
-    found += [f"{count} x {engine}" for engine, count in engines.items()]
+    notes += [f"{count} x {engine}" for engine, count in engines.items()]
     if abs(center[1]) > 1e-6:
-        found.append(f"centre of gravity {center[1]:.4g} m to the right of the plane of symmetry")
+        notes.append(f"centre of gravity {center[1]:.4g} m to the right of the plane of symmetry")
     for axis, (i, k) in {"xy": (0, 1), "yz": (1, 2)}.items():
         if abs(mass.inertia[i, k]) > 1e-9 * np.trace(mass.inertia):
-            found.append(
-                f"element {i + 1}{k + 1} of the inertia matrix ({axis}), {mass.inertia[i, k]:.4g} kg m2"
+            notes.append(
+                f"element {i + 1}{k + 1} of the inertia matrix ({axis}), "
+                f"{mass.inertia[i, k]:.4g} kg m2"
             )
-    return found
+    return notes
 
 
-def _write_module(aerodynamics: Aerodynamics, origin: str, known: dict[str, float]) -> str:
+def _write_module(aerodynamics: Aerodynamics, origin: str, properties: dict[str, float]) -> str:
     settings = [
         declare(setting.key, f"{fold(name)}, of {fold(', '.join(setting.used_by))}")
         for name, setting in aerodynamics.settings.items()
     ]
-    head = "def coefficients(air, controls, rates, settings):"
-    about = f"Coefficients in {aerodynamics.frame} axes, moments about the model's reference point."
+    signature = "def coefficients(air, controls, rates, settings):"
+    doc = f"Coefficients in {aerodynamics.frame} axes, moments about the model's reference point."
     lines = [
         *(
-            define("class Settings(NamedTuple):", "What the vehicle file gives.", settings)
+            define("class Settings(NamedTuple):", "Constants of the vehicle file.", settings)
             if settings
             else ()
         ),
         *aerodynamics.tables,
-        *define(head, about, aerodynamics.body),
+        *define(signature, doc, aerodynamics.body),
     ]
     used = names_in(lines)
     modules = (("math", FROM_MATH), ("typing", ("NamedTuple",)), ("abhv_mc.extend", extend.__all__))
-    lengths = {"SPAN": (known[SPAN] * FOOT, "m"), "CHORD": (known[CHORD] * FOOT, "m")}
+    lengths = {"SPAN": (properties[SPAN] * FOOT, "m"), "CHORD": (properties[CHORD] * FOOT, "m")}
     constants = [
         Line(f"{name} = {number(value)}", unit)
         for name, (value, unit) in (CONSTANTS | lengths).items()
@@ -205,9 +218,11 @@ def _write_module(aerodynamics: Aerodynamics, origin: str, known: dict[str, floa
 
 
 def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]:
-    """Angles of attack in deg, around 0, between which the lift rises: what trims is there."""
+    """Return the range of angles of attack around 0, in deg, in which the lift increases."""
     function = run_module(UserSource(module, _MODULE)).names["coefficients"]
-    settings = SimpleNamespace(**{each.key: each.value for each in aerodynamics.settings.values()})
+    settings = SimpleNamespace(
+        **{setting.key: setting.value for setting in aerodynamics.settings.values()}
+    )
     controls, rates = (
         SimpleNamespace(**dict.fromkeys(names, 0.0))
         for names in (_SURFACES, ("roll_rate", "pitch_rate", "yaw_rate"))
@@ -217,10 +232,12 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
     for angle in np.radians(angles):
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
         try:
-            made = function(air, controls, rates, settings)
-        except (ArithmeticError, ValueError):  # such as a division by the angle, at 0
+            coefficients = function(air, controls, rates, settings)
+        except (ArithmeticError, ValueError):  # for example a division by an angle of 0
             return _ANGLES
-        lift.append(made.CL + made.CX * np.sin(angle) - made.CZ * np.cos(angle))
+        lift.append(
+            coefficients.CL + coefficients.CX * np.sin(angle) - coefficients.CZ * np.cos(angle)
+        )
     middle = int(np.argmin(np.abs(angles)))
     falls = np.flatnonzero(np.diff(lift) <= 0.0)
     first = max(falls[falls < middle], default=-1) + 1
@@ -233,7 +250,7 @@ def _write_vehicle(
     aerodynamics: Aerodynamics,
     mass: Mass,
     center: Floats,
-    known: dict[str, float],
+    properties: dict[str, float],
     *,
     angles: tuple[float, float],
     left_out: Sequence[str],
@@ -244,16 +261,16 @@ def _write_vehicle(
         for name, setting in aerodynamics.settings.items()
     ]
     lines = [
-        f"# Imported from {fold(path.name)} (JSBSim). Left out of the model:",
-        *(f"# - {fold(each)}" for each in left_out),
+        f"# Imported from {fold(path.name)} (JSBSim). Parts that were left out:",
+        *(f"# - {fold(note)}" for note in left_out),
         f"name: {free_name(path.stem.lower())}",
         "",
         "reference:",
-        f"  area: {known[AREA] * SQUARE_FOOT!r} m2",
-        f"  span: {known[SPAN] * FOOT!r} m",
-        f"  chord: {known[CHORD] * FOOT!r} m",
+        f"  area: {properties[AREA] * SQUARE_FOOT!r} m2",
+        f"  span: {properties[SPAN] * FOOT!r} m",
+        f"  chord: {properties[CHORD] * FOOT!r} m",
         "",
-        f"mass: # the empty vehicle{''.join(f', {fold(each)}' for each in mass.added)}",
+        f"mass: # the empty vehicle{''.join(f', {fold(note)}' for note in mass.added)}",
         f"  start: {float(mass.mass)!r} kg",
         "  points:",
         f"    - mass: {float(mass.mass)!r} kg",
@@ -265,16 +282,20 @@ def _write_vehicle(
         f"      center_of_gravity_x: {float(center[0])!r} m",
         f"      center_of_gravity_z: {float(center[2])!r} m",
         "",
-        "surfaces: # the model's flight control is left out",
+        "surfaces: # without the flight control of the model",
         "  ideal: true",
         f"  limit: {_LIMIT:g} deg",
         "",
         "aerodynamics:",
         f"  python: {_MODULE}",
         f"  frame: {aerodynamics.frame}",
-        *(["  settings: # no quantity of the program gives these", *settings] if settings else ()),
+        *(
+            ["  settings: # properties without a quantity of abhv-mc", *settings]
+            if settings
+            else ()
+        ),
         "",
-        "limits: # a flight ends outside; angles from the least to the most lift at low speed",
+        "limits: # flights end outside; the lift increases in this range at low speed",
         f"  angle_of_attack: [{angles[0]:g} deg, {angles[1]:g} deg]",
         "  sideslip: 30 deg",
     ]

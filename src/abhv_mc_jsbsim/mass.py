@@ -1,4 +1,4 @@
-"""The mass of a JSBSim model as the file states it: the empty vehicle, its point masses and what its tanks hold."""
+"""Mass of a JSBSim model: empty vehicle, point masses and contents of the tanks."""
 
 from dataclasses import dataclass
 
@@ -19,17 +19,23 @@ _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> float:
-    """The number of an element in SI; ``unit`` where it names none. Raises InputError."""
+    """Return the number of an element in SI; ``unit`` is the default unit.
+
+    Raise InputError if the number or its unit is invalid.
+    """
     if node is None:
         return missing
-    known, given = _UNITS[kind], node.attributes.get("unit", unit)
-    if given not in known:
-        raise node.refuse(f"the unit '{given}'", one_of(known, given))
-    return node.number(node.text) * known[given]
+    factors, name = _UNITS[kind], node.attributes.get("unit", unit)
+    if name not in factors:
+        raise node.refuse(f"the unit '{name}'", one_of(factors, name))
+    return node.number(node.text) * factors[name]
 
 
 def location(node: Node | None) -> Floats:
-    """A place ``[axis]`` in the structural frame, m: aft, right, up. Raises InputError."""
+    """Return a position [axis] in the structural frame (aft, right, up), m.
+
+    Raise InputError if it is invalid.
+    """
     if node is None:
         return np.zeros(3)
     factor = _UNITS["length"].get(node.attributes.get("unit", "IN"))
@@ -40,16 +46,19 @@ def location(node: Node | None) -> Floats:
 
 @dataclass(frozen=True)
 class Mass:
-    """Mass, centre of gravity in the structural frame and inertia matrix about it in body axes, SI."""
+    """Mass, centre of gravity in the structural frame, and inertia matrix about it in body axes.
+
+    All values are in SI units.
+    """
 
     mass: float
     center: Floats  # [axis]
     inertia: Floats  # [axis, axis]
-    added: tuple[str, ...]  # what is in it beside the empty vehicle
+    added: tuple[str, ...]  # descriptions of masses added to the empty vehicle
 
 
 def read_mass(balance: Node, propulsion: Node | None) -> Mass:
-    """Add up the mass of a model. Raises InputError."""
+    """Return the total mass of a model. Raise InputError if it is not positive."""
     empty = quantity(balance.first("emptywt"), "mass", "LBS")
     bodies = [(empty, location(_located(balance, "CG")))]
     own = {axis: quantity(balance.first(f"i{axis}"), "inertia", "SLUG*FT2") for axis in _AXES}
@@ -60,7 +69,7 @@ def read_mass(balance: Node, propulsion: Node | None) -> Mass:
         mass = quantity(point.first("weight"), "mass", "LBS")
         bodies.append((mass, location(point.first("location"))))
         name = point.attributes.get("name", "point mass")
-        form = " (as a point, without its form)" if point.first("form") is not None else ""
+        form = " (as a point without extent)" if point.first("form") is not None else ""
         added.append(f"{name} {mass:.4g} kg{form}")
     for k, tank in enumerate(propulsion.all("tank") if propulsion else ()):
         mass = quantity(tank.first("contents"), "mass", "LBS")
@@ -70,29 +79,36 @@ def read_mass(balance: Node, propulsion: Node | None) -> Mass:
         added.append(f"tank {k} {mass:.4g} kg")
     total = sum(mass for mass, _ in bodies)
     if not total > 0.0:
-        raise balance.refuse(f"a mass of {total:g} kg", "one above 0")
-    center = np.sum([mass * place for mass, place in bodies], axis=0) / total
-    for mass, place in bodies:
-        arm = to_body(place - center)
+        raise balance.refuse(f"the mass is {total:g} kg", "a positive mass")
+    center = np.sum([mass * position for mass, position in bodies], axis=0) / total
+    for mass, position in bodies:
+        arm = to_body(position - center)
         inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Mass(total, center, inertia, tuple(added))
 
 
 def to_body(structural: Floats) -> Floats:
-    """Forward, right, down of aft, right, up."""
+    """Return a vector in body axes (forward, right, down) from the structural frame."""
     return structural * np.array([-1.0, 1.0, -1.0])
 
 
 def _located(node: Node, name: str) -> Node | None:
-    places = node.all("location")
-    return next((place for place in places if place.attributes.get("name") == name), None)
+    locations = node.all("location")
+    return next(
+        (
+            node_location
+            for node_location in locations
+            if node_location.attributes.get("name") == name
+        ),
+        None,
+    )
 
 
 def reference_point(metrics: Node) -> Floats:
-    """Where the aerodynamic forces act, in the structural frame, m."""
+    """Return the reference point of the aerodynamic forces in the structural frame, m."""
     return location(_located(metrics, "AERORP"))
 
 
-def _matrix(of: dict[str, float], sign: float) -> Floats:
-    xy, xz, yz = (sign * of[axis] for axis in ("xy", "xz", "yz"))
-    return np.array([[of["xx"], xy, xz], [xy, of["yy"], yz], [xz, yz, of["zz"]]])
+def _matrix(moments: dict[str, float], sign: float) -> Floats:
+    xy, xz, yz = (sign * moments[axis] for axis in ("xy", "xz", "yz"))
+    return np.array([[moments["xx"], xy, xz], [xy, moments["yy"], yz], [xz, yz, moments["zz"]]])

@@ -1,8 +1,11 @@
-"""JSBSim's properties in the words of a vehicle's function: SI and radians on its side, JSBSim's units on theirs."""
+"""Expressions of JSBSim properties by the arguments of a vehicle function.
+
+The arguments are in SI units and radians, the properties in JSBSim's units.
+"""
 
 FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 0.45359237, 14.593902937206364  # m, m, kg, kg
 SQUARE_FOOT = FOOT**2
-CONSTANTS = {  # of a written module, where they are used
+CONSTANTS = {  # defined in a generated module if used
     "DEGREE": (3.141592653589793 / 180.0, "rad"),
     "FOOT": (FOOT, "m"),
     "PSF": (47.88025898033584, "Pa"),
@@ -14,9 +17,9 @@ DYNAMIC_PRESSURE, AREA, SPAN, CHORD = (
     "metrics/bw-ft",
     "metrics/cbarw-ft",
 )
-PRESSURE_AREA = "aero/qbar-area"  # their product
+PRESSURE_AREA = "aero/qbar-area"  # product of DYNAMIC_PRESSURE and AREA
 LIFT_SQUARED = "aero/cl-squared"
-UNKNOWN_RATES = ("aero/alphadot-rad_sec", "aero/betadot-rad_sec")  # no function is given these
+UNKNOWN_RATES = ("aero/alphadot-rad_sec", "aero/betadot-rad_sec")  # not available to functions
 GROUND = ("aero/h_b-mac-ft", "aero/h_b-cg-ft")
 
 _SPAN_TIME = "(0.5 * SPAN / larger(air.airspeed, 1e-3))"
@@ -70,14 +73,14 @@ PROPERTIES = {
     **_angle("fcs/elevator-pos", "controls.elevator"),
     **_angle("fcs/rudder-pos", "controls.rudder"),
 }  # fmt: skip
-NORMS = {  # shares of a full deflection
+NORMS = {  # deflections as fractions of the full one
     "fcs/left-aileron-pos-norm": ("fcs/left-aileron-pos-rad", "controls.aileron"),
     "fcs/aileron-pos-norm": ("fcs/aileron-pos-rad", "controls.aileron"),
     "fcs/right-aileron-pos-norm": ("fcs/right-aileron-pos-rad", "(-controls.aileron)"),
     "fcs/elevator-pos-norm": ("fcs/elevator-pos-rad", "controls.elevator"),
     "fcs/rudder-pos-norm": ("fcs/rudder-pos-rad", "controls.rudder"),
 }
-REDUCED = (  # pairs of factors that are one reduced rate
+REDUCED = (  # pairs of factors whose product is a reduced rate
     *((("aero/bi2vel", f"velocities/p{end}"), "rates.roll_rate") for end in ("-aero-rad_sec", "-rad_sec")),
     *((("aero/ci2vel", f"velocities/q{end}"), "rates.pitch_rate") for end in ("-aero-rad_sec", "-rad_sec")),
     *((("aero/bi2vel", f"velocities/r{end}"), "rates.yaw_rate") for end in ("-aero-rad_sec", "-rad_sec")),

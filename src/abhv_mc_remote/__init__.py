@@ -1,1 +1,1 @@
-"""Campaigns elsewhere: folders in object storage, and flights on a Dask cluster."""
+"""Campaign folders in object storage, and flights on a Dask cluster."""

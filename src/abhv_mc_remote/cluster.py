@@ -1,7 +1,8 @@
-"""Flights on a Dask cluster: each block is a task, and the plan travels with the work as plain arrays.
+"""Flights on a Dask cluster: each block is a task, and plans are sent as plain arrays.
 
-Dask flies a block whose worker died on another one; a block that ends several workers comes back as lost and is
-flown in pieces (see :mod:`abhv_mc.execution.retry`). Workers may come and go while a campaign flies.
+If a worker dies, Dask runs its block on another one. A block that ends several workers is reported
+as lost and computed in smaller pieces (see :mod:`abhv_mc.execution.retry`). Workers may join and
+leave during a campaign.
 """
 
 import logging
@@ -17,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import sign
-from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
+from abhv_mc.execution.attestation import sign
+from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.execution.retry import (
     FlightLostError,
     UnusableError,
@@ -42,20 +43,21 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray]
 
-_LIMIT = 600.0  # s that one flight, or 16 in a batch, may take
+_LIMIT = 600.0  # s: time limit of one flight, or of 16 in a batch
 _CONNECT = 10.0  # s to find the scheduler
-_PER_THREAD = (
-    2  # blocks under way for each thread of the cluster, so that none waits for the next one
-)
-_MOST_PLANS = 32  # held on the cluster: `tune` has one for each candidate
-_FEWEST = 16  # blocks under way at least: room for workers that join later
+_PER_THREAD = 2  # submitted blocks per thread of the cluster, so that no thread waits for a block
+_MOST_PLANS = 32  # stored on the cluster; `tune` has one for each candidate
+_FEWEST = 16  # submitted blocks, so that workers which join later have work
 _COMPILING = "abhv-mc-compiling"  # topic of the events that workers send
 _warm: set[tuple[str, bool, str, str]] = set()
 _warming = threading.Lock()
 
 
 def hold_plan(arrays: Arrays) -> Arrays:
-    """A task whose result is its input: workers hand it on to each other, and Dask makes it anew where it is lost."""
+    """Return the arrays of a plan unchanged.
+
+    As the result of a task they are passed between workers, and Dask restores them after a loss.
+    """
     return arrays
 
 
@@ -68,16 +70,16 @@ def fly_remote(
     recorded: Recorded,
     limit: float,
 ) -> FlightBlock:
-    """What a worker of the cluster does: the block, signed.
+    """Compute a block on a worker of the cluster, and sign it.
 
-    A flight that hangs ends its process: Dask takes it for a worker that died.
+    A flight that exceeds the time limit ends the process, which Dask treats as a dead worker.
     """
     plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:
-        return sign(make_failed(plan, None))  # refused where it is merged, before it costs a flight
+        return sign(make_failed(plan, None))  # rejected by the parent before any flight
     allow_here()
-    if plan.source is not None and (words := refuse_platform(plan.source)) is not None:
-        raise UnusableError(f"a worker of the cluster has {words}")
+    if plan.source is not None and (problem := refuse_platform(plan.source)) is not None:
+        raise UnusableError(f"a worker of the cluster has {problem}")
     with _warming:
         kind = (
             f"{plan.law} {plan.source_hash} {plan.channels_hash} {plan.vehicle.foreign.digest}",
@@ -87,7 +89,9 @@ def fly_remote(
         )
         if kind not in _warm:
             set_compile_listener(_report_compiling)
-            fly(plan, nominal_parameters(), None)  # loads or compiles, which is no flight's time
+            fly(
+                plan, nominal_parameters(), None
+            )  # loads or compiles, which must not count as flight time
             _warm.add(kind)
     watch = _Watch(limit)
     try:
@@ -98,10 +102,10 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Tell the launching command that this worker compiles; not that it waits for another one."""
+    """Tell the launching command that this worker compiles, unless it waits for another one."""
     from distributed import get_worker
 
-    with suppress(ValueError):  # no worker runs this thread
+    with suppress(ValueError):  # this thread belongs to no worker
         worker = get_worker()
         if not elsewhere:
             worker.log_event(_COMPILING, worker.address)
@@ -109,17 +113,24 @@ def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
 
 
 def _print_compiling(event: tuple[float, str]) -> None:
-    words = "compiles the flight (a minute, once per machine and kind of campaign)"
-    print(f"worker {event[1]} {words}", file=sys.stderr, flush=True)
+    print(
+        f"worker {event[1]} compiles the flight (a minute, once per machine and kind of campaign)",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def fly_user_remote(
     fly: Fly, source: str, plan: FlightPlan, parameters: Floats, recorded: Recorded
 ) -> FlightBlock:
-    """What a worker of the cluster does with a user's simulator, which lies there as here: the block, signed."""
+    """Compute a block of a user's simulator on a worker, and sign it.
+
+    The simulator's files must be installed on the worker.
+    """
     if source and code_hash() != source:
         raise UnusableError(
-            "a worker of the cluster has another version of the program: start it anew"
+            "a worker of the cluster has another version of the program: restart it with the"
+            " campaign's"
         )
     try:
         return sign(fly(plan, parameters, recorded))
@@ -128,7 +139,7 @@ def fly_user_remote(
 
 
 class _Watch:
-    """Ends the process where a batch takes longer than ``limit``, s."""
+    """Timer that ends the process if a batch takes longer than ``limit`` (s)."""
 
     def __init__(self, limit: float) -> None:
         self._limit, self._timer = limit, threading.Timer(limit, os._exit, (1,))
@@ -144,21 +155,22 @@ class _Watch:
 
 
 class Cluster:
-    """Flies on the workers of a scheduler; threads may call :meth:`fly` side by side."""
+    """Executor on the workers of a scheduler; :meth:`fly` is thread-safe."""
 
     def __init__(self, client: "Client", engine: Engine, limit: float | None) -> None:
         self._client, self._engine = client, engine
         self._limit = limit or _LIMIT
-        self._plans: dict[int, tuple[Future, FlightPlan]] = {}  # held, so that no id comes twice
+        # Future and plan by the plan's id; the reference to the plan keeps its id unique.
+        self._plans: dict[int, tuple[Future, FlightPlan]] = {}
         self._lock = threading.Lock()
 
     @property
     def workers(self) -> int:
-        """Blocks to have under way."""
+        """Number of blocks to compute at the same time."""
         return max(_FEWEST, _PER_THREAD * sum(self._client.nthreads().values()))
 
     def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        """Compute a block on the cluster. Raises FlightLostError and UnusableError."""
+        """Compute a block on the cluster. Raise FlightLostError or UnusableError."""
         if self._engine.close is None:
             return self._attempt(plan, parameters, recorded)
         block = self._attempt(with_surplus(plan), parameters, recorded)
@@ -166,83 +178,82 @@ class Cluster:
         return block
 
     def close(self) -> None:
-        """Forget the plans; the connection ends with :func:`connect_cluster`."""
+        """Release the plans; :func:`connect_cluster` closes the connection."""
         self._plans.clear()
 
-    def _hold(self, plan: FlightPlan) -> "Future":
-        """The plan on the cluster: held anew where Dask gave it up, as it does after workers that died with it."""
+    def _send_plan(self, plan: FlightPlan) -> "Future":
+        """Return the plan on the cluster, sent again if Dask lost it with its workers."""
         with self._lock:
-            held, _ = self._plans.get(id(plan), (None, plan))
-            if held is None or held.status == "error":
-                while (
-                    len(self._plans) >= _MOST_PLANS
-                ):  # the oldest; flights under way hold it on their own
+            future, _ = self._plans.get(id(plan), (None, plan))
+            if future is None or future.status == "error":
+                # Release the oldest plans; tasks in progress keep theirs.
+                while len(self._plans) >= _MOST_PLANS:
                     del self._plans[next(iter(self._plans))]
-                held = self._client.submit(hold_plan, flatten(plan), pure=False)
-                self._plans[id(plan)] = held, plan
-            return held
+                future = self._client.submit(hold_plan, flatten(plan), pure=False)
+                self._plans[id(plan)] = future, plan
+            return future
 
     def _attempt(self, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self._engine, time_limit(min(len(parameters), AT_ONCE), self._limit)
+        engine, limit = self._engine, time_limit(min(len(parameters), BATCH_FLIGHTS), self._limit)
         source = engine.source if engine.checked else ""
         if engine.close is not None:
             future = self._client.submit(
                 fly_user_remote, engine.fly, source, plan, parameters, recorded, pure=False
             )
         else:
-            given = self._hold(plan), code_of(plan), parameters, recorded, limit
-            future = self._client.submit(fly_remote, engine.fly, source, *given, pure=False)
+            arguments = self._send_plan(plan), code_of(plan), parameters, recorded, limit
+            future = self._client.submit(fly_remote, engine.fly, source, *arguments, pure=False)
         try:
             block: FlightBlock = future.result()
             return block
         except UnusableError:
             raise
         except KilledWorker as error:
-            words = f"workers of the cluster ended on it ({error.last_worker.address})"
-            raise FlightLostError(words, process=True) from None
+            problem = f"workers of the cluster ended on it ({error.last_worker.address})"
+            raise FlightLostError(problem, process=True) from None
         except (CancelledError, OSError) as error:
-            raise UnusableError(f"the cluster is gone: {type(error).__name__}: {error}") from None
+            raise UnusableError(
+                f"the connection to the cluster was lost: {type(error).__name__}: {error}"
+            ) from None
         except Exception as error:
             raise FlightLostError(f"{type(error).__name__}: {error}") from None
 
 
 @contextmanager
 def connect_cluster(address: str) -> Iterator[OpenExecutor]:
-    """Yield what opens executors on the cluster whose scheduler is at ``address``. Raises InputError."""
+    """Yield the function that opens executors on the scheduler at ``address``.
+
+    Raise InputError if Dask is not installed or no scheduler answers.
+    """
     try:
         from distributed import Client
     except ImportError:
-        wish = "pip install dask distributed"
-        raise InputError("--scheduler", "no Dask in this installation", wish) from None
+        expected = "pip install dask distributed"
+        raise InputError("--scheduler", "Dask is not installed", expected) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
-    except Exception as error:  # of any kind, as whatever listens there may say anything
-        found = (
-            f"no scheduler at '{address}' ({(str(error) or type(error).__name__).splitlines()[0]})"
-        )
-        raise InputError("--scheduler", found, "an address such as tcp://host:8786") from None
-    logging.getLogger("distributed.client").setLevel(
-        logging.CRITICAL
-    )  # the command says in words what went wrong
+    except Exception as error:  # another program at this address may answer anything
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        problem = f"no scheduler at '{address}' ({reason})"
+        raise InputError("--scheduler", problem, "an address such as tcp://host:8786") from None
+    # The command itself reports what went wrong.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with client:
         client.subscribe_topic(_COMPILING, _print_compiling)
-        told = False
+        has_waited = False
         try:
             while not client.nthreads():
-                if not told:
+                if not has_waited:
                     print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
-                    told = True
+                    has_waited = True
                 time.sleep(0.2)
             yield partial(Cluster, client)
-        except (
-            OSError,
-            RuntimeError,
-        ) as error:  # Dask raises these and others of no class of its own
+        except (OSError, RuntimeError) as error:  # Dask has no common class for its errors
             if client.status == "running":
                 raise
             raise UnusableError(
-                f"the scheduler at {address} is gone ({type(error).__name__}: {error}): "
+                f"the scheduler at {address} does not answer ({type(error).__name__}: {error}): "
                 "completed flights are kept, and the same command resumes"
             ) from None

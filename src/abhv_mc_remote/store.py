@@ -1,5 +1,7 @@
-"""Campaign folders at an address: a campaign flies in a local folder, and what is new there is copied to the address
-every few seconds, the manifest last.
+"""Campaign folders at an address.
+
+A campaign runs in a local folder. Every few seconds, new files are copied to the address, the
+manifest last.
 """
 
 import contextlib
@@ -19,22 +21,21 @@ from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 from abhv_mc_remote.objects import LEASE_NAME, Lease, Objects, open_objects, read_holder
 
-PUSH_INTERVAL = 5.0  # s: what the loss of this machine costs
+PUSH_INTERVAL = 5.0  # s of work that are lost with this machine
 _MANIFEST = "manifest.json"
 
 
 class Remote:
-    """A folder at an address, and the local one that it is kept like."""
+    """Folder at an address and its local copy."""
 
     def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
-        """``lease``: without it nothing is written once it is lost."""
+        """Pair the folders; once ``lease`` is lost, nothing is written to the address."""
         self.store, self.local, self._lease = store, local, lease
-        self._held: dict[
-            str, tuple[int, int] | None
-        ] = {}  # what the address holds -> size and time of ours
+        # Size and time of the local file by the name of each object at the address.
+        self._stamps: dict[str, tuple[int, int] | None] = {}
 
     def pull(self, pattern: str = "*") -> None:
-        """Copy what the address holds into the local folder: all, or the names that fit a pattern."""
+        """Copy the objects whose names fit a pattern into the local folder."""
         for info in self.store.find():
             name = info.path[len(self.store.base) + 1 :]
             if (
@@ -43,10 +44,10 @@ class Remote:
                 or not fnmatch(name, pattern)
             ):
                 continue
-            if not is_inside(name):  # an object's name is any text
-                found = f"an object named '{name}', which leads out of the folder"
+            if not is_inside(name):  # the name of an object may be any text
+                problem = f"an object named '{name}', which leads out of the folder"
                 raise InputError(
-                    str(self.store.address), found, "a campaign's folder, as it was written"
+                    str(self.store.address), problem, "the folder of a campaign, unchanged"
                 )
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,20 +56,20 @@ class Remote:
                 path.open("wb") as target,
             ):
                 shutil.copyfileobj(source, target)
-            if name.startswith("inputs/simulator/"):  # object stores keep no executable bit
+            if name.startswith("inputs/simulator/"):  # object stores have no executable bit
                 path.chmod(0o700)
-            self._held[name] = _stamp(path)
+            self._stamps[name] = _stamp(path)
 
     def push(self) -> None:
-        """Make the address hold what the local folder holds; the manifest, as it was before the others, comes last.
+        """Copy the content of the local folder to the address.
 
-        Raises InputError once another process has taken the lease over.
+        The manifest is read before the other files and written after them. Raise InputError if
+        another process has taken the lease over.
         """
         manifest = self.local / _MANIFEST
         content = manifest.read_bytes() if manifest.exists() else None
-        if (
-            content is None and _MANIFEST in self._held
-        ):  # deleted: without it, nothing looks like a campaign
+        # If the manifest was deleted, its object goes first: the rest is then no campaign.
+        if content is None and _MANIFEST in self._stamps:
             self._delete(_MANIFEST)
         names = [
             p.relative_to(self.local).as_posix()
@@ -84,17 +85,17 @@ class Remote:
                 self._upload(name)
         if content is not None:
             self._write(_MANIFEST, content)
-            self._held[_MANIFEST] = None
-        for name in self._held.keys() - set(names):
+            self._stamps[_MANIFEST] = None
+        for name in self._stamps.keys() - set(names):
             self._delete(name)
 
     def _upload(self, name: str) -> None:
         path = self.local / name
-        with contextlib.suppress(FileNotFoundError):  # it was there a moment ago
+        with contextlib.suppress(FileNotFoundError):  # deleted since it was listed
             stamp = _stamp(path)
-            if self._held.get(name) != stamp:
+            if self._stamps.get(name) != stamp:
                 self._write(name, path.read_bytes())
-                self._held[name] = stamp
+                self._stamps[name] = stamp
 
     def _write(self, name: str, content: bytes) -> None:
         if self._lease is not None and self._lease.lost is not None:
@@ -103,7 +104,7 @@ class Remote:
 
     def _delete(self, name: str) -> None:
         self.store.delete(name)
-        self._held.pop(name, None)
+        self._stamps.pop(name, None)
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -112,7 +113,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 class ObjectStore:
-    """Campaign folders at an address, by the contract :class:`abhv_mc.interfaces.Store`."""
+    """Store of campaign folders at an address (:class:`abhv_mc.interfaces.Store`)."""
 
     local = None
 
@@ -123,13 +124,13 @@ class ObjectStore:
     def reading(self, pattern: str = "*") -> Iterator[Path]:
         """Yield a temporary copy of the files whose names fit ``pattern``."""
         with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-            copy = Path(folder) / "copy"  # nobody else's folders beside it
+            copy = Path(folder) / "copy"  # the temporary folder contains nothing else
             with _explain_store_error(self._objects.address):
                 Remote(self._objects, copy).pull(pattern)
             yield copy
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return who writes to the folder ``name``, and its size in bytes."""
+        """Return the writer of the folder ``name``, None without one, and the size in bytes."""
         objects = self._objects.below(name)
         with _explain_store_error(objects.address):
             holder, _ = read_holder(objects) or (None, "")
@@ -137,10 +138,11 @@ class ObjectStore:
 
     @contextlib.contextmanager
     def writing(self, staging: Path | None = None) -> Iterator[Path]:
-        """Yield a local folder whose content goes to the address as it comes, while this process has the lease.
+        """Yield a local folder whose files are copied to the address while this process runs.
 
-        ``staging``: where the local folder is made, by default in the system's folder for temporary files. A run whose
-        lease another process has taken over is interrupted and writes nothing more to the address.
+        ``staging`` is the parent of the local folder, by default the system's temporary folder.
+        If another process takes the lease over, the run is interrupted and writes nothing more to
+        the address.
         """
         if staging is not None:
             staging.mkdir(parents=True, exist_ok=True)
@@ -148,7 +150,7 @@ class ObjectStore:
         folder.mkdir()
         lease = Lease(self._objects)
         remote = Remote(self._objects, folder, lease)
-        keep, ended = False, threading.Event()
+        keeps_copy, ended = False, threading.Event()
         pushing = threading.Thread(target=_push, args=(remote, ended), daemon=True)
         try:
             with _explain_store_error(self._objects.address):
@@ -161,49 +163,54 @@ class ObjectStore:
                 ended.set()
                 pushing.join()
                 if CampaignFolder(folder).manifest.exists():
-                    keep = True
-                    _push_at_last(remote, lease)
-                    keep = False
+                    keeps_copy = True
+                    _finish(remote, lease)
+                    keeps_copy = False
                 else:
                     lease.drop()
         finally:
             lease.stop()
-            if not keep:
+            if not keeps_copy:
                 shutil.rmtree(folder.parent, ignore_errors=True)
 
 
 def _push(remote: Remote, ended: threading.Event) -> None:
+    """Copy new files to the address at intervals until the run has ended."""
     while not ended.wait(PUSH_INTERVAL):
         try:
             remote.push()
-        except (OSError, pa.ArrowException) as error:  # perhaps it goes next time; at last it must
+        except (OSError, pa.ArrowException) as error:  # the next copy may succeed
             print(
                 f"{remote.store.address}: {remote.store.address.explain(error)}",
                 file=sys.stderr,
                 flush=True,
             )
-        except InputError:  # another process took over: what this one has stays here
+        except InputError:  # another process took the lease over: the copy stays local
             return
 
 
-def _push_at_last(remote: Remote, lease: Lease) -> None:
+def _finish(remote: Remote, lease: Lease) -> None:
+    """Copy all new files to the address and drop the lease.
+
+    Raise StorageFullError, which names the local copy, if this fails.
+    """
     try:
         lease.renew()
         remote.push()
         lease.drop()
     except (OSError, pa.ArrowException, InputError) as error:
         raise StorageFullError(
-            f"{remote.store.address}: {remote.store.address.explain(error)}\nWhat was flown is kept in {remote.local}: "
-            "go on there with -o, or copy it to the address."
+            f"{remote.store.address}: {remote.store.address.explain(error)}\n"
+            f"Completed flights are kept in {remote.local}: resume there with -o, or copy this"
+            " folder to the address."
         ) from error
 
 
 @contextlib.contextmanager
 def _explain_store_error(address: Address) -> Iterator[None]:
-    """What a store says, as bad input."""
+    """Raise the errors of a store as InputError."""
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        raise InputError(
-            str(address), address.explain(error), "an address that can be reached"
-        ) from error
+        expected = "an address that can be reached"
+        raise InputError(str(address), address.explain(error), expected) from error

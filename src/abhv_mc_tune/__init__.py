@@ -1,1 +1,1 @@
-"""Tuning: better numbers in a controller's file, compared with the start on fresh flights."""
+"""Tuning of a controller's numbers, validated against the initial ones on fresh flights."""

@@ -14,24 +14,30 @@ from abhv_mc_tune.tuning import TuneFound, tune_controller
 def tune(request: TuneRequest) -> TuneFound:
     """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
 
-    The controller file is written where the result is ``.shown`` to be better within all limits.
+    The controller file is written if the result is ``.shown`` to be better within all limits.
 
     Returns
     -------
     TuneFound
-        ``.as_json()`` is what ``--json`` holds.
+        Result of the tuning; ``.as_json()`` returns the content of ``--json``.
 
     Raises
     ------
     InputError
-        For what is wrong with a file or an argument.
+        If a file or an argument is invalid.
+
+    Examples
+    --------
+    >>> result = abhv_mc.tune("tune.yaml", "tuned.yaml")  # doctest: +SKIP
+    >>> result.shown  # doctest: +SKIP
+    True
     """
     out = Path(request.output)
 
-    def finish(found: TuneFound) -> None:
+    def finish(result: TuneFound) -> None:
         if request.tell is not None:
-            request.tell(found)
+            request.tell(result)
         figures = out.with_suffix(".tuning") / "figures"
-        write_answer(make_tune_answer(found), out.with_suffix(".html"), figures)
+        write_answer(make_tune_answer(result), out.with_suffix(".html"), figures)
 
     return tune_controller(replace(request, tell=finish))

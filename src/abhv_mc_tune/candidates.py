@@ -1,4 +1,4 @@
-"""Candidates of tuning: a controller's file with other numbers, written with their units and ready to fly."""
+"""Candidates of a tuning: plans of a controller whose file has other numbers."""
 
 import os
 import re
@@ -29,17 +29,21 @@ Time = Literal["trim"] | float  # s
 
 @dataclass(frozen=True)
 class ControllerNumbers:
-    """A controller's file with some of its numbers free. A point of the box -1 .. 1 holds logarithms of factors."""
+    """Controller file with free numbers.
+
+    A point has a coordinate from -1 to 1 for each of them: the logarithm of its factor to the base
+    of its largest factor.
+    """
 
     document: Document
     free: tuple[Free, ...]
 
     def factors(self, point: Floats) -> Floats:
-        """Factors ``[free]`` that a point stands for."""
+        """Return the factors [free] of a point [free]."""
         return np.array([entry.factor for entry in self.free]) ** point
 
     def values(self, point: Floats) -> dict[str, str | float]:
-        """The free entries as the file writes them."""
+        """Return the free numbers of a point as the file writes them, by key."""
         factors = self.factors(point).tolist()
         entries = dict(_numbers(self.document.data))
         return {
@@ -48,7 +52,7 @@ class ControllerNumbers:
         }
 
     def at_ends(self, point: Floats) -> list[str]:
-        """Keys of the free numbers that a point puts on an end of their range."""
+        """Return the keys of the free numbers that are at an end of their range."""
         return [
             entry.key
             for entry, x in zip(self.free, point.tolist(), strict=True)
@@ -56,38 +60,44 @@ class ControllerNumbers:
         ]
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
-        """Write the file with the free numbers of a point; the files of a user law stay the same."""
+        """Write the file with the free numbers of a point.
+
+        The paths of a user law's files are adapted to the new folder.
+        """
         data = dict(self.document.entries)
         for key in NAMING_KEYS:
             if key in data:
-                named = data[key] if isinstance(data[key], list) else [data[key]]
-                places = [(self.document.path.parent / text).resolve() for text in named]
-                moved = [os.path.relpath(place, path.parent.resolve()) for place in places]
-                data[key] = moved if isinstance(data[key], list) else moved[0]
+                names = data[key] if isinstance(data[key], list) else [data[key]]
+                files = [(self.document.path.parent / name).resolve() for name in names]
+                relative = [os.path.relpath(file, path.parent.resolve()) for file in files]
+                data[key] = relative if isinstance(data[key], list) else relative[0]
         for key, value in self.values(point).items():
             data = _replaced(data, key.split("."), value)
         write_document(path, data, comment)
 
 
 def read_controller_numbers(
-    path: Path, free: Sequence[Free], block: Document, where: tuple[str | int, ...]
+    path: Path, free: Sequence[Free], block: Document, keys: tuple[str | int, ...]
 ) -> ControllerNumbers:
-    """Find the free numbers. Raises InputError, at its place in the ``tune`` block, for what the file does not have."""
+    """Read a controller's file and find its free numbers.
+
+    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError at the entry of
+    the block whose number the file does not have.
+    """
     read_controller(path)
     document = read_document(path)
     numbers = dict(_numbers(document.data))
     for i, entry in enumerate(free):
         if entry.key not in numbers:
-            expected = one_of(numbers, entry.key)
-            found = f"'{entry.key}', which is no number above zero of {path.name}"
-            raise block.error((*where, "free", i), found, expected)
+            problem = f"'{entry.key}' is no number above zero in {path.name}"
+            raise block.error((*keys, "free", i), problem, one_of(numbers, entry.key))
     return ControllerNumbers(document, tuple(free))
 
 
 def check_free_numbers(campaign: Experiment) -> None:
-    """Raise InputError if no controller of a campaign has all free numbers of its block ``tune``.
+    """Raise InputError if no controller has all free numbers of the campaign's ``tune`` block.
 
-    The error names those of the first controller, which is tuned by default.
+    The error is that of the first controller, which is tuned by default.
     """
     block, document = campaign.model.tune, campaign.document
     if block is None:
@@ -105,7 +115,7 @@ def check_free_numbers(campaign: Experiment) -> None:
 
 
 def _numbers(data: Any, prefix: str = "") -> Any:
-    """Keys and entries of all numbers above zero."""
+    """Yield the keys and entries of all numbers above zero."""
     if isinstance(data, dict):
         for key, value in data.items():
             yield from _numbers(value, f"{prefix}.{key}" if prefix else str(key))
@@ -116,7 +126,7 @@ def _numbers(data: Any, prefix: str = "") -> Any:
 
 
 def _scaled(entry: Any, factor: float) -> str | float:
-    """The entry times a factor, to six digits, with its unit."""
+    """Return an entry times a factor, with six digits and its unit."""
     match: Any = _NUMBER.match(str(entry))
     number, unit = match.groups()
     value = f"{float(number) * factor:.6g}"
@@ -124,6 +134,7 @@ def _scaled(entry: Any, factor: float) -> str | float:
 
 
 def _replaced(data: Any, keys: list[str], value: str | float) -> Any:
+    """Return nested data with the value at ``keys`` replaced."""
     if not keys:
         return value
     return {
@@ -134,19 +145,22 @@ def _replaced(data: Any, keys: list[str], value: str | float) -> Any:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A controller with its numbers: the plan of its flights."""
+    """Plan of a controller with the numbers of a candidate."""
 
     plan: FlightPlan
-    steady: FlightPlan | None  # of its steady flight, where there is one and margins are asked for
+    steady: FlightPlan | None  # of steady flight, if it exists and margins are required
 
     def with_margins(self, times: Sequence[Time]) -> FlightPlan:
-        """The plan with margins at these times; without where there is no steady flight."""
+        """Return the plan with margins at ``times``, or without if there is no steady flight."""
         return (
             self.plan if self.steady is None else add_margins(self.plan, self.steady, tuple(times))
         )
 
     def margins(self, vehicles: Floats, times: Sequence[Time]) -> Floats:
-        """Least margins ``[vehicle, margin]`` of parameter rows; zero where there is no steady flight."""
+        """Return the smallest margins [vehicle, margin] of parameter rows ``vehicles``.
+
+        Margins are zero if there is no steady flight.
+        """
         if self.steady is None:
             return np.zeros((len(vehicles), len(MARGIN_NAMES)))
         return margins_of_flights(self.plan, self.steady, vehicles, tuple(times)).table
@@ -154,7 +168,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Makes the candidates of one campaign's controller."""
+    """Factory of the candidates of one controller of a campaign."""
 
     campaign: Experiment
     name: str  # of the controller
@@ -162,9 +176,9 @@ class Candidates:
     engine: Engine
 
     def make(self, point: Floats, file: Path, steady: bool) -> Candidate | None:
-        """The candidate of a point, written to ``file`` meanwhile; None where its numbers make no controller.
+        """Return the candidate of a point; None if its numbers are no valid controller.
 
-        Raises InputError where those of the start make none.
+        ``file`` exists during the call. Raise InputError if the initial numbers are invalid.
         """
         model = self.campaign.model
         try:

@@ -9,7 +9,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json
 from abhv_mc.cli.outputs import output_file
-from abhv_mc.cli.printing import announce_compiling, answer, beside, print_section, say
+from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
 from abhv_mc.cli.request_options import takes_options
 from abhv_mc_tune.request import TuneRequest
 
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 
 @takes_options(TuneRequest)
 def tune(request: TuneRequest, json: Json = None) -> None:
-    """Tune the free numbers of a controller on common flights, and validate them on fresh ones.
+    """Tune the free numbers of a controller and validate the result on fresh flights.
 
-    The new file is written if the paired interval shows a gain within all limits. If not, the best candidate is kept as
-    NEW.rejected.yaml, and the exit code is 1. A page beside it shows either. Ctrl-C keeps completed flights.
+    The new file is written if the paired interval shows an improvement within all limits.
+    Otherwise the best candidate is written to NEW.rejected.yaml, and the exit code is 1. A page
+    next to the file shows the result. Ctrl-C keeps completed flights.
     """
     page = Path(request.output).with_suffix(".html")
     output_file(page)
@@ -31,18 +32,20 @@ def tune(request: TuneRequest, json: Json = None) -> None:
     from abhv_mc_tune.page import make_tune_answer
     from abhv_mc_tune.tuning import rejected_file
 
-    def tell(found: "TuneFound") -> None:
-        answer(found.as_json(), json, lambda: print_section(make_tune_answer(found).section))
+    def print_result(result: "TuneFound") -> None:
+        show_result(result.as_json(), json, lambda: print_section(make_tune_answer(result).section))
 
-    found = tune(**vars(request) | {"tell": tell})
-    told = beside(json)
-    say(f"report    {page}", file=told)
-    if not found.shown:
+    result = tune(**vars(request) | {"tell": print_result})
+    stream = text_stream(json)
+    say(f"report    {page}", file=stream)
+    if not result.shown:
         out = Path(request.output)
         rejected = rejected_file(out)
-        kept = f"; the best candidate is kept in {rejected}" if rejected.exists() else ""
         say(
-            f"not shown to be better within the limits: {out} is not written{kept}", file=sys.stderr
+            f"no candidate is shown to be better within the limits: {out} was not written",
+            file=sys.stderr,
         )
+        if rejected.exists():
+            say(f"rejected  {rejected} has the best candidate", file=sys.stderr)
         raise typer.Exit(ExitCode.FAILED)
-    say(f"controller {request.output}", file=told)
+    say(f"controller {request.output}", file=stream)

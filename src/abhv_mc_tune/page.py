@@ -1,4 +1,4 @@
-"""The page of a tuned controller: what it gains on fresh flights, what it is traded against, where its numbers lie."""
+"""Page of a tuned controller: improvement on fresh flights, Pareto front and numbers."""
 
 from collections.abc import Iterator
 
@@ -9,34 +9,36 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.topics.figure_style import BLUE, INK, SKY, VERMILION, new_figure, styled
+from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import significant
 from abhv_mc_tune.tuning import TuneFound
 
 
-def make_tune_answer(found: TuneFound) -> Answer:
-    """What tuning says."""
-    items = *_answers(found), Picture("front"), _sides(found), _numbers(found)
-    title = f"{controller_label(found.controller)} tuned for {found.aim.phrase}"
-    return Answer(title, "Tuning", Section("Answer", items), _draw(found))
+def make_tune_answer(result: TuneFound) -> Answer:
+    """Return the page of a tuning."""
+    items = *_answers(result), Picture("front"), _comparisons(result), _numbers(result)
+    title = f"{controller_label(result.controller)} tuned for {result.objective.phrase}"
+    return Answer(title, "Tuning", Section("Answer", items), _draw(result))
 
 
-def _draw(found: TuneFound) -> Iterator[Drawn]:
-    scores, block = found.tuning.scores, found.block
-    aim, usage = (
-        f"{found.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
+def _draw(result: TuneFound) -> Iterator[Drawn]:
+    """Yield the Pareto front."""
+    scores, block = result.tuning.scores, result.block
+    objective, usage = (
+        f"{result.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
         for entry in (block.minimise, block.usage)
     )
     front = FigureText(
         "front",
-        "Error against usage",
-        "Every candidate on the common flights. The Pareto front joins those within all limits that no other such "
-        "candidate beats in both. Candidates far outside are not drawn.",
+        "Error against control effort",
+        "All candidates on the common flights. The Pareto front connects those within all limits"
+        " that no other such candidate improves in both quantities. Candidates far outside are not"
+        " drawn.",
     )
     points = scores.usage, scores.objective, scores.allowed
-    yield front, plot_front((usage, aim), points, found.tuning.front, found.tuning.best)
+    yield front, plot_front((usage, objective), points, result.tuning.front, result.tuning.best)
 
 
 @styled
@@ -46,20 +48,24 @@ def plot_front(
     front: NDArray[np.intp],
     best: int,
 ) -> Figure:
-    """Candidates by usage and error: those beyond a limit, those within all, the front, the start and the best."""
+    """Plot error against control effort of all candidates, with the front, start and result.
+
+    ``points`` has control effort, error and feasibility [candidate]; ``front`` are indices.
+    """
     usage, error, allowed = points
     figure = new_figure(3.4)
     axes = figure.subplots()
-    shown = np.isfinite(usage) & np.isfinite(error)
+    finite = np.isfinite(usage) & np.isfinite(error)
     axes.plot(
-        usage[shown & ~allowed],
-        error[shown & ~allowed],
+        usage[finite & ~allowed],
+        error[finite & ~allowed],
         ".",
-        color="#BBBBBB",
-        label="beyond a limit",
+        color=INK,
+        alpha=0.3,
+        label="outside a limit",
     )
     axes.plot(
-        usage[shown & allowed], error[shown & allowed], ".", color=SKY, label="within all limits"
+        usage[finite & allowed], error[finite & allowed], ".", color=SKY, label="within all limits"
     )
     axes.plot(
         usage[front],
@@ -73,12 +79,12 @@ def plot_front(
     axes.plot(usage[best], error[best], "o", color=VERMILION, label="result", zorder=5)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
-    if shown.any():  # far candidates would squeeze what matters into a corner
-        for near, values in ((axes.set_xlim, usage), (axes.set_ylim, error)):
-            low = float(values[shown].min())
+    if finite.any():  # candidates far away would compress the relevant range
+        for set_limits, values in ((axes.set_xlim, usage), (axes.set_ylim, error)):
+            low = float(values[finite].min())
             marks = values[[0, best]]
             far = float(marks[np.isfinite(marks)].max(initial=low))
-            near(
+            set_limits(
                 low - 0.1 * (far - low),
                 far + 1.5 * max(far - low, 0.1 * abs(far)),
             )
@@ -86,71 +92,76 @@ def plot_front(
     return figure
 
 
-def _answers(found: TuneFound) -> tuple[Lead, Bullets]:
-    gain, block, aim = found.difference, found.block, found.sides[0]
+def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
+    """Return the sentences on the improvement, its limits and its validity."""
+    gain, block, main = result.difference, result.block, result.comparisons[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
-    quantile = f"{100 * block.minimise.quantile:g} % quantile of {found.aim.phrase}"
-    fresh = f"On {block.validation} fresh flights the {quantile}"
-    broken = [side.words for side in found.sides if not side.keeps]
-    change = f"{fresh} is {aim.best:.4g} instead of {found.aim.with_unit(f'{aim.start:.4g}')} ({interval})."
-    if found.shown:
+    quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
+    start = result.objective.with_unit(f"{main.start:.4g}")
+    change = (
+        f"On {block.validation} fresh flights the {quantile} is {main.best:.4g} instead of {start}"
+        f" ({interval})."
+    )
+    violated = "; ".join(item.label for item in result.comparisons if not item.keeps)
+    if result.shown:
         answers = [change]
-    elif found.tuning.best == 0:
-        answers = ["The start is kept: no candidate was better on the common flights."]
-    elif not found.tuning.scores.allowed.any():
+    elif result.tuning.best == 0:
+        answers = ["No new file: no candidate was better than the start on the common flights."]
+    elif not result.tuning.scores.allowed.any():
         answers = [
-            "The start is kept: no candidate kept every limit. The nearest to it is shown, which breaks: "
-            f"{'; '.join(broken)}.",
+            "No new file: no candidate met all limits. The table shows the one with the smallest"
+            f" violation. It violates: {violated}.",
             change,
         ]
     else:
-        why = f"beyond its limits on fresh flights: {'; '.join(broken)}"
-        answers = [
-            f"The start is kept: the candidate is {why if broken else 'not shown to be better'}.",
-            change,
-        ]
-    ends = found.numbers.at_ends(found.tuning.place)
+        reason = (
+            f"the best candidate violates limits on fresh flights: {violated}"
+            if violated
+            else "the best candidate is not shown to be better"
+        )
+        answers = [f"No new file: {reason}.", change]
+    ends = result.numbers.at_ends(result.tuning.best_point)
     if ends:
         answers.append(
-            f"At an end of their range: {', '.join(ends)}. Better numbers may lie beyond: give these a larger factor, "
-            "unless the limit of the range is meant."
+            f"At an end of their range: {', '.join(ends)}. Better numbers may lie outside; to"
+            " include them, give these numbers a larger factor."
         )
-    if found.shown:
+    if result.shown:
         answers.append(
-            "It is shown for this campaign's dispersions, mission and vehicle, and within the limits asked for; not "
-            "that nothing is better, nor that it holds elsewhere."
+            "The improvement is shown for this campaign's dispersions, mission, vehicle and limits."
+            " It may not hold for others, and better numbers may exist."
         )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
-def _sides(found: TuneFound) -> Table:
+def _comparisons(result: TuneFound) -> Table:
+    """Return the table of start, result and limit of each metric and margin."""
     rows = []
-    for side in found.sides:
-        limit, kept = "", ""
-        if side.limit is not None:
-            limit, kept = (
-                f"{'above' if side.floor else 'below'} {side.limit:.4g}",
-                "yes" if side.keeps else "no",
-            )
-        rows.append(
-            [side.words, significant(side.start, 5), significant(side.best, 5), limit, kept]
-        )
+    for item in result.comparisons:
+        limit, is_met = "", ""
+        if item.limit is not None:
+            limit = f"{'above' if item.floor else 'below'} {item.limit:.4g}"
+            is_met = "yes" if item.keeps else "no"
+        numbers = significant(item.start, 5), significant(item.best, 5)
+        rows.append([item.label, *numbers, limit, is_met])
     caption = (
-        "Metrics on the fresh flights, the same for both; flights that ended early count as the worst. Stability "
-        "margins are the least over all loops and points; 0 means unstable, or no steady flight."
+        "Metrics are from the same fresh flights for start and result; early terminations count as"
+        " the worst value. Stability margins are the smallest of all loops and times; 0 means"
+        " unstable, or no steady flight."
     )
-    heads = ("what", "start", "result", "limit", "kept")
+    heads = ("metric", "start", "result", "limit", "met")
     return make_table("Start and result", caption, heads, rows)
 
 
-def _numbers(found: TuneFound) -> Table:
-    numbers, place = found.numbers, found.tuning.place
+def _numbers(result: TuneFound) -> Table:
+    """Return the table of the free numbers with their ranges."""
+    numbers, best = result.numbers, result.tuning.best_point
     columns = [
         numbers.values(point)
-        for point in (0.0 * place, np.full_like(place, -1.0), place, np.ones_like(place))
+        for point in (0.0 * best, np.full_like(best, -1.0), best, np.ones_like(best))
     ]
-    ends = numbers.at_ends(place)
-    caption = "Each was varied by its factor either way, on a logarithmic scale."
+    ends = numbers.at_ends(best)
+    caption = "Each number was divided and multiplied by up to its factor, on a logarithmic scale."
     heads = ("number", "start", "low end", "result", "high end", "")
     rows = [
         [

@@ -1,4 +1,4 @@
-"""Request of a tuning: its fields are the options of the command and the arguments of the Python function."""
+"""Request of a tuning, whose fields are options of the command and arguments in Python."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
@@ -18,10 +18,12 @@ from abhv_mc.requests import (
 
 @dataclass(frozen=True)
 class TuneRequest(CheckedRequest):
-    """Request of better numbers for a controller."""
+    """Request of a tuning."""
 
     campaign: CampaignPath
-    output: Annotated[Paths, Option("Controller file to write; its page lies beside.", "new file")]
+    output: Annotated[
+        Paths, Option("Controller file to write; its page is next to it.", "new file")
+    ]
     _: KW_ONLY
     controller: Controller = None
     block: Annotated[Paths | None, Option("File with the block 'tune'.", "file", "CAMPAIGN")] = None
@@ -30,5 +32,5 @@ class TuneRequest(CheckedRequest):
     scheduler: Scheduler = None
     tell: Annotated[
         Callable[[Any], None] | None,
-        Option("Function of the result, called just before the controller file is written.", ""),
+        Option("Function called with the result before the controller file is written.", ""),
     ] = None

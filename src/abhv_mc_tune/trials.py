@@ -1,4 +1,4 @@
-"""What tuning learns of each candidate: its flights and margins, kept in files as they are found, and its scores."""
+"""Trials of a tuning's candidates: flights, stability margins and scores, stored in files."""
 
 import functools
 import hashlib
@@ -24,101 +24,103 @@ from abhv_mc.simulators.corner_margins import make_corners
 from abhv_mc.simulators.engine import simulate
 from abhv_mc.statistics.estimates import severity, sorted_quantile
 from abhv_mc_tune.candidates import Candidate, Candidates, Time
-from abhv_mc_tune.method import Scores
+from abhv_mc_tune.constrained_search import Scores
 
 _BLOCK = 128  # flights of one call
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One candidate's flights and margins."""
+    """Metrics and stability margins of one candidate."""
 
     columns: tuple[str, ...]  # names of the metrics
-    metrics: Floats  # [flight, metric]; not-a-number in the rows of flights that are lost
-    margins: (
-        Floats  # [vehicle, margin], the nominal one first; no rows where no limit asks for them
-    )
+    metrics: Floats  # [flight, metric]; NaN in rows of early terminations and lost flights
+    margins: Floats  # [vehicle, margin], the nominal vehicle first; no rows without such limits
 
     def column(self, metric: str) -> Floats:
-        """A metric [flight]."""
+        """Return the values [flight] of a metric."""
         return self.metrics[:, self.columns.index(metric)]
 
 
 def vehicles_of(campaign: Experiment, block: Tune) -> Floats:
-    """Parameter rows ``[vehicle, parameter]`` whose margins the limits ask for: nominal, then corners."""
-    asked = [limit.vehicles for limit in block.limits if limit.is_margin]
-    return make_corners(campaign) if "corners" in asked else nominal_parameters()[: len(asked)]
+    """Return rows [vehicle, parameter] of vehicles with limited margins, nominal first."""
+    vehicles = [limit.vehicles for limit in block.limits if limit.is_margin]
+    return (
+        make_corners(campaign) if "corners" in vehicles else nominal_parameters()[: len(vehicles)]
+    )
 
 
 @dataclass(frozen=True)
 class Trials:
-    """Flies candidates of one campaign and controller."""
+    """Simulation of the candidates of one controller of a campaign."""
 
     campaign: Experiment
     candidates: Candidates
     space: Space
-    kept: Path  # folder
-    identity: str  # of all that the flights depend on besides point and parameters
+    folder: Path  # of stored results
+    identity: str  # hash of all inputs of the flights besides point and parameters
     executor: FlightRunner
-    vehicles: Floats  # [vehicle, parameter] whose margins are found
+    vehicles: Floats  # [vehicle, parameter] with limited margins
     margins_at: tuple[Time, ...]
-    flights_at: tuple[Time, ...] = ()  # where margins of each flight are found; none: nowhere
+    flights_at: tuple[Time, ...] = ()  # times of the margins of each flight; empty without these
 
     def draw(self, seed: int, flights: int) -> Floats:
-        """Rows ``[flight, column]`` of the space that all candidates fly."""
+        """Return inputs [flight, column] that are common to all candidates."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
         values = drawn_samples(design, self.space.marginals, self.space.copula).draw(0, flights)
         return self.space.complete(values, seed, 0)
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:
-        """The trial of each candidate ``[candidate, dimension]``."""
-        different, places = np.unique(points, axis=0, return_inverse=True)
+        """Return the trials of candidates ``points`` [candidate, dimension]."""
+        distinct, indices = np.unique(points, axis=0, return_inverse=True)
         with ThreadPoolExecutor(self.executor.workers) as threads:
-            found = list(threads.map(lambda point: self._one(point, parameters), different))
-        return [found[place] for place in places.reshape(-1).tolist()]
+            trials = list(threads.map(lambda point: self._run(point, parameters), distinct))
+        return [trials[i] for i in indices.reshape(-1).tolist()]
 
     def nominal_margins(self, points: Floats) -> Floats:
-        """Return the least margins ``[candidate, margin]`` of the nominal vehicle at the points of the limits."""
+        """Return the smallest margins [candidate, margin] of the nominal vehicle."""
         trials = replace(self, vehicles=nominal_parameters())
         return np.stack([trials.margins_of(trials._make(point)())[0] for point in points])
 
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
-        """The metrics of the flights, with their margins where these are asked for."""
+        """Names of the metrics of the flights, and of their margins if required."""
         margins = MARGIN_VALUES if self.flights_at else ()
         return tuple(signal.name for signal in (*self.campaign.measured, *margins))
 
-    def _one(self, point: Floats, parameters: Floats) -> Trial:
+    def _run(self, point: Floats, parameters: Floats) -> Trial:
         candidate, columns = self._make(point), self.columns
         metrics = self._remember(
             point, parameters, len(columns), lambda: self._fly(candidate(), parameters)
         )
         if not len(self.vehicles):
             return Trial(columns, metrics, np.empty((0, len(MARGIN_NAMES))))
-        found = self._remember(
+        margins = self._remember(
             point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate())
         )
-        return Trial(columns, metrics, found)
+        return Trial(columns, metrics, margins)
 
     def _remember(
         self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]
     ) -> Floats:
+        """Return stored values [row, column], or compute and store them."""
         key = hashlib.sha256(
             point.tobytes() + parameters.tobytes() + self.identity.encode()
         ).hexdigest()[:32]
-        path = self.kept / f"{key}.npy"
-        kept = read_array(path)
+        path = self.folder / f"{key}.npy"
+        stored = read_array(path)
         if (
-            kept is not None
-            and kept.shape == (len(parameters), columns)
-            and kept.dtype == np.float64
+            stored is not None
+            and stored.shape == (len(parameters), columns)
+            and stored.dtype == np.float64
         ):
-            return np.array(kept)
+            return np.array(stored)
         values = make()
         write_array(path, values)
         return values
 
     def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
+        """Return the metrics [flight, metric] of a candidate; NaN if it is no valid controller."""
         if candidate is None:
             return np.full((len(parameters), len(self.columns)), np.nan)
         plan = candidate.with_margins(self.flights_at) if self.flights_at else candidate.plan
@@ -127,31 +129,37 @@ class Trials:
             self.campaign, systems={name: System(plan)}, columns=self.space.columns
         )
         starts = range(0, len(parameters), _BLOCK)
-        pieces = [
+        blocks = [
             simulate(experiment, name, parameters[start : start + _BLOCK], None, self.executor.fly)
             for start in starts
         ]
-        metrics = np.concatenate([piece.metrics for piece in pieces])
-        none = len(self.columns) - metrics.shape[1]  # no steady flight: no margin
-        metrics = np.hstack([metrics, np.zeros((len(metrics), none))])
-        lost = np.concatenate([piece.outcome for piece in pieces]) != Outcome.OK
+        metrics = np.concatenate([block.metrics for block in blocks])
+        missing = len(self.columns) - metrics.shape[1]  # margins, without a steady flight
+        metrics = np.hstack([metrics, np.zeros((len(metrics), missing))])
+        lost = np.concatenate([block.outcome for block in blocks]) != Outcome.OK
         return np.where(lost[:, None], np.nan, metrics)
 
     def margins_of(self, candidate: Candidate | None) -> Floats:
-        """Least margins ``[vehicle, margin]``; zero where there is no controller, or none in steady flight."""
+        """Return the smallest margins [vehicle, margin] of a candidate.
+
+        Margins are zero without a valid controller or a steady flight.
+        """
         if candidate is None:
             return np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
         return candidate.margins(self.vehicles, self.margins_at)
 
     def _make(self, point: Floats) -> Callable[[], Candidate | None]:
-        """Makes the candidate once, when it is first asked for; None where its numbers make no controller."""
-        file = self.kept / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
+        """Return a cached function that makes the candidate; None if its numbers are invalid."""
+        file = self.folder / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
         steady = bool(self.flights_at or len(self.vehicles))
         return functools.cache(lambda: self.candidates.make(point, file, steady))
 
 
 def severities_of(trial: Trial, metric: Metric) -> Floats:
-    """A metric [flight], larger being worse, with those of lost flights infinite; the distance outside two limits."""
+    """Return the severities [flight] of a metric: larger is worse, infinite for lost flights.
+
+    The severity of a metric with two limits is the distance outside these.
+    """
     values = trial.column(metric.name)
     return (
         severity(metric.band.worse(values), "high") if metric.band else severity(values, metric.bad)
@@ -159,13 +167,16 @@ def severities_of(trial: Trial, metric: Metric) -> Floats:
 
 
 def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
-    """A quantile of a metric over the flights, from its good side, in its unit; lost flights are the worst."""
-    found = sorted_quantile(np.sort(severities_of(trial, metric)), quantile)
-    return -found if metric.bad == "low" and not metric.band else found
+    """Return a quantile of a metric over the flights, from its good side, in its unit.
+
+    Lost flights count as the worst value.
+    """
+    value = sorted_quantile(np.sort(severities_of(trial, metric)), quantile)
+    return -value if metric.bad == "low" and not metric.band else value
 
 
 def limited_value(trial: Trial, limit: Limit) -> float:
-    """What a limit bounds: a quantile over the flights, or the least margin of the vehicles that it names."""
+    """Return the limited value: a quantile over the flights, or the smallest margin."""
     if not limit.is_margin:
         sign = -1.0 if limit.above is not None else 1.0
         worse = severity(sign * trial.column(limit.metric), "high")
@@ -175,14 +186,14 @@ def limited_value(trial: Trial, limit: Limit) -> float:
 
 
 def bound_of(limit: Limit, start: Trial) -> float:
-    """The limit as a number: one that is relative, times what the start has."""
+    """Return the limit as a number; a relative limit is multiplied by the value of the start."""
     if limit.below_start_times is not None:
         return limit.below_start_times * limited_value(start, limit)
     return float(limit.below if limit.below is not None else limit.above or 0.0)
 
 
 def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
-    """How far a candidate is beyond a limit, relative to it; at or below zero where it keeps it."""
+    """Return the relative violation of a limit; zero or negative if the limit is met."""
     sign = -1.0 if limit.above is not None else 1.0
     return sign * (limited_value(trial, limit) - bound) / (abs(bound) or 1.0)
 
@@ -190,15 +201,15 @@ def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
 def score(
     trials: Sequence[Trial], block: Tune, bounds: Sequence[float], metrics: Mapping[str, Metric]
 ) -> Scores:
-    """Scores of candidates on the same flights: quantiles of severities, the smaller the better."""
+    """Return the scores of candidates on the same flights: quantiles of severities."""
     excess = [
         [excess_of(trial, limit, bound) for limit, bound in zip(block.limits, bounds, strict=True)]
         for trial in trials
     ]
 
     def scores(aim: Aim) -> Floats:
-        found = [np.sort(severities_of(trial, metrics[aim.metric])) for trial in trials]
-        return np.array([sorted_quantile(values, aim.quantile) for values in found])
+        severities = [np.sort(severities_of(trial, metrics[aim.metric])) for trial in trials]
+        return np.array([sorted_quantile(values, aim.quantile) for values in severities])
 
     return Scores(
         scores(block.minimise),

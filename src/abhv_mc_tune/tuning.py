@@ -1,4 +1,4 @@
-"""``abhv-mc tune``: better numbers in a controller's file, shown to be better on fresh flights."""
+"""Tuning of a controller's free numbers with validation (``abhv-mc tune``)."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc_tune.method import Scores, Tuning, tune
+from abhv_mc_tune.constrained_search import Scores, Tuning, tune
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.trials import (
     Trials,
@@ -46,71 +46,66 @@ from abhv_mc_tune.trials import (
 )
 
 # Endings of the folder of candidates, of the page, and of the file of a rejected candidate.
-_KEPT, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
+_CANDIDATES, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
 
 
 @dataclass(frozen=True)
-class Sides:
-    """A metric's quantile over the fresh flights, or a stability margin, of the start and the result, and its limit."""
+class Comparison:
+    """Comparison of start and result on fresh flights in one metric or stability margin."""
 
     metric: str
     quantile: float | None  # of the metric over the flights; None for a stability margin
-    vehicles: str | None  # whose stability margin; None for a metric of flights
+    vehicles: str | None  # 'nominal' or 'corners' of a stability margin; None for a metric
     start: float
     best: float
     limit: float | None = None
-    keeps: bool = True  # whether the result keeps the limit there, too
-    floor: bool = False  # whether the limit is to be kept above
-    band: Bounds | None = (
-        None  # two limits of a requirement: the numbers are distances outside them
-    )
+    keeps: bool = True  # whether the result meets the limit
+    floor: bool = False  # whether the limit is a lower bound
+    band: Bounds | None = None  # of a requirement with two limits: values are distances outside
 
     @property
-    def words(self) -> str:
-        """What it is: 'altitude_error_rms_m, 95 % quantile', 'gain_margin_min_db, corners'."""
+    def label(self) -> str:
+        """Label such as 'altitude_error_rms_m, 95 % quantile' or 'gain_margin_min_db, nominal'."""
         if self.quantile is None:
-            return f"{self.metric}, {'nominal and corners' if self.vehicles == 'corners' else 'nominal'}"
+            vehicles = "nominal and corners" if self.vehicles == "corners" else "nominal"
+            return f"{self.metric}, {vehicles}"
         outside = f", distance outside the band {self.band}" if self.band else ""
         return f"{self.metric}{outside}, {100 * self.quantile:g} % quantile"
 
 
 @dataclass(frozen=True)
 class TuneFound:
-    """What tuning found."""
+    """Result of a tuning."""
 
     controller: str
     block: Tune
     numbers: ControllerNumbers
     tuning: Tuning
-    validation: (
-        Interval  # of the aim's quantile on fresh flights, result minus start: below zero is better
-    )
-    sides: tuple[
-        Sides, ...
-    ]  # the aim first, then the limits, the usage, and the nominal vehicle's margins
+    validation: Interval  # of the objective on fresh flights, result minus start: better below 0
+    comparisons: tuple[Comparison, ...]  # objective, limits, usage, margins of the nominal vehicle
     metrics: Mapping[str, Metric]
 
     @property
-    def aim(self) -> Metric:
-        """What is made better."""
+    def objective(self) -> Metric:
+        """Metric of the objective."""
         return self.metrics[self.block.minimise.metric]
 
     @property
     def difference(self) -> Interval:
-        """The result's quantile minus the start's, in the metric's unit."""
-        return self.validation.in_sense(self.aim.bad)
+        """Quantile of the result minus that of the start, in the metric's unit."""
+        return self.validation.in_sense(self.objective.bad)
 
     @property
     def shown(self) -> bool:
-        """Whether the result is shown to be better, within all limits."""
+        """Return whether fresh flights show an improvement within all limits."""
         return (
             self.tuning.best != 0
             and self.validation.high < 0.0
-            and all(side.keeps for side in self.sides)
+            and all(item.keeps for item in self.comparisons)
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The result as JSON holds it."""
+        """Return the content of ``--json``."""
         gain = self.difference
         front = self.tuning.front
         return {
@@ -119,9 +114,9 @@ class TuneFound:
             "quantile": self.block.minimise.quantile,
             "shown_better": self.shown,
             "difference": {"value": gain.value, "low": gain.low, "high": gain.high},
-            "fresh": [vars(side) for side in self.sides],
-            "values": self.numbers.values(self.tuning.place),
-            "at_bounds": self.numbers.at_ends(self.tuning.place),
+            "fresh": [vars(item) for item in self.comparisons],
+            "values": self.numbers.values(self.tuning.best_point),
+            "at_bounds": self.numbers.at_ends(self.tuning.best_point),
             "candidates": len(self.tuning.points),
             "flights_each": self.block.flights,
             "validation_flights": self.block.validation,
@@ -143,8 +138,8 @@ class _TuneFile(StrictModel):
 def read_tune_block(
     campaign: Experiment, path: Paths | None
 ) -> tuple[Tune, Document, tuple[str, ...]]:
-    """The block, its document and its place there. Raises InputError."""
-    where: tuple[str, ...] = ("tune",)
+    """Return the ``tune`` block, its document and its keys there. Raise InputError."""
+    keys: tuple[str, ...] = ("tune",)
     document = campaign.document
     if path is None:
         if campaign.model.tune is None:
@@ -159,8 +154,8 @@ def read_tune_block(
         if isinstance(document.data, dict) and set(document.data) == {"tune"}:
             block = validate(document, _TuneFile).tune
         else:
-            block, where = validate(document, Tune), ()
-    for keys, metric in (
+            block, keys = validate(document, Tune), ()
+    for entry, metric in (
         (("minimise", "metric"), block.minimise.metric),
         (("usage", "metric"), block.usage.metric),
         *(
@@ -169,26 +164,24 @@ def read_tune_block(
             if not limit.is_margin
         ),
     ):
-        find_metric(campaign, metric, partial(document.error, (*where, *keys)))
-    return block, document, where
+        find_metric(campaign, metric, partial(document.error, (*keys, *entry)))
+    return block, document, keys
 
 
-def _check_margins(
-    block: Tune, document: Document, where: tuple[str, ...], duration: float
-) -> None:
-    """Raise InputError for points outside the mission."""
+def _check_margins(block: Tune, document: Document, keys: tuple[str, ...], duration: float) -> None:
+    """Raise InputError if a time of the margins is outside the mission."""
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
             expected = f"trim, or a time of the mission, 0 to {duration:g} s"
-            raise document.error((*where, "margins_at", i), f"{time:g} s", expected)
+            raise document.error((*keys, "margins_at", i), f"{time:g} s", expected)
 
 
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
-    """Search, validate on a fresh seed, and write the new file where the gain is shown.
+    """Search the best numbers, validate them with another seed, and write the new file.
 
-    Every candidate's flights are kept beside the new file, so that the same command goes on after an interruption. A
-    candidate that is not shown to be better is written to :func:`rejected_file`. Raises InputError for a request that
-    is wrong.
+    The flights of all candidates are stored next to the new file, so that the same command resumes
+    after an interrupt. A candidate that is not shown to be better is written to
+    :func:`rejected_file`. Raise InputError if the request is wrong.
     """
     with reading_once():
         return _tune(request, engine or make_engine())
@@ -198,19 +191,19 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
     model, out = campaign.model, Path(request.output)
     campaign.simulator.check("tuning")
-    block, document, where = read_tune_block(campaign, request.block)
-    if out.suffix in (_KEPT, _PAGE):
-        words = f"the ending '{out.suffix}' of what tuning writes beside it"
-        raise InputError(out, words, "-o NEW.yaml")
+    block, document, keys = read_tune_block(campaign, request.block)
+    if out.suffix in (_CANDIDATES, _PAGE):
+        problem = f"the ending '{out.suffix}' is that of other files of the tuning"
+        raise InputError(out, problem, "-o NEW.yaml")
     if out.exists():
-        raise InputError(out, "a file that is there already", "a new file (-o NEW.yaml)")
-    numbers = read_controller_numbers(model.controllers[name], block.free, document, where)
+        raise InputError(out, "the file exists already", "a new file (-o NEW.yaml)")
+    numbers = read_controller_numbers(model.controllers[name], block.free, document, keys)
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):
         plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
-        _check_margins(block, document, where, plan.timing.duration)
-    # Threads: every candidate has a plan of its own, which worker processes would have to be sent and would keep. A
-    # crash in compiled code ends the program; the same command then goes on with what is kept.
+        _check_margins(block, document, keys, plan.timing.duration)
+    # Threads, because worker processes would receive and keep the plan of each candidate. A crash
+    # in compiled code ends the program, but the same command resumes with the stored flights.
     execution = model.execution.model_copy(update={"isolation": THREADS})
     text = json.dumps(
         [
@@ -221,122 +214,133 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
             engine.source,
         ]
     )
-    kept = out.with_suffix(_KEPT)
-    with hold_lock(kept / ".lock"), ExitStack() as stack:
+    folder = out.with_suffix(_CANDIDATES)
+    with hold_lock(folder / ".lock"), ExitStack() as stack:
         scheduler = stack.enter_context(connect(request.scheduler))
         executor = stack.enter_context(open_executor(engine, execution, request.workers, scheduler))
         identity = hashlib.sha256(text.encode()).hexdigest()
         vehicles = vehicles_of(campaign, block)
         candidates = Candidates(campaign, name, numbers, engine)
-        asked = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
-        times = model.margins.at if model.margins and asked else ()
+        needs_margins = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         trials = Trials(
-            campaign, candidates, space, kept, identity, executor, vehicles, block.margins_at, times
+            campaign=campaign,
+            candidates=candidates,
+            space=space,
+            folder=folder,
+            identity=identity,
+            executor=executor,
+            vehicles=vehicles,
+            margins_at=block.margins_at,
+            flights_at=model.margins.at if model.margins and needs_margins else (),
         )
         metrics = campaign.metrics
-        flown = trials.draw(model.seed, block.flights)
-        (start,) = trials.measure(np.zeros((1, len(block.free))), flown)
+        inputs = trials.draw(model.seed, block.flights)
+        (start,) = trials.measure(np.zeros((1, len(block.free))), inputs)
         bounds = [bound_of(limit, start) for limit in block.limits]
         with Progress("flights", block.candidates * block.flights) as progress:
 
             def measure(points: Floats) -> Scores:
-                found = trials.measure(points, flown)
+                measured = trials.measure(points, inputs)
                 progress.add(len(points) * block.flights)
-                return score(found, block, bounds, metrics)
+                return score(measured, block, bounds, metrics)
 
-            found = tune(measure, np.zeros(len(block.free)), block.candidates, model.seed)
-        result = _validate(trials, block, found, name, metrics)
+            tuning = tune(measure, np.zeros(len(block.free)), block.candidates, model.seed)
+        result = _validate(trials, block, tuning, name, metrics)
     if request.tell is not None:
         request.tell(result)
     file = out if result.shown else rejected_file(out)
-    if result.shown or found.best != 0:
+    if result.shown or tuning.best != 0:
         comment = _comment(result, request, model.seed)
-        write_whole(file, lambda temporary: numbers.write(temporary, found.place, comment))
+        write_whole(file, lambda temporary: numbers.write(temporary, tuning.best_point, comment))
     return result
 
 
 def rejected_file(out: Path) -> Path:
-    """Return where a candidate that is not shown to be better is kept, beside the file that it would have been."""
+    """Return the file for a candidate that is not shown to be better."""
     return out.with_suffix(_REJECTED)
 
 
 def _validate(
-    trials: Trials, block: Tune, found: Tuning, name: str, metrics: Mapping[str, Metric]
+    trials: Trials, block: Tune, tuning: Tuning, name: str, metrics: Mapping[str, Metric]
 ) -> TuneFound:
-    """The result beside the start on flights of another seed."""
+    """Compare result and start on flights of another seed."""
     fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
-    start, best = trials.measure(np.stack([np.zeros(len(block.free)), found.place]), fresh)
+    points = np.stack([np.zeros(len(block.free)), tuning.best_point])
+    start, best = trials.measure(points, fresh)
     aim, usage = block.minimise, block.usage
-    of_start, of_best = (severities_of(trial, metrics[aim.metric]) for trial in (start, best))
+    severities = [severities_of(trial, metrics[aim.metric]) for trial in (start, best)]
 
-    def side(entry: Aim) -> Sides:
+    def compare(entry: Aim) -> Comparison:
         at_start, at_best = (
             value_of(trial, metrics[entry.metric], entry.quantile) for trial in (start, best)
         )
-        return Sides(
+        return Comparison(
             entry.metric, entry.quantile, None, at_start, at_best, band=metrics[entry.metric].band
         )
 
-    def limited(entry: Limit) -> Sides:
+    def compare_limited(entry: Limit) -> Comparison:
         bound = bound_of(entry, start)
         quantile, vehicles = (
             (None, entry.vehicles or "nominal") if entry.is_margin else (entry.quantile, None)
         )
         at_start, at_best = (limited_value(trial, entry) for trial in (start, best))
-        keeps = excess_of(best, entry, bound) <= 0.0
-        return Sides(
-            entry.metric,
-            quantile,
-            vehicles,
-            at_start,
-            at_best,
-            bound,
-            keeps,
-            entry.above is not None,
+        return Comparison(
+            metric=entry.metric,
+            quantile=quantile,
+            vehicles=vehicles,
+            start=at_start,
+            best=at_best,
+            limit=bound,
+            keeps=excess_of(best, entry, bound) <= 0.0,
+            floor=entry.above is not None,
         )
 
-    limits = tuple(limited(entry) for entry in block.limits)
-    points = np.stack([np.zeros(len(block.free)), found.place])
-    of_nominal = [trial.margins[0] for trial in (start, best)] if len(trials.vehicles) else None
-    least = trials.nominal_margins(points) if of_nominal is None else np.stack(of_nominal)
-    limited_margins = {side.metric for side in limits if side.vehicles == "nominal"}
+    limits = tuple(compare_limited(entry) for entry in block.limits)
+    smallest = (
+        np.stack([trial.margins[0] for trial in (start, best)])
+        if len(trials.vehicles)
+        else trials.nominal_margins(points)
+    )
+    limited_margins = {item.metric for item in limits if item.vehicles == "nominal"}
     margins = [
-        Sides(metric, None, "nominal", float(least[0, k]), float(least[1, k]))
+        Comparison(metric, None, "nominal", float(smallest[0, k]), float(smallest[1, k]))
         for k, metric in enumerate(MARGIN_NAMES)
         if metric not in limited_margins
     ]
-    known = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
-    more = () if (usage.metric, usage.quantile) in known else (side(usage),)
-    validation = quantile_difference(of_best, of_start, aim.quantile)
+    compared = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]
+    effort = () if (usage.metric, usage.quantile) in compared else (compare(usage),)
     return TuneFound(
-        name,
-        block,
-        trials.candidates.numbers,
-        found,
-        validation,
-        (side(aim), *limits, *more, *margins),
-        metrics,
+        controller=name,
+        block=block,
+        numbers=trials.candidates.numbers,
+        tuning=tuning,
+        validation=quantile_difference(severities[1], severities[0], aim.quantile),
+        comparisons=(compare(aim), *limits, *effort, *margins),
+        metrics=metrics,
     )
 
 
-def _comment(found: TuneFound, request: TuneRequest, seed: int) -> str:
-    """How the file was made, for its head."""
-    aim, gain = found.sides[0], found.difference
-    percent = f"{100 * found.block.minimise.quantile:g} % quantile of {aim.metric}"
-    command = f"abhv-mc tune {request.campaign} --controller {found.controller} -o {request.output} --seed {seed}"
+def _comment(result: TuneFound, request: TuneRequest, seed: int) -> str:
+    """Return the comment at the head of the new file."""
+    main, gain, block = result.comparisons[0], result.difference, result.block
+    command = (
+        f"abhv-mc tune {request.campaign} --controller {result.controller} -o {request.output}"
+        f" --seed {seed}"
+    )
     command += f" --tune {request.block}" if request.block else ""
     lines = (
         []
-        if found.shown
+        if result.shown
         else ["REJECTED: not shown to be better than the start within the limits."]
     )
     lines += [
         f"Made by `{command}`:",
-        f"{len(found.tuning.points)} candidates on {found.block.flights} flights each, the same for all.",
-        f"On {found.block.validation} fresh flights the {percent} is {aim.best:.4g} instead of {aim.start:.4g}",
+        f"{len(result.tuning.points)} candidates on the same {block.flights} flights.",
+        f"On {block.validation} fresh flights the {100 * block.minimise.quantile:g} % quantile of"
+        f" {main.metric} is {main.best:.4g} instead of {main.start:.4g}",
         f"(difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}).",
     ]
-    for side in found.sides[1:]:
-        bound = "" if side.limit is None else f", limit {side.limit:.4g}"
-        lines.append(f"{side.words}: {side.best:.4g} instead of {side.start:.4g}{bound}.")
+    for item in result.comparisons[1:]:
+        bound = "" if item.limit is None else f", limit {item.limit:.4g}"
+        lines.append(f"{item.label}: {item.best:.4g} instead of {item.start:.4g}{bound}.")
     return "\n".join(lines)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abhv_mc.cli.options import Json, Junit
-from abhv_mc.cli.printing import announce_compiling, answer, new_table, print_table, say
+from abhv_mc.cli.printing import announce_compiling, new_table, print_table, say, show_result
 from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _verify(
         raise InputError("--tolerance-scale", f"{scale:g}", "a positive number")
     announce_compiling()
     rows = make_rows(scale)
-    answer(rows_record(rows), json, lambda: _print_rows(rows))
+    show_result(rows_record(rows), json, lambda: _print_rows(rows))
     if junit is not None:
         from abhv_mc.report.pages.matrix import Case, make_junit
 

@@ -1,4 +1,4 @@
-"""The page on other people's problems says what is stored, and what is stored comes out again."""
+"""Tests of the page on published problems: its numbers are stored and can be reproduced."""
 
 from types import SimpleNamespace
 
@@ -10,22 +10,22 @@ from benchmarks.others import page, reliability, rocketpy_table, sensitivity
 from benchmarks.rare_coverage import estimate
 
 
-@pytest.mark.parametrize("part", page.HEADS)
-def test_the_page_shows_what_is_stored(part: str) -> None:
+@pytest.mark.parametrize("section", page.HEADS)
+def test_the_tables_of_the_page_are_those_of_the_results(section: str) -> None:
     text = page.PAGE.read_text()
-    held = text.partition(f"<!-- {part} -->\n")[2].partition(f"\n<!-- /{part} -->")[0]
-    assert held == page.make_table(part, page.read_rows(part))
+    table = text.partition(f"<!-- {section} -->\n")[2].partition(f"\n<!-- /{section} -->")[0]
+    assert table == page.make_table(section, page.read_rows(section))
 
 
-def test_the_page_counts_the_intervals_that_are_stored() -> None:
+def test_the_page_has_the_number_of_correct_intervals() -> None:
     rows = page.read_rows("reliability")
     for method in ("ours", "openturns"):
-        right, given = page.count_right(rows, method)
-        assert f"**{right} of {given}**" in page.PAGE.read_text()
+        right, intervals = page.count_right(rows, method)
+        assert f"**{right} of {intervals}**" in page.PAGE.read_text()
 
 
 @pytest.mark.parametrize(("operator", "threshold"), [(ot.Less(), 0.0), (ot.Greater(), 4.0)])
-def test_a_problem_fails_on_its_own_side_for_both_methods(
+def test_both_methods_respect_the_failing_side_of_a_problem(
     operator: ot.ComparisonOperator, threshold: float
 ) -> None:
     strength = ot.RandomVector(ot.JointDistribution([ot.Normal(4.0, 1.0), ot.Normal(2.0, 1.0)]))
@@ -43,7 +43,7 @@ def test_a_problem_fails_on_its_own_side_for_both_methods(
         assert answer.low < answer.probability < answer.high
 
 
-def test_indices_of_the_test_functions_come_out_again() -> None:
+def test_indices_of_the_test_functions_are_reproduced() -> None:
     stored = page.read_rows("sensitivity")
     for row, before in zip(sensitivity.study(3, 2000), stored, strict=True):
         assert row["published"] == before["published"]
@@ -52,7 +52,7 @@ def test_indices_of_the_test_functions_come_out_again() -> None:
         assert (row["named"][0] == 3) == (before["named"][0] == 20)
 
 
-def test_the_adopted_table_gives_the_stored_numbers_again() -> None:
+def test_the_imported_table_reproduces_the_stored_numbers() -> None:
     stored = page.read_rows("rocketpy")
     assert rocketpy_table.adopt() == stored
     for row in stored:

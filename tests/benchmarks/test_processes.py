@@ -1,4 +1,4 @@
-"""Processor time of commands: processes that nobody waits for count, too."""
+"""Tests of the processor time of commands, including processes without a waiting parent."""
 
 import sys
 
@@ -16,6 +16,6 @@ while time.process_time() < 0.4:
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="subreapers are Linux's")
-def test_time_of_a_process_that_nobody_waits_for_counts():
+@pytest.mark.skipif(sys.platform != "linux", reason="subreapers exist only on Linux")
+def test_the_time_of_an_orphaned_process_is_included():
     assert measure_all([sys.executable, "-S", "-c", ORPHAN])[0] > 0.4

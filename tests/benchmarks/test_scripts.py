@@ -1,4 +1,4 @@
-"""Every script of studies and benchmarks that a page names runs: one candidate, two flights."""
+"""Tests that every script of studies and benchmarks that a page names runs with little work."""
 
 import os
 import re
@@ -27,8 +27,8 @@ BENCHMARKS = (
     *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
     *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.fair_fight", "others.sensitivity"),
 )
-# These need what is not installed here (other programs, the network), run whole in other tests or in
-# `make test-thorough`, or belong to a script that runs.
+# These need other programs or the network, run completely in other tests or in
+# `make test-thorough`, or belong to another script.
 OTHERS = {
     "benchmarks.watch": "runs whole in make test-thorough",
     "benchmarks.others.page": "test_others.py",
@@ -42,16 +42,16 @@ OTHERS = {
 
 
 def list_changes() -> str:
-    """What git says of the folders that results are written to."""
-    words = ["git", "-C", str(ROOT), "status", "--porcelain", "benchmarks", "docs", "studies"]
-    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
+    """Return the status by git of the folders for results."""
+    command = ["git", "-C", str(ROOT), "status", "--porcelain", "benchmarks", "docs", "studies"]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
 
-def run(*words: str, folder: Path) -> None:
+def run(*arguments: str, folder: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
     before = list_changes()
     done = subprocess.run(
-        [sys.executable, *words, "--smoke"],
+        [sys.executable, *arguments, "--smoke"],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -62,16 +62,16 @@ def run(*words: str, folder: Path) -> None:
     assert list_changes() == before
 
 
-@pytest.mark.parametrize("words", [*STUDIES, "unknown_grid"])
-def test_a_study_runs(words: str, tmp_path: Path) -> None:
-    name, *rest = words.split()
-    run(str(ROOT / "studies" / f"{name}.py"), *rest, folder=tmp_path)
+@pytest.mark.parametrize("script", [*STUDIES, "unknown_grid"])
+def test_a_study_runs(script: str, tmp_path: Path) -> None:
+    name, *arguments = script.split()
+    run(str(ROOT / "studies" / f"{name}.py"), *arguments, folder=tmp_path)
 
 
-@pytest.mark.parametrize("words", BENCHMARKS)
-def test_a_benchmark_runs(words: str, tmp_path: Path) -> None:
-    name, *rest = words.split()
-    run("-m", f"benchmarks.{name}", *rest, folder=tmp_path)
+@pytest.mark.parametrize("script", BENCHMARKS)
+def test_a_benchmark_runs(script: str, tmp_path: Path) -> None:
+    name, *arguments = script.split()
+    run("-m", f"benchmarks.{name}", *arguments, folder=tmp_path)
 
 
 def test_every_script_that_a_page_names_is_run() -> None:
@@ -80,8 +80,8 @@ def test_every_script_that_a_page_names_is_run() -> None:
     named = re.findall(r"\b(?:studies|benchmarks)(?:[./]\w+)+", text)
     modules = {name.replace("/", ".").removesuffix(".py") for name in named}
     scripts = {name for name in modules if (ROOT / f"{name.replace('.', '/')}.py").is_file()}
-    run_here = {f"studies.{words.split()[0]}" for words in (*STUDIES, "unknown_grid")}
-    run_here |= {f"benchmarks.{words.split()[0]}" for words in BENCHMARKS}
+    run_here = {f"studies.{script.split()[0]}" for script in (*STUDIES, "unknown_grid")}
+    run_here |= {f"benchmarks.{script.split()[0]}" for script in BENCHMARKS}
     paper_vehicle = {name for name in scripts if name.startswith("studies.paper_vehicle")}
     assert scripts - paper_vehicle <= run_here | OTHERS.keys()
     assert all(

@@ -1,4 +1,4 @@
-"""The benchmark of speed: its record, the operations that it counts, and its C++ twin, which flies what we fly."""
+"""Tests of the benchmark of speed: its record, counted operations, and C++ twin."""
 
 import json
 import math
@@ -28,9 +28,9 @@ from benchmarks.peers.twin import compile_twin, fly_twin
 OPERATIONS = {"additions": 10e6, "multiplications": 20e6, "divisions": 1e6, "square_roots": 1e6}
 
 
-def test_the_ratios_and_the_table(monkeypatch, tmp_path, capsys):
-    one = compare_speeds(2e-3, 8e-3, 64e9, OPERATIONS)
-    assert one == {
+def test_ratios_record_and_table(monkeypatch, tmp_path, capsys):
+    speeds = compare_speeds(2e-3, 8e-3, 64e9, OPERATIONS)
+    assert speeds == {
         "flights_per_second_per_core": 500.0,
         "ms_per_flight": 2.0,
         "one_at_a_time_ms": 8.0,
@@ -41,7 +41,7 @@ def test_the_ratios_and_the_table(monkeypatch, tmp_path, capsys):
     speed = {
         "machine": {"cpu": "x", "cores": 2, "simd": "AVX2"},
         "peak_gflops_per_core": 64.0,
-        "controllers": {"tlc": one},
+        "controllers": {"tlc": speeds},
     }
     speed |= {"two_workers_over_one": 1.9, "step_s": 0.01, "control_rate_hz": 100.0, "flights": 640}
     starts = {"cold_start_s": 20.0, "warm_start_s": 1.0, "import_s": 0.01, "peak_memory_mb": 500.0}
@@ -56,7 +56,7 @@ def test_the_ratios_and_the_table(monkeypatch, tmp_path, capsys):
     assert "500 flights per second and core" in out and f"{million:.2f} M multiplications" in out
 
 
-def test_the_yardstick_does_the_arithmetic_that_it_counts():
+def test_the_peak_measurement_does_the_counted_arithmetic():
     x = np.linspace(-1.0, 1.0, 128)
     expected = x.copy()
     for _ in range(3 * 8):
@@ -69,11 +69,11 @@ def test_peak_memory_is_that_of_the_process():
     small, large = (_peak_memory(["-c", f"x = b'1' * {size}"]) for size in (1, 200_000_000))
     assert small < 100.0 and large - small == pytest.approx(
         200.0, rel=0.15
-    )  # not that of its parent
+    )  # without the memory of its parent
 
 
 @pytest.mark.parametrize("other", [3.0, np.float64(3.0), 3, Counted(3.0)])
-def test_each_operation_counts_once_from_either_side_and_what_is_no_arithmetic_does_not(other):
+def test_arithmetic_operations_count_once_and_other_operations_do_not(other):
     COUNTS.clear()
     x = Counted(2.0)
     results = [
@@ -102,7 +102,7 @@ def test_each_operation_counts_once_from_either_side_and_what_is_no_arithmetic_d
         x**2.0
 
 
-def test_the_counts_that_the_package_keeps_are_todays():
+def test_the_stored_counts_are_up_to_date():
     COUNTS.clear()
     assert count_operations(make_work(1)[0]) == read_operations(), (
         "count again: python -m benchmarks.operations"
@@ -123,7 +123,7 @@ AGREEMENT = 1e-8  # m, m/s, rad, kg over 60 s: rounding and libm; 2e-10 found. P
 
 
 def disperse():
-    """Everything that the twin knows; the last flight's surfaces are slow enough to meet their rate limit."""
+    """Draw all dispersions of the twin; the surfaces of the last flight reach their rate limit."""
     generator = np.random.default_rng(5)
     parameters = nominal_parameters(FLIGHTS)
     for i, parameter in enumerate(PARAMETERS[: PARAMETER_INDEX["sensor.yaw_rate_bias"] + 1]):
@@ -135,8 +135,8 @@ def disperse():
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
-def test_the_twin_flies_the_same_and_refuses_what_it_does_not_know(tmp_path):
-    """Its speed compares only because its flights agree."""
+def test_the_twin_simulates_the_same_flights_and_rejects_unsupported_dispersions(tmp_path):
+    """Speeds are comparable only if the flights agree."""
     twin, plan = (
         compile_twin(tmp_path),
         make_flight_plan("s_manoeuvre", "ghame_x", controller="lqr"),

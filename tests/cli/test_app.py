@@ -1,15 +1,17 @@
-"""The command line's frame: exit codes, what is said, and that starting is cheap."""
+"""Tests of the command line application: help, exit codes, messages and imports."""
 
 import errno
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
 import abhv_mc
 from abhv_mc.cli.app import app
@@ -28,7 +30,7 @@ def run_program(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def command_code(body: str, before: str = "") -> str:
-    """A program whose only command is ``body``."""
+    """Return a program whose only command is ``body``."""
     return (
         f"import os, signal, sys, time\n{before}\nfrom abhv_mc.cli import app\n"
         f"def command():\n    {body}\n"
@@ -39,7 +41,7 @@ def command_code(body: str, before: str = "") -> str:
 def run_command(
     body: str, before: str = "", stdout: Any = subprocess.PIPE
 ) -> subprocess.CompletedProcess[str]:
-    """A program whose only command is ``body``, for standard output as it is buffered by default."""
+    """Run a program whose only command is ``body``, with standard output buffered as usual."""
     return subprocess.run(
         [sys.executable, "-c", command_code(body, before)],
         stdout=stdout,
@@ -52,12 +54,10 @@ def run_command(
 
 
 def test_version_and_help() -> None:
-    said = run_program("--version").stdout
-    assert said.startswith(f"abhv-mc {abhv_mc.__version__}\n") and "\nnumba " in said
+    output = run_program("--version").stdout
+    assert output.startswith(f"abhv-mc {abhv_mc.__version__}\n") and "\nnumba " in output
     help_ = run_program("--help")
     assert help_.returncode == 0
-    for command in app.registered_commands:
-        assert (f" {command.name} " in help_.stdout) is not command.hidden
     panels = re.split(r"╭─ (.+?) ─+╮", help_.stdout)
     commands = {
         panel: re.findall(r"^│ (\S+) ", text, re.MULTILINE)
@@ -65,7 +65,23 @@ def test_version_and_help() -> None:
         if panel != "Options"
     }
     assert len(commands["First day"]) == 6
-    assert sum(map(len, commands.values())) <= 24
+    listed = {name for names in commands.values() for name in names}
+    assert len(listed) <= 24
+    for command in app.registered_commands:
+        assert (command.name in listed) is not command.hidden
+
+
+def test_the_first_day_commands_have_examples_that_parse() -> None:
+    group: Any = typer.main.get_command(app)
+    panel = [name for name, inner in group.commands.items() if inner.rich_help_panel == "First day"]
+    assert len(panel) == 6
+    for name in panel:
+        heading, *examples = group.commands[name].epilog.split("\n\n")
+        assert heading == "Examples:" and len(examples) >= 2
+        for example in examples:
+            program, command, *arguments = shlex.split(example)
+            assert (program, command) == ("abhv-mc", name)
+            group.commands[name].make_context(name, arguments, resilient_parsing=True)
 
 
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])
@@ -78,7 +94,7 @@ def test_starting_imports_nothing_heavy(start: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "said"),
+    ("error", "code", "message"),
     [
         (
             InputError(Path("x.yaml"), "0", "more than 0", 3, 7),
@@ -93,7 +109,7 @@ def test_starting_imports_nothing_heavy(start: str) -> None:
         (
             PermissionError(errno.EACCES, "Permission denied", "y.png"),
             2,
-            "y.png: a place that cannot be written",
+            "y.png: the path cannot be written",
         ),
         (MemoryError(), 3, "not enough memory"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "a defect"),
@@ -102,15 +118,15 @@ def test_starting_imports_nothing_heavy(start: str) -> None:
     ],
 )
 def test_exit_codes(
-    error: BaseException, code: int | None, said: str, capsys: pytest.CaptureFixture[str]
+    error: BaseException, code: int | None, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert exit_code_of(error) == code
     out, err = capsys.readouterr()
-    assert said in err
+    assert message in err
     assert out == ""
 
 
-# Python would die by SIGINT where it hit exec.
+# Python would end by the signal SIGINT during exec.
 @pytest.mark.parametrize(("moment", "number"), [("exec({!r})", "SIGINT"), ("{}", "SIGTERM")])
 def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
     default = (
@@ -123,15 +139,15 @@ def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
     assert answer.stderr.startswith("interrupted") and "Traceback" not in answer.stderr
 
 
-def test_a_command_that_asks_with_sql_ends_without_a_word():
-    """What is not searched for garbage at the end is a leak to duckdb."""
+def test_a_command_with_sql_prints_no_warning_at_exit():
+    """duckdb reports objects that are not collected at exit as leaks."""
     answer = run_command("import duckdb; duckdb.connect().sql('select 1').fetchall()")
     assert (answer.returncode, answer.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("ending", ["", "; raise SystemExit(1)"])
-def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
-    """`runs DIR | head -1` ended with exit code 1, which says that a requirement failed."""
+def test_a_closed_output_is_not_reported_as_a_failed_requirement(ending):
+    """`runs DIR | head -1` ended with exit code 1, which means that a requirement failed."""
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "wb") as closed:
@@ -141,7 +157,7 @@ def test_output_that_nobody_reads_any_more_is_no_failed_requirement(ending):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a system without /dev/full")
-def test_output_to_a_full_disk_is_told_as_that():
+def test_output_to_a_full_disk_is_reported():
     with Path("/dev/full").open("w") as full:
         program = [sys.executable, "-m", "abhv_mc", "--version"]
         answer = subprocess.run(
@@ -155,8 +171,8 @@ def test_output_to_a_full_disk_is_told_as_that():
         )
 
 
-def test_a_log_that_takes_nothing_stops_no_campaign():
-    """A full disk or a dead reader of standard error ended the campaign, with the code of a failed requirement."""
+def test_an_unwritable_log_does_not_stop_a_campaign():
+    """A full disk or a closed standard error ended the campaign with exit code 1."""
 
     class FullLog(io.StringIO):
         def write(self, _: str) -> int:
@@ -166,8 +182,8 @@ def test_a_log_that_takes_nothing_stops_no_campaign():
         progress.add(1)
 
 
-def test_another_system_is_told_what_is_needed() -> None:
-    """In a process of its own: much of Python looks at the system's name."""
+def test_other_operating_systems_are_rejected() -> None:
+    """Run in a separate process, because many Python modules read the name of the system."""
     program = "import abhv_mc, os; os.name = 'nt'; import abhv_mc.cli"
     ended = subprocess.run(
         [sys.executable, "-c", program], check=False, capture_output=True, text=True
@@ -176,40 +192,40 @@ def test_another_system_is_told_what_is_needed() -> None:
     assert "Linux or macOS" in ended.stderr and "Traceback" not in ended.stderr
 
 
-def test_a_shell_offers_shipped_names_and_the_folders_of_campaigns(tmp_path: Path) -> None:
+def test_shells_complete_shipped_names_and_folders_of_campaigns(tmp_path: Path) -> None:
     for name in ("flown", "empty"):
         (tmp_path / "reports" / name).mkdir(parents=True)
     (tmp_path / "reports/flown/manifest.json").touch()
-    for words, offered in (
+    for typed, offered in (
         ("run s_man", "s_manoeuvre"),
         ("fly level --controllers tlc,lqr_robust_abh", "tlc,lqr_robust_abhv"),
         ("worst x --metric bank_error_settled", "bank_error_settled_max_deg"),
         ("report re", "reports/flown"),
     ):
-        typed = f"abhv-mc {words}"
-        asked = {
+        line = f"abhv-mc {typed}"
+        request = {
             "_ABHV_MC_COMPLETE": "complete_bash",
-            "COMP_WORDS": typed,
-            "COMP_CWORD": str(len(words.split())),
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(typed.split())),
         }
         program = [sys.executable, "-m", "abhv_mc"]
-        told = subprocess.run(
+        answer = subprocess.run(
             program,
-            env=os.environ | asked,
+            env=os.environ | request,
             cwd=tmp_path,
             capture_output=True,
             text=True,
             check=False,
         )
-        assert offered in told.stdout.split(), told.stderr
-        assert "reports/empty" not in told.stdout
+        assert offered in answer.stdout.split(), answer.stderr
+        assert "reports/empty" not in answer.stdout
 
 
 @pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
 def test_closed_standard_streams_change_no_exit_code(
     closed: tuple[int, ...], tmp_path: Path
 ) -> None:
-    """A file that is opened then must not get the number of a stream: prints would land in it."""
+    """A file that is opened must not get the number of a stream, or printed text enters it."""
     body = (
         "from abhv_mc.cli.printing import say; file = open('out', 'w'); print('words'); "
         "say('words', file=sys.stderr); os.write(1, b'words'); os.write(2, b'words'); file.close()"
@@ -227,7 +243,7 @@ def test_closed_standard_streams_change_no_exit_code(
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_terminal_without_unicode_stops_no_command(encoding: str) -> None:
+def test_a_terminal_without_unicode_gets_escapes(encoding: str) -> None:
     body = (
         "from abhv_mc.cli.printing import new_table, print_table, say; "
         "table = new_table(['angle \\u03b1'], ['n']); table.add_row('\\u2212', '1'); "
@@ -239,26 +255,28 @@ def test_a_terminal_without_unicode_stops_no_command(encoding: str) -> None:
         check=False,
         env=os.environ | {"PYTHONIOENCODING": encoding},
     )
-    shown = done.stdout.decode(encoding)
-    assert done.returncode == 0 and shown.rstrip().endswith("end"), done.stderr
-    assert ("\\u03b1" in shown) == (encoding != "utf-8") and "\\u2500" not in shown
+    output = done.stdout.decode(encoding)
+    assert done.returncode == 0 and output.rstrip().endswith("end"), done.stderr
+    assert ("\\u03b1" in output) == (encoding != "utf-8") and "\\u2500" not in output
 
 
-def test_too_many_open_files_is_no_defect(capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_many_open_files_are_not_reported_as_a_defect(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     error = OSError(errno.EMFILE, os.strerror(errno.EMFILE), "flights/x.parquet")
     assert exit_code_of(error) == ExitCode.INCOMPLETE
     assert "ulimit -n" in capsys.readouterr().err
 
 
 def test_a_container_without_a_home_runs_a_simulator(tmp_path: Path) -> None:
-    """`HOME=/` and no HOME at all ended every command; /dev/null is a home in which even root makes no folder."""
+    """All commands failed with `HOME=/` or without HOME; not even root can write in /dev/null."""
     names = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
     environment = {name: value for name, value in os.environ.items() if name not in names}
     environment |= {"HOME": "/dev/null", "TMPDIR": str(tmp_path)}
 
-    def run(*words: str) -> str:
+    def run(*arguments: str) -> str:
         done = subprocess.run(
-            [sys.executable, "-m", "abhv_mc", *words],
+            [sys.executable, "-m", "abhv_mc", *arguments],
             cwd=tmp_path,
             env=environment,
             capture_output=True,
@@ -269,8 +287,8 @@ def test_a_container_without_a_home_runs_a_simulator(tmp_path: Path) -> None:
         return done.stderr
 
     run("new", "mine", "--simulator", "python")
-    said = run("run", "mine/campaign.yaml", "--runs", "20", "-o", "out")
-    assert said.count("Set XDG_CACHE_HOME") == 1
-    assert "temporary" not in said  # as matplotlib warns of a folder that it makes itself
+    errors = run("run", "mine/campaign.yaml", "--runs", "20", "-o", "out")
+    assert errors.count("Set XDG_CACHE_HOME") == 1
+    assert "temporary" not in errors  # a warning of matplotlib about its cache
     assert (tmp_path / "out" / "report.html").exists()
     assert (tmp_path / f"abhv-mc-{os.getuid()}").stat().st_mode & 0o077 == 0

@@ -1,4 +1,4 @@
-"""``fly``, ``trim``, ``list``, ``verify``, ``margins``, ``linearize``: what they print, write and exit with."""
+"""Tests of the commands fly, trim, list, verify, margins and linearize."""
 
 import json
 import shutil
@@ -19,8 +19,8 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import PARAMETERS
 
 
-def run(*words, **options):
-    return CliRunner().invoke(app, [str(word) for word in words], **options)
+def run(*arguments, **options):
+    return CliRunner().invoke(app, [str(word) for word in arguments], **options)
 
 
 def test_fly_prints_every_metric_of_every_controller():
@@ -41,8 +41,8 @@ def test_fly_prints_every_metric_of_every_controller():
 def test_fly_writes_history_and_figures(repository, tmp_path):
     files = repository / "configs"
     mission, tlc = str(files / "mission/level.yaml"), str(files / "control/tlc.yaml")
-    named = shutil.copy(tlc, tmp_path / "${$.yaml")  # which is no formula
-    words = (
+    named = shutil.copy(tlc, tmp_path / "${$.yaml")  # not interpreted as a formula
+    options = (
         "--vehicle",
         files / "vehicle/ghame_x.yaml",
         "--controllers",
@@ -50,7 +50,7 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
         "-o",
         tmp_path / "level",
     )
-    flown = run("fly", mission, *words)
+    flown = run("fly", mission, *options)
     history = pq.read_table(tmp_path / "level/nominal.parquet")
     assert history.column_names == ["controller", "time", *(channel.name for channel in CHANNELS)]
     np.testing.assert_allclose(history["time"][:6001], np.arange(6001) * 0.01, atol=1e-12)
@@ -58,7 +58,7 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
     assert str(tmp_path / "level/figures/channels.png") in flown.stdout.replace("\n", "")
 
 
-def test_trim_in_degrees_and_the_exit_code_of_a_point_without_one(repository):
+def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository):
     result = run(
         "trim",
         "ghame",
@@ -72,11 +72,15 @@ def test_trim_in_degrees_and_the_exit_code_of_a_point_without_one(repository):
         "-",
     )
     assert result.exit_code == 0
-    found = json.loads(result.stdout)
-    assert (found["altitude_m"], found["speed_mps"], found["mass_kg"]) == (20e3, 1400.0, 95254.0)
+    numbers = json.loads(result.stdout)
+    assert (numbers["altitude_m"], numbers["speed_mps"], numbers["mass_kg"]) == (
+        20e3,
+        1400.0,
+        95254.0,
+    )
     angles = [
         (point["trimmed"], point["bank_deg"], point["angle_of_attack_deg"])
-        for point in found["points"]
+        for point in numbers["points"]
     ]
     assert angles == [
         (True, 0.0, pytest.approx(3.59, abs=0.005)),
@@ -85,7 +89,7 @@ def test_trim_in_degrees_and_the_exit_code_of_a_point_without_one(repository):
     result = run("trim", "ghame_x", "--bank=0,89", "--mass", "1.3 t")
     assert result.exit_code == 1
     assert "ghame_x: 20 km, 1400 m/s, Mach 4.745" in result.stdout
-    assert "no trim at 89 deg of bank" in result.stdout and "no trim at 0 deg" not in result.stdout
+    assert "no trim at 89 deg" in result.stdout and "no trim at 0 deg" not in result.stdout
     for flown in ("s_manoeuvre", "campaigns/s_manoeuvre.yaml"):
         point = json.loads(
             run("trim", repository / flown if "/" in flown else flown, "--json", "-").stdout
@@ -108,7 +112,7 @@ def test_trim_in_degrees_and_the_exit_code_of_a_point_without_one(repository):
         ("schemas", ["campaign", "vehicle", "mission", "controller", "report", "manifest"]),
     ],
 )
-def test_everything_is_listed_in_words_and_as_json(kind, names):
+def test_definitions_are_listed_as_text_and_as_json(kind, names):
     listed = json.loads(run("list", kind, "--json", "-").stdout)
     assert [entry["name"] for entry in listed] == names
     table = run("list", kind).stdout
@@ -117,7 +121,7 @@ def test_everything_is_listed_in_words_and_as_json(kind, names):
         assert json.loads(run("list", "schemas", "vehicle").stdout) == make_schema("vehicle")
 
 
-def test_check_cases_and_their_json(repository, tmp_path):
+def test_verify_writes_the_rows_of_a_check_case(repository, tmp_path):
     case = "Atmos_09_EastwardCannonball"
     shutil.copytree(repository / "tests/reference/nesc" / case, tmp_path / case)
     result = run("verify", "nesc", tmp_path, "--json", tmp_path / "new/rows.json")
@@ -153,13 +157,13 @@ KEYS = [
 ]
 
 
-def _call(*words):
-    """The same, its errors raised; gives its standard output."""
-    return run(*words, catch_exceptions=False).stdout
+def _call(*arguments):
+    """Run a command without catching its errors, and return its standard output."""
+    return run(*arguments, catch_exceptions=False).stdout
 
 
 def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
-    words = (
+    command = (
         "margins",
         "level",
         "--vehicle",
@@ -169,7 +173,7 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
         "--controllers",
         "tlc,lqr_retuned_ghame_x",
     )
-    rows = json.loads(run(*words, "--json", "-").stdout)["rows"]
+    rows = json.loads(run(*command, "--json", "-").stdout)["rows"]
     loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
     assert [row["loop"] for row in rows] == loops * 4
     assert [row["time_s"] for row in rows[::5]] == [None, 2.0, None, 2.0]
@@ -190,65 +194,66 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
     )
     assert rows[4]["disk_margin"] == pytest.approx(0.0579, abs=1e-4)
     assert rows[4]["disk_gain_db"] == pytest.approx(0.503, abs=1e-3)
-    said = run(*words)
-    assert "-1.31" in said.stdout and "none" in said.stdout
-    assert "near the node 1.0000" in said.stderr
+    result = run(*command)
+    assert "-1.31" in result.stdout and "none" in result.stdout
+    assert "near the node 1.0000" in result.stderr
 
 
 def test_an_unstable_loop_has_no_margins_but_poles():
-    words = ("margins", "level", "--vehicle", "ghame_x", "--controllers", "lqr")
-    rows = json.loads(_call(*words, "--at", "trim", "--json", "-"))["rows"]
+    command = ("margins", "level", "--vehicle", "ghame_x", "--controllers", "lqr")
+    rows = json.loads(_call(*command, "--at", "trim", "--json", "-"))["rows"]
     assert not any(row["stable"] for row in rows)
     assert all(rows[0][key] is None for key in KEYS[3:9])
     np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
-    assert "unstable, no margins; poles +0.120 +- 2.78j per second" in _call(*words)
+    assert "poles +0.120 +- 2.78j" in _call(*command)
 
 
 def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(tmp_path):
     file = tmp_path / "rows.json"
     _call("margins", "winged_cone", "--controllers", "tlc", "--json", file)
-    found = json.loads(file.read_text())
-    assert found["vehicle"] == "winged_cone" and {row["controller"] for row in found["rows"]} == {
-        "tlc"
-    }
-    for words, found in (
+    numbers = json.loads(file.read_text())
+    assert numbers["vehicle"] == "winged_cone"
+    assert {row["controller"] for row in numbers["rows"]} == {"tlc"}
+    for options, problem in (
         (("--controllers", "pid"), "tlc"),
         (("--worst", "--at", "30s"), "--worst"),
     ):
-        with pytest.raises(InputError, match=found):
-            _call("margins", "winged_cone", *words)
+        with pytest.raises(InputError, match=problem):
+            _call("margins", "winged_cone", *options)
 
 
-def _linearize(file, controller="tlc", at="trim"):
-    _call("linearize", "level", "-o", file, "--controller", controller, "--at", at)
+def _linearize(file, controller="tlc", instants="trim"):
+    _call("linearize", "level", "-o", file, "--controller", controller, "--at", instants)
 
 
 def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
     _linearize(tmp_path / "model.npz")
-    with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
-        period = float(found["period_s"])
+    with np.load(tmp_path / "model.npz", allow_pickle=False) as model:
+        period = float(model["period_s"])
         systems = {
-            part: control.ss(*(found[f"{part}_{each}"] for each in "ABCD"), period, name=part)
-            for part in ("plant", "law", "loop", "closed")
+            system: control.ss(
+                *(model[f"{system}_{matrix}"] for matrix in "ABCD"), period, name=system
+            )
+            for system in ("plant", "law", "loop", "closed")
         }
-        continuous = control.ss(*(found[f"plant_continuous_{each}"] for each in "ABCD"))
-        states, units = found["closed_states"].tolist(), found["closed_state_units"].tolist()
+        continuous = control.ss(*(model[f"plant_continuous_{matrix}"] for matrix in "ABCD"))
+        states, units = model["closed_states"].tolist(), model["closed_state_units"].tolist()
     assert (
         len(states) == len(units) == 36
         and states[0] == "altitude"
         and states[-1] == "law_last_elevator"
     )
-    held = control.sample_system(continuous, period, "zoh")
-    np.testing.assert_allclose(held.A, systems["plant"].A, atol=1e-9)
-    np.testing.assert_allclose(held.B, systems["plant"].B, atol=1e-9)
-    # The closed loop is the plant under the law, whichever way it is put together.
+    discrete = control.sample_system(continuous, period, "zoh")
+    np.testing.assert_allclose(discrete.A, systems["plant"].A, atol=1e-9)
+    np.testing.assert_allclose(discrete.B, systems["plant"].B, atol=1e-9)
+    # The closed loop of the file equals the feedback connection of plant and law.
     together = control.feedback(systems["plant"], systems["law"], sign=1)
     poles = np.sort(np.abs(together.poles()))
     np.testing.assert_allclose(poles, np.sort(np.abs(systems["closed"].poles())), atol=1e-6)
     assert np.abs(systems["closed"].poles()).max() < 1.0
 
 
-def test_linearize_says_the_same_in_each_format(tmp_path):
+def test_linearize_writes_the_same_model_in_each_format(tmp_path):
     for suffix in (".npz", ".mat", ".json"):
         _linearize(tmp_path / f"new/model{suffix}", "lqr_retuned_ghame_x", "1s")
     text = json.loads((tmp_path / "new/model.json").read_text())
@@ -259,35 +264,35 @@ def test_linearize_says_the_same_in_each_format(tmp_path):
             matlab["loop"],
             {key: packed[f"loop_{key}"] for key in ("A", "B", "states")},
         ]
-    for one, other in pairwise(models):
+    for model, next_model in pairwise(models):
         for key in ("A", "B"):
-            np.testing.assert_array_equal(np.array(one[key]), np.array(other[key]))
-        assert list(one["states"]) == list(other["states"])
+            np.testing.assert_array_equal(np.array(model[key]), np.array(next_model[key]))
+        assert list(model["states"]) == list(next_model["states"])
 
 
-def test_linearize_refuses_what_it_cannot_write(tmp_path):
-    for file, controller, at, words in (
+def test_linearize_rejects_invalid_options(tmp_path):
+    for file, controller, instants, problem in (
         ("model.txt", "tlc", "trim", "npz"),
         ("model.npz", "tlc,lqr", "trim", "one controller"),
         ("model.npz", "tlc", "trim,2s", "one point"),
     ):
-        with pytest.raises(InputError, match=words):
-            _linearize(tmp_path / file, controller, at)
+        with pytest.raises(InputError, match=problem):
+            _linearize(tmp_path / file, controller, instants)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_linearize_along_a_path_is_each_of_its_times(tmp_path):
+def test_linearize_at_several_times_stacks_the_models_of_each_time(tmp_path):
     _linearize(tmp_path / "path.npz", "lqr", "0s:1s:0.5s")
     _linearize(tmp_path / "one.npz", "lqr", "0.5s")
-    with np.load(tmp_path / "path.npz") as path, np.load(tmp_path / "one.npz") as one:
+    with np.load(tmp_path / "path.npz") as path, np.load(tmp_path / "one.npz") as single:
         assert path["time_s"].tolist() == [0.0, 0.5, 1.0]
         for name in ("plant_A", "plant_B", "law_D", "closed_A"):
-            assert np.array_equal(path[name][1], one[name]), name
-        assert path["plant_A"].shape == (3, *one["plant_A"].shape)
-        assert np.array_equal(path["plant_states"], one["plant_states"])
+            assert np.array_equal(path[name][1], single[name]), name
+        assert path["plant_A"].shape == (3, *single["plant_A"].shape)
+        assert np.array_equal(path["plant_states"], single["plant_states"])
 
 
-def test_linearize_writes_the_gains_of_a_controller_alone(tmp_path):
-    made = run("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
-    assert made.exit_code == 0, made.exception
+def test_linearize_can_write_only_the_gains_of_a_controller(tmp_path):
+    result = run("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
+    assert result.exit_code == 0, result.exception
     assert scipy.io.loadmat(tmp_path / "gains.mat") and len([*tmp_path.iterdir()]) == 1

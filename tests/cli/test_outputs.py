@@ -1,4 +1,4 @@
-"""No command writes over what a campaign's folder holds: every option that names an output refuses it."""
+"""Tests of output options, which never overwrite files of a campaign."""
 
 import inspect
 import json
@@ -13,10 +13,10 @@ from typer.models import OptionInfo
 
 from abhv_mc.cli.app import app
 from abhv_mc.cli.request_options import takes_options
-from abhv_mc.folder.layout import find_user_place
+from abhv_mc.folder.layout import find_in_campaign
 from abhv_mc.requests import WorstRequest
 
-# Read, or there for a while.
+# Paths that are read, or temporary.
 NOT_OUTPUTS = {
     "baseline",
     "block",
@@ -30,27 +30,27 @@ NOT_OUTPUTS = {
 }
 
 
-def commands(group, words=()):
-    """Yield the words and the function of each command in a group."""
+def commands(group, names=()):
+    """Yield the names and the function of each command in a group."""
     for inner in group.registered_groups:
-        yield from commands(inner.typer_instance, (*words, inner.name))
+        yield from commands(inner.typer_instance, (*names, inner.name))
     for command in group.registered_commands:
-        if command.hidden:  # another name of one that is listed
+        if command.hidden:  # a former name of another command
             continue
-        yield (*words, command.name or command.callback.__name__), command.callback
+        yield (*names, command.name or command.callback.__name__), command.callback
 
 
 def outputs():
-    """Yield the options that name something to write, each after its command's words, and what they take."""
+    """Yield each output option, after the names of its command, and its metavar."""
     added = (
         (entry.name.split("."), entry.load()) for entry in entry_points(group="abhv_mc.commands")
     )
-    for words, function in [*commands(app), *added]:
+    for names, function in [*commands(app), *added]:
         for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
             kind, *infos = typing.get_args(parameter.annotation) or (parameter.annotation,)
             options = [info for info in infos if isinstance(info, OptionInfo)]
             if options and Path in (kind, *typing.get_args(kind)) and name not in NOT_OUTPUTS:
-                yield (*words, options[0].default), options[0].metavar
+                yield (*names, options[0].default), options[0].metavar
 
 
 TAKEN = dict(outputs())
@@ -68,21 +68,21 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def call(abhv_mc, flown):
-    """Run the program; nothing in the folder is changed."""
+    """Return a function that runs the program and checks that the folder is unchanged."""
 
-    def run(*words):
+    def run(*arguments):
         before = {path: path.read_bytes() for path in flown.rglob("*") if path.is_file()}
-        code, _, said = abhv_mc(*words)
+        code, _, errors = abhv_mc(*arguments)
         assert {path: path.read_bytes() for path in flown.rglob("*") if path.is_file()} == before
-        return code, said
+        return code, errors
 
     return run
 
 
-def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
-    assert {words[0] for words in OPTIONS} >= {"linearize", "report", "query", "run", "merge"}
-    figures = {words[0] for words in OPTIONS if words[-1] == "--json"}
-    assert figures == {
+def test_all_commands_with_numbers_write_json():
+    assert {option[0] for option in OPTIONS} >= {"linearize", "report", "query", "run", "merge"}
+    commands_with_json = {option[0] for option in OPTIONS if option[-1] == "--json"}
+    assert commands_with_json == {
         *(
             "run",
             "merge",
@@ -102,62 +102,60 @@ def test_all_commands_are_looked_at_and_all_that_print_figures_write_json():
     }
 
 
-@pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
-def test_outputs_keep_away_from_what_is_the_campaigns(call, flown, tmp_path, words):
-    if words == ("query", "--csv"):  # without SQL a folder
-        words = ("query", flown, words[-1])
-    code, said = call(*words, flown / "flights/x")
-    assert code == 2 and "a place of the campaign's own files" in said, said
-    if words[-1] != "--json" and words[0] != "run":
-        code, said = call(*words, "s3://bucket/x.npz")
-        assert code == 2 and "an address" in said, said
+@pytest.mark.parametrize("option", OPTIONS, ids=" ".join)
+def test_outputs_do_not_overwrite_files_of_a_campaign(call, flown, tmp_path, option):
+    if option == ("query", "--csv"):  # without SQL a folder
+        option = ("query", flown, option[-1])
+    code, errors = call(*option, flown / "flights/x")
+    assert code == 2 and "files of a campaign" in errors, errors
+    if option[-1] != "--json" and option[0] != "run":
+        code, errors = call(*option, "s3://bucket/x.npz")
+        assert code == 2 and "an address" in errors, errors
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("command", "message"),
     [
         (("query", "FLOWN", "--csv", "file.yaml"), "a file"),
         (("runs", "FLOWN", "--json", "."), "a folder"),
         (("runs", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
-        (
-            ("fly", "level", "-o", "FLOWN"),
-            "own files",
-        ),  # its nominal flight would be written over the campaign's
-        (("query", "FLOWN", "--csv", "FLOWN"), "own files"),
+        # The nominal flight would replace that of the campaign.
+        (("fly", "level", "-o", "FLOWN"), "files of a campaign"),
+        (("query", "FLOWN", "--csv", "FLOWN"), "files of a campaign"),
         (("validate", "file.yaml", "--json", "file.yaml"), "a JSON file"),
     ],
 )
-def test_what_is_no_place_for_an_output(call, flown, tmp_path, monkeypatch, words, said):
+def test_invalid_output_paths_are_rejected(call, flown, tmp_path, monkeypatch, command, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file.yaml").write_text("{}\n", encoding="utf-8")
-    code, found = call(*(flown if word == "FLOWN" else word for word in words))
-    assert code == 2 and said in found, found
+    code, errors = call(*(flown if argument == "FLOWN" else argument for argument in command))
+    assert code == 2 and message in errors, errors
     assert (tmp_path / "file.yaml").read_text() == "{}\n"
 
 
 @pytest.mark.parametrize("command", ["worst", "rare", "tune", "run"])
 def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
-    """`worst s_manoeuvre` failed: found no such file."""
-    words = {
+    """`worst s_manoeuvre` failed because there is no such file."""
+    options = {
         "worst": ("--metric", "x", "-o", tmp_path / "o"),
         "rare": ("--requirement", "x", "-o", tmp_path / "o"),
     }
-    words |= {
+    options |= {
         "tune": ("-o", tmp_path / "o.yaml"),
         "run": ("--controllers", "x", "-o", tmp_path / "o"),
     }
-    code, _, said = abhv_mc(command, "s_manoeuvre", *words[command])
-    assert "no such file" not in said and code == 2, said
-    code, _, said = abhv_mc(command, "s_manoeuvr", *words[command])
-    assert code == 2 and "did you mean 's_manoeuvre'?" in said, said
+    code, _, errors = abhv_mc(command, "s_manoeuvre", *options[command])
+    assert "no such file" not in errors and code == 2, errors
+    code, _, errors = abhv_mc(command, "s_manoeuvr", *options[command])
+    assert code == 2 and "did you mean 's_manoeuvre'?" in errors, errors
 
 
 def test_a_campaign_in_place_of_a_mission_is_named(abhv_mc):
-    code, _, said = abhv_mc("fly", "campaigns/s_manoeuvre.yaml")
-    assert code == 2 and "a campaign file; expected a mission file: `abhv-mc run`" in said, said
+    code, _, errors = abhv_mc("fly", "campaigns/s_manoeuvre.yaml")
+    assert code == 2 and "a campaign file; expected a mission file: `abhv-mc run`" in errors, errors
 
 
-def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypatch):
+def test_only_json_is_printed_to_standard_output(abhv_mc, tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", runs="8")
     code, out, _ = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
@@ -165,8 +163,8 @@ def test_json_on_standard_output_stands_there_alone(abhv_mc, tmp_path, monkeypat
 
 
 def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
-    words = ("--dry-run", "--runs", 400, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
-    code, out, err = abhv_mc("validate", "s_manoeuvre", *words)
+    options = ("--dry-run", "--runs", 400, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
+    code, out, err = abhv_mc("validate", "s_manoeuvre", *options)
     assert code == 0 and "981" in out and err.count("no outcome of 400 flights") == 1
     (entry,) = json.loads((tmp_path / "p.json").read_text()).values()
     assert (entry["flights"], entry["plan"]["runs"]) == (400, 400)
@@ -174,27 +172,27 @@ def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
     assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_other_places_are_free(flown, tmp_path):
+def test_paths_outside_a_campaign_are_accepted(flown, tmp_path):
     copy = shutil.copytree(flown, tmp_path / "copy")
     for free in (copy / "csv", copy / "mine.parquet", copy.parent / "flights", tmp_path / "new"):
-        assert find_user_place(free) is None
-    (copy / "campaign.yaml").unlink()  # a damaged folder is one all the same
-    assert find_user_place(copy / "flights/x") == Path("flights/x")
+        assert find_in_campaign(free) is None
+    (copy / "campaign.yaml").unlink()  # a damaged folder is still a campaign's
+    assert find_in_campaign(copy / "flights/x") == Path("flights/x")
     (tmp_path / "manifest.json").write_text("{}")  # of a web page
     (tmp_path / "figures").mkdir()
-    assert find_user_place(tmp_path / "figures/x.png") is None
+    assert find_in_campaign(tmp_path / "figures/x.png") is None
 
 
-def test_a_search_has_a_folder_by_default():
-    seen = []
+def test_a_search_has_a_default_folder():
+    requests = []
 
     @takes_options(WorstRequest)
     def worst(request):
-        seen.append(request)
+        requests.append(request)
 
     worst(campaign="s_manoeuvre", output=None, metric="altitude_error_max_m")
     worst(campaign="s_manoeuvre", output=Path("mine"), metric="altitude_error_max_m")
-    assert [one.output for one in seen] == [
+    assert [request.output for request in requests] == [
         Path("reports/s_manoeuvre_worst_altitude_error_max_m"),
         Path("mine"),
     ]

@@ -1,4 +1,4 @@
-"""Tables on a terminal: folded, then divided, never cut."""
+"""Tests of tables on a terminal, which are wrapped, then split, but never cut."""
 
 import os
 from itertools import pairwise
@@ -15,7 +15,7 @@ def narrow(monkeypatch):
 
 
 @pytest.mark.usefixtures("narrow")
-def test_a_wide_table_is_divided_and_repeats_its_first_column(capsys):
+def test_a_wide_table_is_split_and_repeats_its_first_column(capsys):
     heads = [f"Quantity number {k} of the flight (m/s)" for k in range(12)]
     table = new_table(("Flight",), heads)
     for flight in (7, 2013):
@@ -29,7 +29,7 @@ def test_a_wide_table_is_divided_and_repeats_its_first_column(capsys):
 
 
 @pytest.mark.usefixtures("narrow")
-def test_a_long_word_is_folded_and_a_group_is_named_once(capsys):
+def test_a_long_word_is_wrapped_and_a_group_is_named_once(capsys):
     digest = "0123456789abcdef" * 6
     rows = [(Cell(name), Cell(digest)) for name in ("first", "second")]
     print_section_table(
@@ -44,11 +44,11 @@ def test_a_long_word_is_folded_and_a_group_is_named_once(capsys):
     assert [out.count(word) for word in ("flights", "rows", "first", "second")] == [1] * 4
 
 
-def test_a_pipe_takes_a_table_as_it_is(capsys, monkeypatch):
+def test_a_table_in_a_pipe_is_not_wrapped(capsys, monkeypatch):
     monkeypatch.delitem(os.environ, "COLUMNS", raising=False)
     table = new_table(("Words",), ())
     table.add_row("a " * 60)
     print_table(table)
     lines = capsys.readouterr().out.splitlines()
     assert any(line.count("a ") >= 59 for line in lines)
-    assert all(len(one) == len(other) for one, other in pairwise(filter(None, lines)))
+    assert all(len(line) == len(next_line) for line, next_line in pairwise(filter(None, lines)))

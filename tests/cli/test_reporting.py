@@ -1,4 +1,4 @@
-"""report, compare and verify campaign, as a user calls them."""
+"""Tests of the commands report, show, compare and verify campaign."""
 
 import io
 import json
@@ -21,9 +21,9 @@ from abhv_mc.report.numbers.contrast import (
 from abhv_mc.report.pages.contrast_page import change_sentences
 from abhv_mc.report.pages.pdf import NAMES
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import percent
 
 
 @pytest.fixture(scope="module")
@@ -31,50 +31,46 @@ def folder(tmp_path_factory):
     return write_campaign(tmp_path_factory.mktemp("cli") / "c", runs=12)
 
 
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_report_and_its_verification(folder):
-    made = run("report", folder)
-    assert made.exit_code == 0
-    assert made.stdout.split() == [str(folder / "report.html")]
+    result = run("report", folder)
+    assert result.exit_code == 0
+    assert result.stdout.split() == [str(folder / "report.html")]
     assert run("verify", "campaign", folder).exit_code == 0
     numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     numbers["flights"]["counts"]["tlc"]["flown"] = 13
     (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
-    told = run("verify", "campaign", folder)
-    assert told.exit_code == 1
-    assert told.stdout == "flights.counts.tlc.flown: 13 in the report, 12 from the data\n"
+    verification = run("verify", "campaign", folder)
+    assert verification.exit_code == 1
+    assert verification.stdout == "flights.counts.tlc.flown: 13 in the report, 12 from the data\n"
 
 
-def test_without_a_chromium_it_is_said_before_anything_is_made(folder, tmp_path, monkeypatch):
+def test_a_missing_chromium_is_reported_before_files_are_written(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    found = run("report", folder, "-o", tmp_path / "there", "--pdf").exception
-    assert (
-        isinstance(found, InputError)
-        and "no Chromium" in found.found
-        and "chromium" in found.expected
-    )
+    error = run("report", folder, "-o", tmp_path / "there", "--pdf").exception
+    assert isinstance(error, InputError) and "chromium" in error.expected
     assert not (tmp_path / "there").exists()
 
 
 @pytest.mark.thorough
 @pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no Chromium is installed")
-def test_report_on_paper(folder, tmp_path):
-    made = run("report", folder, "-o", tmp_path / "there", "--pdf")
-    assert made.stdout.split() == [
+def test_report_as_pdf(folder, tmp_path):
+    result = run("report", folder, "-o", tmp_path / "there", "--pdf")
+    assert result.stdout.split() == [
         str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")
     ]
     assert (tmp_path / "there/report.pdf").read_bytes().startswith(b"%PDF")
-    made = run("report", folder, "-o", tmp_path / "there", "--brief")
-    assert made.stdout.split()[-1] == str(tmp_path / "there/brief.pdf")
+    result = run("report", folder, "-o", tmp_path / "there", "--brief")
+    assert result.stdout.split()[-1] == str(tmp_path / "there/brief.pdf")
     brief = (tmp_path / "there/brief.pdf").read_bytes()
     assert len(re.findall(rb"/Type\s*/Page[^s]", brief)) == 2
 
 
-def test_verdicts_have_colours_on_a_terminal_alone(monkeypatch):
+def test_verdicts_have_colours_only_on_a_terminal(monkeypatch):
     screen, pipe = io.StringIO(), io.StringIO()
     screen.isatty = lambda: True
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -88,30 +84,32 @@ def test_verdicts_have_colours_on_a_terminal_alone(monkeypatch):
 def test_compare(folder, tmp_path):
     failing = write_campaign(tmp_path / "failing", runs=40, failing=4)
     crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
-    for words in ("Bank error, rms (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
-        assert words in crossed
-    (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Reached the end")]
-    assert line.split()[6:11] == ["0", "0", "4", "36", "0.12"]
+    for text in ("Bank error, rms (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
+        assert text in crossed
+    (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Completed")]
+    assert line.split()[3:8] == ["0", "0", "4", "36", "0.12"]
     assert len(json.loads(run("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_report_by_other_requirements_goes_elsewhere(folder, tmp_path):
+def test_a_report_by_other_requirements_needs_another_folder(folder, tmp_path):
     file, out, junit = tmp_path / "r.yaml", tmp_path / "page", tmp_path / "j.xml"
-    asked = "{metric: altitude_error_max_m, below: 1e-6, probability: 0.5}"
-    file.write_text(f"requirements: [{asked}]\n", encoding="utf-8")
-    held = sorted(path.name for path in folder.iterdir())
+    requirement = "{metric: altitude_error_max_m, below: 1e-6, probability: 0.5}"
+    file.write_text(f"requirements: [{requirement}]\n", encoding="utf-8")
+    names = sorted(path.name for path in folder.iterdir())
     assert isinstance(run("report", folder, "--requirements", file).exception, InputError)
-    made = run("report", folder, "--requirements", file, "-o", out, "--junit", junit)
+    result = run("report", folder, "--requirements", file, "-o", out, "--junit", junit)
     numbers = json.loads((out / "report.json").read_text(encoding="utf-8"))
-    assert numbers["judgement"]["met"] == "no" and made.exit_code == 1
-    assert numbers["judgement"]["answer"] in made.stdout and "<failure" in junit.read_text("utf-8")
-    assert sorted(path.name for path in folder.iterdir()) == held
+    assert numbers["judgement"]["met"] == "no" and result.exit_code == 1
+    assert numbers["judgement"]["answer"] in result.stdout and "<failure" in junit.read_text(
+        "utf-8"
+    )
+    assert sorted(path.name for path in folder.iterdir()) == names
 
 
-def test_show_names_every_topic_and_tables_of_convergence(folder):
-    said = " ".join(run("show", "--help").stdout.replace("│", " ").split())
-    assert all(re.search(rf"\b{topic.name}\b", said) for topic in BUILT_IN)
+def test_show_lists_every_topic_and_prints_tables_of_convergence(folder):
+    help_text = " ".join(run("show", "--help").stdout.replace("│", " ").split())
+    assert all(re.search(rf"\b{topic.name}\b", help_text) for topic in BUILT_IN)
     table = run("show", "convergence", folder).stdout
     assert "A quarter" in table and "All flights" in table and "LQR" in table
 
@@ -127,15 +125,15 @@ def test_verdicts_of_a_report_are_computed_once(folder, tmp_path):
     compute_verdicts = VERDICTS.compute
     object.__setattr__(VERDICTS, "compute", compute)
     try:
-        made = run("report", folder, "-o", tmp_path / "r", "--junit", tmp_path / "j.xml")
+        result = run("report", folder, "-o", tmp_path / "r", "--junit", tmp_path / "j.xml")
     finally:
         object.__setattr__(VERDICTS, "compute", compute_verdicts)
-    assert made.exit_code == 0 and len(computed) == 1
+    assert result.exit_code == 0 and len(computed) == 1
     assert "<testsuite" in (tmp_path / "j.xml").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "words"),
+    ("before", "after", "change"),
     [
         (("PASS", 0), ("NOT SHOWN", 2), "is no longer shown to meet"),
         (("PASS", 0), ("FAIL", 30), "newly misses"),
@@ -144,23 +142,23 @@ def test_verdicts_of_a_report_are_computed_once(folder, tmp_path):
         (("FAIL", 30), ("PASS", 0), "newly meets"),
     ],
 )
-def test_a_comparison_says_how_a_verdict_changed(before, after, words):
+def test_a_comparison_reports_changed_verdicts(before, after, change):
     sides = [SideVerdict(*side, flights=100) for side in (before, after)]
     interval = Interval(0.0, -0.1, 0.1)
     item = ContrastRequirement("Error < 1 m", 0.9, *sides, share_difference=interval)
     contrasted = ContrastController(("a", "a"), (100, 100), (item,), {})
-    (said,) = change_sentences(Contrast((), {}, (contrasted,)), ["A"])
+    (sentence,) = change_sentences(Contrast((), {}, (contrasted,)), ["A"])
     shares = " -> ".join(percent(side[1] / 100, 2) for side in (before, after))
-    change = f"({before[0]} -> {after[0]}, {shares} of the flights fail)"
-    assert said == f"A {words} Error < 1 m {change}."
+    details = f"({before[0]} -> {after[0]}, {shares} of the flights fail)"
+    assert sentence == f"A {change} Error < 1 m {details}."
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_campaigns_on_different_samples_are_compared_by_their_distributions(folder, tmp_path):
     other = write_campaign(tmp_path / "c", runs=40, seed=7, requirements=[])
-    found = run("compare", folder, other, "--json", "-")
-    contrast = json.loads(found.stdout)
-    assert any("no longer required" in words for words in contrast["changes"])
+    result = run("compare", folder, other, "--json", "-")
+    contrast = json.loads(result.stdout)
+    assert any("no longer required" in change for change in contrast["changes"])
     assert contrast["contrasted"][0]["flights"] == [12, 40]
     for item in contrast["contrasted"][0]["requirements"]:
         sides = item["before"], item["after"]

@@ -1,4 +1,4 @@
-"""The commands around a campaign: run, status, list, replay, query, export, and their exit codes."""
+"""Tests of the commands run, runs, replay, query and validate, and of their exit codes."""
 
 import contextlib
 import csv
@@ -31,39 +31,40 @@ pytestmark = pytest.mark.usefixtures("fake_engine", "no_figures")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def campaign_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flown")
     return run(write_campaign(folder / "files"), folder / "out", runs=60).folder
 
 
 @pytest.fixture
-def flown(made, tmp_path):
-    """A campaign's folder."""
-    return shutil.copytree(made, tmp_path / "reports/fake")
+def flown(campaign_folder, tmp_path):
+    """Copy a campaign's folder."""
+    return shutil.copytree(campaign_folder, tmp_path / "reports/fake")
 
 
-def test_run_says_what_came_of_it(abhv_mc, tmp_path):
+def test_run_prints_outcomes_verdicts_and_digest(abhv_mc, tmp_path):
     code, out, _ = abhv_mc("run", write_campaign(tmp_path / "files"), "--no-report")
     manifest = json.loads((tmp_path / "reports/fake/manifest.json").read_text())
     assert code == 0
     assert f"digest    {manifest['digest']}" in out
     assert "289 ok, 11 sideslip_limit" in out
-    assert "number of failures in 300 flights" in out and re.search(r"PASS 11\b", out)
+    assert "300 flights" in out and re.search(r"PASS 11\b", out)
     assert max(map(len, out.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(("probability", "met"), [(0.9, "yes"), (0.999, "no")])
-def test_what_the_judgement_says_is_next_can_be_run(abhv_mc, tmp_path, probability, met):
-    """Where too few flights were flown, so many more let it PASS; where too many are lost, they are explained."""
-    asked = f"[{{metric: altitude_error_max_m, below: 1e6, probability: {probability}, consumer_risk: 0.1}}]"
-    campaign = write_campaign(tmp_path / "files", requirements=asked)
+def test_the_recommended_next_command_works(abhv_mc, tmp_path, probability, met):
+    """With too few flights it runs more, for PASS; with too many failures it explains them."""
+    limit = f"below: 1e6, probability: {probability}, consumer_risk: 0.1"
+    requirements = f"[{{metric: altitude_error_max_m, {limit}}}]"
+    campaign = write_campaign(tmp_path / "files", requirements=requirements)
     runs = 20 if met == "yes" else 300
-    told = abhv_mc("run", campaign, "--runs", runs)[1]
-    (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`\.$", told, re.M)
-    assert told.splitlines()[0] in abhv_mc("runs", "reports/fake")[1].splitlines()[0]
-    code, told, err = abhv_mc(*shlex.split(command))
+    output = abhv_mc("run", campaign, "--runs", runs)[1]
+    (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`\.$", output, re.M)
+    assert output.splitlines()[0] in abhv_mc("runs", "reports/fake")[1].splitlines()[0]
+    code, output, err = abhv_mc(*shlex.split(command))
     if met == "yes":
-        assert code == 0 and "meet" in told.partition(".")[0], err
+        assert code == 0 and "meet" in output.partition(".")[0], err
     else:
         assert command == "explain reports/fake --all" and code == 0, err
 
@@ -73,13 +74,13 @@ def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_p
     with monkeypatch.context() as patched:
         patched.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: stopped)
         code, out, err = abhv_mc("run", campaign)
-    assert code == 3 and "interrupted" in out and "same command" in err
+    assert code == 3 and "interrupted" in out and "resume" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
     assert "interrupted" in abhv_mc("runs", "reports/fake")[1]
     assert abhv_mc("run", campaign, "--no-report")[0] == 0
 
 
-def test_status_and_list(abhv_mc, flown):
+def test_runs_shows_one_campaign_or_lists_several(abhv_mc, flown):
     code, out, _ = abhv_mc("runs", flown, "--json", "-")
     status = json.loads(out)
     assert (
@@ -100,7 +101,7 @@ def test_status_and_list(abhv_mc, flown):
     assert json.loads(abhv_mc("runs", flown, "--json", "-")[1])["state"] == "interrupted"
 
 
-def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
+def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
     code, out, _ = abhv_mc(
         "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.parquet"
     )
@@ -111,14 +112,14 @@ def test_replay_is_the_same_flight_at_full_rate(abhv_mc, flown, tmp_path):
     code, _, err = abhv_mc(
         "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.csv"
     )
-    assert code == 2 and "ends in .parquet" in err and not (tmp_path / "h.csv").exists()
+    assert code == 2 and ".parquet" in err and not (tmp_path / "h.csv").exists()
     assert (
         abhv_mc("replay", flown, "--flight", 60)[0] == 2
         and abhv_mc("replay", flown, "--flight", 59)[0] == 0
     )
 
 
-def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
+def test_replay_lists_differing_metrics(abhv_mc, flown, monkeypatch):
     def other(plan, parameters, every=None):
         block = fly(plan, parameters, every)
         block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
@@ -132,7 +133,10 @@ def test_replay_names_what_differs(abhv_mc, flown, monkeypatch):
 
 
 def test_query(abhv_mc, flown):
-    sql = 'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights group by controller order by 1'
+    sql = (
+        'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights '
+        "group by controller order by 1"
+    )
     code, out, _ = abhv_mc("query", flown, sql, "--json", "-")
     rows = json.loads(out)
     assert code == 0 and [(row["controller"], row["n"]) for row in rows] == [
@@ -175,14 +179,14 @@ main()
 @pytest.mark.parametrize(
     "delay", [pytest.param(0.0, marks=pytest.mark.thorough), 0.3]
 )  # s: before, while it runs
-def test_a_query_without_an_end_heeds_an_interrupt(flown, delay):
-    """Nothing but SIGKILL ended it."""
+def test_an_endless_query_can_be_interrupted(flown, delay):
+    """Only SIGKILL ended it."""
     program = [sys.executable, "-c", INTERRUPTED.format(delay=delay), "query", str(flown), ENDLESS]
-    asked = subprocess.run(program, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
-    assert asked.returncode == 3 and "Traceback" not in asked.stderr, asked.stderr
+    query = subprocess.run(program, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
+    assert query.returncode == 3 and "Traceback" not in query.stderr, query.stderr
 
 
-def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
+def test_exported_numbers_are_exact(abhv_mc, flown, tmp_path):
     code, out, _ = abhv_mc("query", flown, "--csv", tmp_path / "csv")
     assert code == 0 and str(tmp_path / "csv/flights.csv") in out
     with (tmp_path / "csv/flights.csv").open() as file:
@@ -199,7 +203,7 @@ def test_export_keeps_every_bit(abhv_mc, flown, tmp_path):
     }
 
 
-def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkeypatch):
+def test_dry_run_prints_the_cost_and_writes_no_files(abhv_mc, tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc.simulators.check_inputs.check_inputs", lambda file: [])
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
     assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
@@ -207,14 +211,14 @@ def test_dry_run_says_what_it_costs_and_leaves_nothing(abhv_mc, tmp_path, monkey
 
 
 @pytest.mark.parametrize("controllers", ["{one: one.yaml}", "{one: one.yaml, two: two.yaml}"])
-def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(
+def test_a_campaign_in_which_all_flights_failed_to_run_is_incomplete(
     abhv_mc, tmp_path, monkeypatch, controllers
 ):
-    """0 of 6 flights: was complete, with exit code 0. There is nothing to report of."""
+    """A campaign with 0 of 6 flights was complete, with exit code 0."""
 
     def none(plan, parameters, every=None):
         block = fly(plan, parameters, every)
-        tried = parameters[0, DENSITY] == 1.0  # the trials begin with the nominal flight
+        tried = parameters[0, DENSITY] == 1.0  # the first flight of the trial is nominal
         lost = np.full(
             len(parameters), not tried and (plan.controller == "one" or "two" not in controllers)
         )
@@ -232,18 +236,18 @@ def test_a_campaign_of_which_no_flight_was_computed_is_told_and_no_success(
     keep = "{histories: {flights: none}, envelopes: {rate: 5 Hz}}"
     campaign = write_campaign(tmp_path / "files", runs="6", keep=keep, controllers=controllers)
     code, out, err = abhv_mc("run", campaign)
-    assert code == 3 and "6 flights could not be computed" in err
-    assert "6 of 6 failures were not computed" in out
+    assert code == 3 and "6 flights failed to run" in err
+    assert "6 of 6 failures" in out
     assert ("report    " in out) == ("two" in controllers)
     if "two" in controllers:
         page = (tmp_path / "reports/fake/report.html").read_text(encoding="utf-8")
-        assert "one: the machine could compute none of 6 flights" in page
+        assert "one: none of 6 flights" in page
 
 
 @pytest.mark.parametrize(
     ("lost", "verdict", "code"), [(0, "PASS", 0), (0, "FAIL", 1), (2, "PASS", 3), (2, "FAIL", 3)]
 )
-def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(
+def test_the_exit_code_is_3_if_flights_failed_to_run_and_a_requirement_failed(
     tmp_path, lost, verdict, code, capsys
 ):
     outcomes = {"ok": 300 - lost} | ({"failed_to_run": lost} if lost else {})
@@ -253,4 +257,4 @@ def test_flights_that_could_not_be_computed_outrank_a_failed_requirement(
     with pytest.raises(typer.Exit) if code else contextlib.nullcontext() as end:
         finish(RunResult(tmp_path, manifest), no_report=True)
     assert (end.value.exit_code if code else 0) == code
-    assert ("2 flights could not be computed" in capsys.readouterr().err) == bool(lost)
+    assert ("2 flights failed to run" in capsys.readouterr().err) == bool(lost)

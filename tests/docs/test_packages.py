@@ -1,4 +1,4 @@
-"""The how-to page on packages: its command and its executor work as they stand there."""
+"""Tests of the command and the executor of the how-to page on packages."""
 
 import sys
 from importlib.metadata import EntryPoint
@@ -25,9 +25,9 @@ def how_to(repository, monkeypatch):
 @pytest.mark.usefixtures("how_to")
 def test_the_executor_gives_the_same_digest_and_the_command_the_largest_values(tmp_path):
     campaign = write_campaign(tmp_path / "inputs", runs="64")
-    whole = run(campaign, tmp_path / "whole")
+    local = run(campaign, tmp_path / "whole")
     pooled = run(campaign, tmp_path / "pooled", scheduler="pool://2")
-    assert pooled.complete and pooled.manifest.digest == whole.manifest.digest
+    assert pooled.complete and pooled.manifest.digest == local.manifest.digest
     with pytest.raises(InputError, match="pool://NUMBER"):
         run(campaign, tmp_path / "none", scheduler="pool://many")
     assert not (tmp_path / "none").exists()
@@ -37,7 +37,7 @@ def test_the_executor_gives_the_same_digest_and_the_command_the_largest_values(t
     command = typer.Typer()
     command.command()(largest)
     metric = "altitude_error_max_m"
-    told = CliRunner().invoke(command, [str(tmp_path / "pooled"), metric, "--number", "3"])
-    assert told.exit_code == 0, told
-    values = [float(line.split()[-1]) for line in told.stdout.splitlines()[1:]]
+    result = CliRunner().invoke(command, [str(tmp_path / "pooled"), metric, "--number", "3"])
+    assert result.exit_code == 0, result
+    values = [float(line.split()[-1]) for line in result.stdout.splitlines()[1:]]
     assert len(values) == 3 and values == sorted(values, reverse=True)

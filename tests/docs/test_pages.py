@@ -1,6 +1,6 @@
-"""What the pages name is there: files, anchors, functions, tests, commands. (The site's build runs their examples.)
+"""Tests that files, anchors, functions, tests and commands on pages exist.
 
-What several files say of the project is the same.
+The build of the site runs the examples. Facts on the project agree in all files.
 """
 
 import ast
@@ -43,7 +43,7 @@ def text_of(page: Path) -> str:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if not page.is_relative_to(ROOT / "docs")], ids=str
 )
-def test_links_of_pages_that_the_site_does_not_hold(page: Path) -> None:
+def test_links_of_pages_outside_the_site(page: Path) -> None:
     """Links and anchors of the site are checked by its build (docs/_ext/check_site.py)."""
     for target in re.findall(r"\]\(([^)\s]+)\)", text_of(page)):
         name = target.partition("#")[0]
@@ -51,7 +51,7 @@ def test_links_of_pages_that_the_site_does_not_hold(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_files_and_tests_that_are_named(page: Path) -> None:
+def test_files_and_tests_on_pages_exist(page: Path) -> None:
     for name, function in PLACES.findall(text_of(page)):
         if "*" in name or name.startswith("reports/s_manoeuvre"):
             assert list(ROOT.glob(name)), name
@@ -68,7 +68,7 @@ def test_files_and_tests_that_are_named(page: Path) -> None:
         assert any((ROOT / folder / name).exists() for folder in ("", "src", "src/abhv_mc")), name
 
 
-def test_files_that_the_code_names() -> None:
+def test_files_named_in_code_exist() -> None:
     sources = [
         *ROOT.glob("src/**/*.py"),
         *ROOT.glob("benchmarks/**/*.py"),
@@ -85,27 +85,27 @@ def test_files_that_the_code_names() -> None:
             assert (ROOT / name).exists(), f"{source.relative_to(ROOT)} names {name}"
 
 
-def test_every_equation_and_every_seam_has_its_function() -> None:
+def test_every_equation_and_interface_has_a_function() -> None:
     page = text_of(ROOT / "docs/explanation/theory.md")
-    seams = (
+    interfaces = (
         text_of(ROOT / "docs/explanation/architecture.md")
-        .split("## Names at the seams")[1]
+        .split("## Names at the interfaces")[1]
         .split("\n## ")[0]
     )
-    names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", seams)]
+    names = [f"abhv_mc.{name}" for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)\b", interfaces)]
     names = [name for name in names if not name.endswith((".parquet", ".json"))]
     names += re.findall(r"`(abhv_mc\.[\w.]+)`", page)
     assert len(names) > 25
     for name in names:
         module, _, last = name.rpartition(".")
-        found = importlib.import_module(module)
-        assert hasattr(found, last) or importlib.import_module(name), name
-    numbers = {int(n) for part in re.findall(r"\\tag\{([\d–]+)\}", page) for n in part.split("–")}
+        imported = importlib.import_module(module)
+        assert hasattr(imported, last) or importlib.import_module(name), name
+    numbers = {int(n) for group in re.findall(r"\\tag\{([\d–]+)\}", page) for n in group.split("–")}
     numbers |= {int(n) for n in re.findall(r"\((\d+)\)", page)}
-    assert numbers >= set(range(1, 24)) - {6, 9, 10, 15}  # those are inside of ranges
+    assert numbers >= set(range(1, 24)) - {6, 9, 10, 15}  # these are within ranges
 
 
-def test_generated_pages_hold_every_key_metric_and_parameter(
+def test_generated_pages_list_every_key_metric_and_parameter(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
@@ -120,9 +120,10 @@ def test_generated_pages_hold_every_key_metric_and_parameter(
     )
     by_name = {path.as_posix(): text for path, text in pages.items()}
     for kind in MODELS:
-        for part in make_schema(kind)["$defs"].values():
+        for definition in make_schema(kind)["$defs"].values():
             assert all(
-                f"| `{key}` |" in by_name[f"files/{kind}.md"] for key in part.get("properties", ())
+                f"| `{key}` |" in by_name[f"files/{kind}.md"]
+                for key in definition.get("properties", ())
             )
     assert all(f"| `{name}` |" in by_name["metrics.md"] for name in METRIC_INDEX)
     assert all(f"| `{name}` |" in by_name["channels.md"] for name in CHANNEL_INDEX)
@@ -130,22 +131,22 @@ def test_generated_pages_hold_every_key_metric_and_parameter(
     assert {f"commands/{name}.md" for name in typer.main.get_command(app).commands} <= set(by_name)
 
 
-def test_everything_in_a_campaigns_folder_is_explained() -> None:
+def test_all_files_of_a_campaigns_folder_are_explained() -> None:
     page = text_of(ROOT / "docs/reference/results-folder.md")
     folder = CampaignFolder(Path("x"))
-    for path in (*folder.parts, folder.lock):
+    for path in (*folder.contents, folder.lock):
         assert f"`{path.name}" in page, path.name
 
 
-def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> None:
+def test_the_architecture_page_lists_the_checked_layers_and_every_folder() -> None:
     table = (
         text_of(ROOT / "docs/explanation/architecture.md").split("## Layers")[1].split("\n## ")[0]
     )
     rows = [row.split("|")[1:3] for row in table.splitlines() if row.startswith("| ")][1:]
-    shown = [" : ".join(re.findall(r"`(\w+)`", first)) for first, _ in rows if first.strip()]
+    listed = [" : ".join(re.findall(r"`(\w+)`", first)) for first, _ in rows if first.strip()]
     contracts = tomllib.loads(text_of(ROOT / "pyproject.toml"))["tool"]["importlinter"]["contracts"]
     checked = [layer.replace("abhv_mc.", "") for layer in contracts[0]["layers"]]
-    assert shown == checked
+    assert listed == checked
 
     named = set(re.findall(r"`([\w.]+)`", table))
     source = ROOT / "src/abhv_mc"
@@ -156,7 +157,10 @@ def test_architecture_shows_the_layers_that_are_checked_and_every_folder() -> No
 
 
 def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
-    """Commands with their options that a text shows in code, blocks and directives, not in benchmarks' tables."""
+    """Return the commands with options in code, blocks and directives of a text.
+
+    Tables of benchmarks are excluded.
+    """
     text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
     code = re.findall(
         r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)",
@@ -164,10 +168,10 @@ def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
         re.MULTILINE,
     )
     lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
-    found = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
+    matches = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
     return {
         (match[1], tuple(re.findall(r"(?<!\S)--?[a-z][a-z-]*", match[2])))
-        for match in found
+        for match in matches
         if match
     }
 
@@ -182,26 +186,28 @@ def test_commands_and_their_options_exist(page: Path) -> None:
             continue
         assert name in group.commands, f"abhv-mc {name}"
         command = group.commands[name]
-        known = {
+        allowed = {
             option
             for parameter in command.params
             for option in parameter.opts + parameter.secondary_opts
         }
         for inner in getattr(command, "commands", {}).values():  # commands of a command
-            known |= {
+            allowed |= {
                 option
                 for parameter in inner.params
                 for option in parameter.opts + parameter.secondary_opts
             }
-        assert set(options) <= known | {"--help"}, f"abhv-mc {name} {options}"
+        assert set(options) <= allowed | {"--help"}, f"abhv-mc {name} {options}"
     makefile = text_of(ROOT / "Makefile")
     for target in re.findall(r"`make ([\w-]+)", text) + re.findall(
         r"^make ([\w-]+)", text, re.MULTILINE
     ):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
     for module in re.findall(r"python -m ((?:benchmarks|studies)[\w.]*)", text):
-        place = ROOT / module.replace(".", "/")
-        assert place.with_suffix(".py").exists() or (place / "__main__.py").exists(), module
+        module_path = ROOT / module.replace(".", "/")
+        assert module_path.with_suffix(".py").exists() or (module_path / "__main__.py").exists(), (
+            module
+        )
     for script in re.findall(r"python ((?:benchmarks|studies|tests)/[\w/]+\.py)", text):
         assert (ROOT / script).exists(), script
 

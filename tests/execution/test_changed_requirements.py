@@ -1,4 +1,4 @@
-"""Requirements are not part of what was run: changed ones judge the stored flights."""
+"""Changed requirements: stored flights are judged again and not run again."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +39,7 @@ def flown(tmp_path: Path) -> tuple[Manifest, Path]:
 
 def statuses(manifest: Manifest) -> list[tuple[str, int, str]]:
     entries = (*manifest.requirements, *manifest.requirements_shown)
-    return [(each.verdict, each.failures, each.words) for each in entries]
+    return [(entry.verdict, entry.failures, entry.words) for entry in entries]
 
 
 @pytest.mark.parametrize("engine", [IDLE, replace(IDLE, source="another version")])
@@ -49,9 +49,9 @@ def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engi
     after = run(tight, out, engine).manifest
     assert "altitude_error_max_m: below 50 -> 1.8" in capsys.readouterr().err
     assert after.digest == before.digest and after.complete
-    whole = run(tight, tmp_path / "whole").manifest
-    assert statuses(after) == statuses(whole) != statuses(before)
-    assert [(each.file, each.flights) for each in after.requirement_sets] == [
+    reference = run(tight, tmp_path / "whole").manifest
+    assert statuses(after) == statuses(reference) != statuses(before)
+    assert [(item.file, item.flights) for item in after.requirement_sets] == [
         ("requirements/001.yaml", 0),
         ("requirements/002.yaml", 300),
     ]
@@ -59,7 +59,7 @@ def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engi
     assert results.judgement.sure.startswith(
         "Requirements were changed after results of 300 flights: altitude_error_max_m: below 50 -> 1.8."
     )
-    assert run(tight, out, engine).manifest == after  # nothing new
+    assert run(tight, out, engine).manifest == after  # unchanged
 
 
 def test_judging_by_the_original_requirements_gives_the_same_numbers(flown, tmp_path):
@@ -80,13 +80,13 @@ def test_judging_by_the_original_requirements_gives_the_same_numbers(flown, tmp_
         own.judge([{"metric": "altitud", "below": 1.8, "probability": 0.9}])
 
 
-def test_what_was_chosen_after_the_results_is_marked_and_another_limit_is_not(flown, tmp_path):
+def test_requirements_set_after_the_results_are_marked(flown, tmp_path):
     _, out = flown
     manifest = run(
         write_campaign(tmp_path / "g", requirements=OTHER, keep=KEEP), out, IDLE
     ).manifest
-    words = [each.words for each in manifest.requirements]
-    assert all("set after the results" in each for each in words)
+    sentences = [item.words for item in manifest.requirements]
+    assert all("set after the results" in item for item in sentences)
     judged = Models(read_flown(out))[VERDICTS]
     assert judged_cases(judged) == verdict_cases(manifest.requirements)
     manifest = run(
@@ -96,7 +96,7 @@ def test_what_was_chosen_after_the_results_is_marked_and_another_limit_is_not(fl
     assert len(manifest.requirement_sets) == 3
 
 
-def test_other_rows_are_still_another_campaign(flown, tmp_path):
+def test_changed_rows_are_another_campaign(flown, tmp_path):
     _, out = flown
     for entries in (
         dict(seed="6"),
@@ -106,8 +106,8 @@ def test_other_rows_are_still_another_campaign(flown, tmp_path):
             run(write_campaign(tmp_path / "g", **entries), out, IDLE)
 
 
-def test_a_folder_begun_before_resumes(flown, tmp_path):
-    """Its manifest has the hashes of then, of which requirements were a part, and names no sets."""
+def test_a_folder_of_a_former_version_resumes(flown, tmp_path):
+    """Hashes of a former version include the requirements, and its manifest lists no sets."""
     _, out = flown
     path = out / "manifest.json"
     write_manifest(path, replace(read_manifest(path), campaign_hash="old", question="old"))
@@ -121,23 +121,23 @@ def test_added_controllers_and_flights_keep_the_requirements(tmp_path):
     run(campaign, tmp_path / "out", controllers=("one",), runs=64)
     manifest = run(campaign, tmp_path / "out", runs=128).manifest
     assert not manifest.requirement_sets
-    assert [each.controller for each in manifest.requirements] == ["one", "two"]
+    assert [item.controller for item in manifest.requirements] == ["one", "two"]
 
 
 def test_shards_with_different_requirements_merge_with_one_set_named(tmp_path):
     loose = write_campaign(tmp_path / "f", requirements=LOOSE, keep=KEEP)
     tight = write_campaign(tmp_path / "g", requirements=TIGHT, keep=KEEP)
     parts = [tmp_path / f"part{i}" for i in (1, 2)]
-    for number, (campaign, part) in enumerate(zip((loose, tight), parts, strict=True), 1):
-        run(campaign, part, shard=(number, 2))
+    for number, (campaign, shard) in enumerate(zip((loose, tight), parts, strict=True), 1):
+        run(campaign, shard, shard=(number, 2))
     with pytest.raises(InputError, match=r"below 50 -> 1\.8.*--requirements"):
         merge_campaign(parts, tmp_path / "merged", ENGINE)
     merged = merge_campaign(parts, tmp_path / "merged", ENGINE, requirements=tight).manifest
-    whole = run(tight, tmp_path / "whole").manifest
-    assert (merged.digest, statuses(merged)) == (whole.digest, statuses(whole))
+    reference = run(tight, tmp_path / "whole").manifest
+    assert (merged.digest, statuses(merged)) == (reference.digest, statuses(reference))
 
 
-def test_requirements_that_no_search_of_the_unknowns_was_made_for_are_not_shown(tmp_path):
+def test_requirements_without_a_search_of_the_unknowns_are_not_shown(tmp_path):
     points = (
         "{tried: 7, at: {aero.drag: [0.8, 1.15]}, shared: 1, most_failures:"
         " [{controller: one, requirement: 0, point: 1, failures: 9, tried: 7}]}"

@@ -1,4 +1,4 @@
-"""Any file of a campaign's folder altered or gone: flights are flown again, any other file is named with what helps."""
+"""Damaged files of a folder: flights are run again, other files are named in errors."""
 
 import shutil
 from dataclasses import replace
@@ -17,8 +17,8 @@ KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, c
 
 def flip_a_bit(path):
     content = path.read_bytes()
-    place = len(content) // 3
-    path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
+    i = len(content) // 3
+    path.write_bytes(content[:i] + bytes([content[i] ^ 16]) + content[i + 1 :])
 
 
 ENTRIES = {"runs": "120", "keep": KEEP, "execution": "{batch: 30}"}
@@ -41,10 +41,10 @@ GONE = pytest.param(lambda path: path.unlink(), id="gone", marks=pytest.mark.tho
         pytest.param(True, id="complete", marks=pytest.mark.thorough),
     ],
 )
-def test_flights_are_flown_again_and_other_damage_is_named(
+def test_damaged_flights_are_run_again_and_other_damage_is_reported(
     flown, tmp_path, complete, damage, capfd
 ):
-    campaign, whole = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
+    campaign, reference = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
     run(campaign, tmp_path / "base", ENGINE if complete else interrupted_after(8))
     files = [
         path.relative_to(tmp_path / "base")
@@ -62,7 +62,7 @@ def test_flights_are_flown_again_and_other_damage_is_named(
         elif file.parts[0] in ("flights", "envelope_states", ".lock"):
             again.add(file.parts[0])
             result = run(campaign, out)
-            assert result.complete and result.manifest.digest == whole.digest, file
+            assert result.complete and result.manifest.digest == reference.digest, file
             for name in ("envelopes.parquet", "histories/one-000000.parquet"):
                 assert pq.read_table(out / name).equals(pq.read_table(flown.folder / name)), (
                     file,
@@ -74,29 +74,29 @@ def test_flights_are_flown_again_and_other_damage_is_named(
             with pytest.raises(InputError, match=str(file)):
                 read_checked(CampaignFolder(out))
             if file.name in ("manifest.json", "campaign.yaml"):
-                assert run(campaign, out, fresh=True).manifest.digest == whole.digest
+                assert run(campaign, out, fresh=True).manifest.digest == reference.digest
         shutil.rmtree(out)
     assert again == {"flights", ".lock"} | (set() if complete else {"envelope_states"})
 
 
-def test_a_block_with_a_flight_that_could_not_be_computed_is_flown_again(flown, tmp_path, capfd):
+def test_a_block_with_an_uncomputed_flight_is_run_again(flown, tmp_path, capfd):
     def fail(plan, parameters, every=None):
         block = fly(plan, parameters, every)
-        if len(parameters) == 30:  # no trial
+        if len(parameters) == 30:  # a block of the campaign, not trials
             block.outcome[1] = Outcome.FAILED_TO_RUN
         return block
 
-    campaign, whole = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
+    campaign, reference = write_campaign(tmp_path / "f", **ENTRIES), flown.manifest
     first = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
-    assert first.runs_failed == 4 and first.digest != whole.digest
+    assert first.runs_failed == 4 and first.digest != reference.digest
     again = run(campaign, tmp_path / "out").manifest
-    assert again.runs_failed == 0 and again.digest == whole.digest
+    assert again.runs_failed == 0 and again.digest == reference.digest
     assert pq.read_table(tmp_path / "out/envelopes.parquet").equals(
         pq.read_table(flown.folder / "envelopes.parquet")
     )
 
 
-def test_a_folder_of_another_format_is_refused(flown, tmp_path, capfd):
+def test_a_folder_of_another_format_is_rejected(flown, tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", **ENTRIES)
     path = shutil.copytree(flown.folder, tmp_path / "out") / "manifest.json"
     path.write_text(path.read_text().replace('"format": 1,', '"format": 2,'))

@@ -1,4 +1,4 @@
-"""Campaigns with derived inputs: flown, interrupted, replayed, explained; the folder holds what was drawn."""
+"""Campaigns with derived inputs, whose folder stores the drawn inputs."""
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -35,7 +35,7 @@ def flown(tmp_path_factory):
     return run(tmp_path_factory.mktemp("derived"), "whole")
 
 
-def test_flights_are_those_of_the_derived_rows_and_the_table_holds_what_was_drawn(flown):
+def test_flights_use_derived_inputs_and_the_table_has_drawn_ones(flown):
     samples = pq.read_table(flown.folder / "samples.parquet").to_pandas()
     assert list(samples.columns[-2:]) == ["atmosphere.density", "aero.lift"]
     rows = np.tile(nominal_parameters()[0], (300, 1))
@@ -56,7 +56,7 @@ def test_flights_are_those_of_the_derived_rows_and_the_table_holds_what_was_draw
         )
 
 
-def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
+def test_bits_do_not_depend_on_interrupts_and_blocks(flown, tmp_path):
     run(tmp_path, "resumed", interrupted_after(6))
     resumed = run(tmp_path, "resumed", execution="{workers: 1, batch: 17}")
     assert resumed.complete and resumed.manifest.digest == flown.manifest.digest
@@ -68,21 +68,23 @@ def test_interrupted_and_in_other_blocks_it_has_the_same_bits(flown, tmp_path):
         run(tmp_path, "resumed", derived=ENTRIES["derived"].replace("2 *", "3 *"))
 
 
-def test_a_failure_is_explained_by_what_was_drawn(flown):
+def test_a_failure_is_explained_by_drawn_inputs(flown):
     table = (
         pq.read_table(flown.folder / "flights")
         .to_pandas()
         .query("controller == 'two' and outcome != 'ok'")
     )
-    found = [
+    explanations = [
         explain_flight(flown.folder, "two", int(flight), fly) for flight in table["flight"][:10]
     ]
-    asked = read_flown(flown.folder).campaign
-    assert found and {cause for each in found for cause in each.causes} <= {
+    stored = read_flown(flown.folder).campaign
+    assert explanations and {
+        cause for explanation in explanations for cause in explanation.causes
+    } <= {
         "atmosphere.density",
         "aero.lift",
     }
-    for each in found:
-        _, _, whole = full_rows(asked.names, each.rows, asked.derived)
-        lift = whole[PARAMETER_INDEX["aero.lift"]]
-        assert whole[PARAMETER_INDEX["aero.drag"]] == 1.0 + 2.0 * (lift - 1.0)
+    for explanation in explanations:
+        _, _, row = full_rows(stored.names, explanation.rows, stored.derived)
+        lift = row[PARAMETER_INDEX["aero.lift"]]
+        assert row[PARAMETER_INDEX["aero.drag"]] == 1.0 + 2.0 * (lift - 1.0)

@@ -1,4 +1,4 @@
-"""Files that a campaign refers to are read once: an edit while it is made ready, or flies, changes nothing of it."""
+"""Input files are read once: edits during setup or run have no effect."""
 
 from collections import Counter
 from dataclasses import replace
@@ -26,13 +26,13 @@ def campaign(tmp_path, capfd):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def reference(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     return run(write_campaign(folder / "f", **ENTRIES), folder / "out", WITH_STABILITY)
 
 
 def find_stability(campaign, plans):
-    """What the vehicle's files hold when margins are found, at the end of the run."""
+    """Return the content of the vehicle's files at the end of a run, instead of margins."""
     vehicle = campaign.model.vehicle
     return {
         "vehicle": (read_input(vehicle) + read_input(vehicle.parent / "tables/cl.csv")).decode()
@@ -64,18 +64,18 @@ def editing(file, when):
 @pytest.mark.parametrize(
     ("name", "when"), list(zip(FILES, ("prepare", "fly", "prepare", "fly"), strict=True))
 )
-def test_what_flies_is_what_was_read(whole, campaign, tmp_path, name, when):
+def test_a_run_uses_the_files_as_read(reference, campaign, tmp_path, name, when):
     flown = run(campaign, tmp_path / "out", editing(campaign.parent / name, when))
     assert "edited" in (campaign.parent / name).read_text()
-    assert flown.manifest.digest == whole.manifest.digest
-    assert flown.manifest.inputs == whole.manifest.inputs
+    assert flown.manifest.digest == reference.manifest.digest
+    assert flown.manifest.inputs == reference.manifest.inputs
     assert read_checked(CampaignFolder(tmp_path / "out")).files == flown.manifest.files
     assert (tmp_path / "out/margins.json").read_bytes() == (
-        whole.folder / "margins.json"
+        reference.folder / "margins.json"
     ).read_bytes()
 
 
-def test_a_search_flies_what_was_read(campaign, tmp_path):
+def test_a_search_uses_the_files_as_read(campaign, tmp_path):
     request = WorstRequest(
         campaign, tmp_path / "out", METRICS[0].name, controller="one", workers=1, flights=160
     )

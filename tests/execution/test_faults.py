@@ -1,4 +1,4 @@
-"""A flight that raises, hangs or kills its process costs its row; a killed worker costs nothing."""
+"""Flights that raise, hang or end their process; workers that are killed."""
 
 import ctypes
 import functools
@@ -22,14 +22,14 @@ KEEP = "{histories: {flights: [worst 5, every 10], rate: 10 Hz}, envelopes: {rat
 
 
 def is_bad(density):
-    """Where the fault is planted: some three of 300 flights."""
+    """Return whether a flight has the fault: about three of 300 have it."""
     return np.abs(density - 1.0) < 1e-3
 
 
 def _plant(fault, plan, parameters, every):
     if (
         is_bad(parameters[:, DENSITY]) & (parameters[:, DENSITY] != 1.0)
-    ).any():  # the nominal flight stands at 1
+    ).any():  # the nominal flight has density 1
         fault()
     return fly(plan, parameters, every)
 
@@ -62,7 +62,7 @@ def fly_nowhere(plan, parameters, every=None):
 
 
 def fly_after_killed_starts(folder, plan, parameters, every=None):
-    """The first ten processes are killed at the start, as by a machine short of memory for a while."""
+    """Fly after ten processes were killed at their start, as on a machine short of memory."""
     started = folder / f"{os.getpid()}"
     if multiprocessing.parent_process() is not None and not started.exists():
         started.touch()
@@ -85,13 +85,14 @@ def engine_of(function):
         (fly_hanging, "processes", "not done in 0.3 s"),
     ],
 )
-def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd):
-    # Blocks of 150 need ten limits of processor time, so a hanging flight is found after 3 s, then after 0.3 s, twice.
+def test_a_bad_flight_fails_to_run(tmp_path, function, isolation, reason, capfd):
+    # Blocks of 150 flights have ten limits of processor time: a hanging flight is detected after
+    # 3 s, and then twice after 0.3 s.
     execution = f"{{workers: 2, batch: 150, isolation: {isolation}, flight_time_limit: 0.3 s}}"
     campaign = write_campaign(
         tmp_path / "f", execution=execution, keep=KEEP, controllers="{one: one.yaml}"
     )
-    whole = run(campaign, tmp_path / "a")
+    reference = run(campaign, tmp_path / "a")
     flawed = run(campaign, tmp_path / "b", engine_of(function))
     rows = [pq.read_table(tmp_path / out / "flights").sort_by("flight") for out in ("a", "b")]
     bad = is_bad(rows[0]["atmosphere.density"].to_numpy())
@@ -102,14 +103,14 @@ def test_a_bad_flight_costs_its_row(tmp_path, function, isolation, reason, capfd
     manifest = flawed.manifest
     assert manifest.runs_failed == bad.sum() and manifest.runs_done == 300 - bad.sum()
     assert manifest.controllers["one"].failed_to_run == tuple(np.flatnonzero(bad))
-    assert manifest.digest != whole.manifest.digest
+    assert manifest.digest != reference.manifest.digest
     counts = pq.read_table(tmp_path / "b/envelopes.parquet")["count"].to_pylist()
     assert max(counts) == 300 - bad.sum()
     again = run(campaign, tmp_path / "b", engine_of(function)).manifest
     assert again.controllers == manifest.controllers and again.digest == manifest.digest
 
 
-def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
+def test_a_machine_that_computes_no_flight_stops_the_campaign(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", runs="32", execution="{workers: 2, batch: 16}")
     with pytest.raises(UnusableError, match="exit code 3"):
         run(campaign, tmp_path / "out", engine_of(fly_nowhere))
@@ -117,26 +118,26 @@ def test_a_machine_that_flies_nothing_stops_the_campaign(tmp_path, capfd):
     assert run(campaign, tmp_path / "out").complete
 
 
-def test_starts_that_are_killed_are_tried_again_and_cost_no_flight(tmp_path, capfd):
+def test_killed_starts_are_repeated_and_lose_no_flight(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 100}")
-    whole = run(campaign, tmp_path / "a").manifest
+    reference = run(campaign, tmp_path / "a").manifest
     (tmp_path / "started").mkdir()
     fly_late = functools.partial(fly_after_killed_starts, tmp_path / "started")
     flown = run(campaign, tmp_path / "b", engine_of(fly_late)).manifest
     assert len(list((tmp_path / "started").iterdir())) > 10
-    assert flown.digest == whole.digest and flown.runs_failed == 0
+    assert flown.digest == reference.digest and flown.runs_failed == 0
 
 
-def test_killed_workers_lose_nothing(tmp_path, capfd):
+def test_killed_workers_lose_no_flight(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", execution="{workers: 2, batch: 4}")
-    whole = run(campaign, tmp_path / "a").manifest
+    reference = run(campaign, tmp_path / "a").manifest
     moments, kills, ended = random.Random(4), [], threading.Event()
 
     def kill_workers():
         while not ended.wait(moments.uniform(0.1, 0.4)):
             workers = [
                 c for p in psutil.Process().children() for c in p.children()
-            ]  # of the server they fork from
+            ]  # children of the fork server
             if workers and len(kills) < 10:
                 kills.append(moments.choice(workers).pid)
                 os.kill(kills[-1], signal.SIGKILL)
@@ -149,6 +150,6 @@ def test_killed_workers_lose_nothing(tmp_path, capfd):
         ended.set()
         killer.join()
     assert len(kills) >= 5
-    assert flown.digest == whole.digest and flown.runs_failed == 0
+    assert flown.digest == reference.digest and flown.runs_failed == 0
     for name in ("envelopes.parquet", "histories/one-000000.parquet"):
         assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(tmp_path / "b" / name))

@@ -1,4 +1,4 @@
-"""SIGKILL to any process at any moment: the same command completes the campaign, to the same digest."""
+"""SIGKILL to any process at any moment: the same command completes with the same digest."""
 
 import contextlib
 import multiprocessing
@@ -20,12 +20,12 @@ from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
 
 ROUNDS = 10  # kills of one test: 60 in all
-OTHERS = 0.75  # share of the kills that hit another process than the parent, where there are others
+OTHERS = 0.75  # share of the kills of other processes than the parent
 SERVER = multiprocessing.get_context("forkserver")
 
 
 def fly_in_child(campaign, out, number, isolation=THREADS):
-    os.setsid()  # its workers are found by it
+    os.setsid()  # identifies its workers
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background job
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     collector.ENVELOPE_FLIGHTS = number
@@ -37,7 +37,7 @@ def count_blocks(out):
 
 
 def wait_for_nobody(session):
-    """Workers end with their parent, whatever they do. Fails where one of them lives on."""
+    """Wait until all workers have ended after their parent; fail if one does not."""
     deadline = time.monotonic() + 60.0
     while left := [process for process in psutil.process_iter() if in_session(process, session)]:
         assert time.monotonic() < deadline, left
@@ -62,7 +62,7 @@ def describe(process, parent):
 
 
 class Campaign:
-    """A campaign that is killed and started again until it ends by itself, in folder after folder."""
+    """Campaign that is killed and restarted until it completes, in one folder after another."""
 
     def __init__(self, folder, number, isolation, seed):
         self.file = write_campaign(folder / "files", execution="{batch: 16}")
@@ -70,29 +70,25 @@ class Campaign:
         self.moments, self.kills = random.Random(seed), []
 
     def live(self, out):
-        """Start it, kill what chance names; how it ended, None where it was killed itself."""
+        """Start the run and kill random processes; return its exit code, None if it was killed."""
         child = SERVER.Process(
             target=fly_in_child, args=(self.file, out, self.number, self.isolation)
         )
         child.start()
         if (
             self.isolation == PROCESSES and self.moments.random() < 0.8
-        ):  # in the air: processes take time to start
-            held = count_blocks(out)
-            while child.exitcode is None and count_blocks(out) == held:
+        ):  # wait for a first block, as processes take time to start
+            blocks = count_blocks(out)
+            while child.exitcode is None and count_blocks(out) == blocks:
                 child.join(0.02)
         while len(self.kills) < ROUNDS:
             child.join(self.moments.uniform(0.0, 0.4))
-            others = [
-                process for process in psutil.process_iter() if in_session(process, child.pid)
-            ]
-            others = sorted({process.pid for process in others} - {child.pid})
+            pids = [process for process in psutil.process_iter() if in_session(process, child.pid)]
+            pids = sorted({process.pid for process in pids} - {child.pid})
             if child.exitcode is not None:
                 return child.exitcode
             victim = (
-                self.moments.choice(others)
-                if others and self.moments.random() < OTHERS
-                else child.pid
+                self.moments.choice(pids) if pids and self.moments.random() < OTHERS else child.pid
             )
             with contextlib.suppress(ProcessLookupError, psutil.NoSuchProcess):
                 kind = describe(victim, child.pid)
@@ -107,30 +103,30 @@ class Campaign:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_random_kills_lose_nothing(tmp_path, seed, monkeypatch, capfd):
-    """Threads: the parent. Processes: the parent, workers, the server that they are forked from, and its helper."""
+def test_random_kills_lose_no_flight(tmp_path, seed, monkeypatch, capfd):
+    """With threads the parent is killed, with processes also workers, fork server and helper."""
     number, isolation = (100, 4096)[seed % 2], THREADS if seed < 2 else PROCESSES
     monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
     campaign = Campaign(tmp_path, number, isolation, seed)
-    whole = run(campaign.file, tmp_path / "whole").manifest
+    reference = run(campaign.file, tmp_path / "whole").manifest
     folders = 0
     while len(campaign.kills) < ROUNDS:
         out, folders = tmp_path / f"out{folders}", folders + 1
         while (code := campaign.live(out)) is None:
             pass
-        said = f"seed {seed}, kills: {campaign.kills}"
-        assert code == 0, said
-        done = run(campaign.file, out)  # complete: reads and proves every block
-        assert done.complete and done.manifest.runs_failed == 0, said
-        assert done.manifest.digest == whole.digest, said
+        label = f"seed {seed}, kills: {campaign.kills}"
+        assert code == 0, label
+        done = run(campaign.file, out)  # reads and checks every block of the complete folder
+        assert done.complete and done.manifest.runs_failed == 0, label
+        assert done.manifest.digest == reference.digest, label
         for name in ("samples.parquet", "envelopes.parquet", "histories/one-000000.parquet"):
-            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), said
-        assert not list(out.rglob("*.temporary")), said
+            assert pq.read_table(out / name).equals(pq.read_table(tmp_path / "whole" / name)), label
+        assert not list(out.rglob("*.temporary")), label
     print(f"seed {seed}, {folders} folders, kills: {campaign.kills}")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, capfd):
+def test_a_signal_leaves_a_manifest_and_the_run_resumes(tmp_path, number, capfd):
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
     child = SERVER.Process(target=fly_in_child, args=(campaign, tmp_path / "out", 4096))
     child.start()
@@ -144,10 +140,10 @@ def test_a_polite_signal_ends_with_a_manifest_that_says_so(tmp_path, number, cap
     assert result.complete
 
 
-def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
-    """One of them flies; the others are told so, or go on with what it has begun, and nothing is lost."""
+def test_simultaneous_runs_in_one_new_folder(tmp_path, capfd):
+    """One process runs; the others are rejected or resume its folder. No flight is lost."""
     campaign = write_campaign(tmp_path / "files", execution="{batch: 64}")
-    whole = run(campaign, tmp_path / "whole").manifest
+    reference = run(campaign, tmp_path / "whole").manifest
     for k in range(4):
         out = tmp_path / f"out{k}"
         children = [
@@ -159,12 +155,12 @@ def test_runs_that_start_in_one_new_folder_at_the_same_moment(tmp_path, capfd):
             child.join()
         assert 0 in [child.exitcode for child in children]
         done = run(campaign, out)
-        assert done.complete and done.manifest.digest == whole.digest
-        assert sorted(done.manifest.files) == sorted(whole.files)
+        assert done.complete and done.manifest.digest == reference.digest
+        assert sorted(done.manifest.files) == sorted(reference.files)
 
 
 def fly_within(campaign, out, size):
-    """Exit code 3 where a file may not grow to what it should be: all that a full disk does, and no root needed."""
+    """Run with a limit of file size, which acts like a full disk; exit with code 3 if reached."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
     try:
         fly_in_child(campaign, out, 4096)
@@ -172,10 +168,10 @@ def fly_within(campaign, out, size):
         sys.exit(3)
 
 
-def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
-    """Plans, samples, states of envelopes, blocks, histories: each file is once the one that does not fit."""
+def test_a_full_disk_loses_no_flight_at_any_file(tmp_path, capfd):
+    """Each file in turn, from plans to histories, is the first that does not fit on the disk."""
     campaign = write_campaign(tmp_path / "files", execution="{batch: 100}")
-    whole = run(campaign, tmp_path / "whole").manifest
+    reference = run(campaign, tmp_path / "whole").manifest
     sizes = {path.stat().st_size for path in (tmp_path / "whole").rglob("*") if path.is_file()}
     codes = []
     for size in sorted(sizes):
@@ -186,4 +182,4 @@ def test_a_disk_that_fills_up_anywhere_loses_nothing(tmp_path, capfd):
         assert not list((tmp_path / "out").rglob("*.temporary"))
     assert codes.count(3) > 5 and set(codes) <= {0, 3}
     done = run(campaign, tmp_path / "out")
-    assert done.complete and done.manifest.digest == whole.digest
+    assert done.complete and done.manifest.digest == reference.digest

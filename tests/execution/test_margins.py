@@ -1,4 +1,4 @@
-"""Margins of a campaign's flights: columns that depend on nothing but the flight, and what is refused."""
+"""Stability margins of flights, which depend on the flight alone; invalid requests."""
 
 import json
 import random
@@ -55,8 +55,8 @@ def _table(folder, controller):
     }
 
 
-def test_the_first_flights_have_them_whatever_flies_the_blocks(flights_only, tmp_path):
-    """TLC is unstable above 1.10 times the rudder, LQR everywhere; no bit depends on blocks or on what was resumed."""
+def test_the_first_flights_have_margins_in_any_blocks(flights_only, tmp_path):
+    """TLC is unstable above 1.10 times the rudder, LQR always; bits do not depend on blocks."""
     margins = "{at: [trim, 30 s], flights: 12}"
     first = run(_write(tmp_path / "a.yaml", margins), tmp_path / "a", flights_only, workers=2)
     other = _write(tmp_path / "b.yaml", margins, batch="7")
@@ -97,16 +97,16 @@ LAWS = (
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(1, 4))]
 )
-def test_no_dispersion_and_no_margin_costs_a_flown_campaign(engine, tmp_path, seed):
-    """A lognormal mass had a corner of 0 kg, and the campaign ended in a traceback after all of its flights."""
+def test_invalid_corners_do_not_end_a_campaign(engine, tmp_path, seed):
+    """A lognormal mass with a corner of 0 kg must not end the campaign after its flights."""
     chance = random.Random(seed)
     laws = {"mass.total": LAWS[seed]} | {
         name: chance.choice(LAWS) for name in chance.sample(FACTORS, 3)
     }
     path = _write(tmp_path / "c.yaml", "{at: [trim, 1 s], flights: all}")
-    head, _, rest = path.read_text(encoding="utf-8").partition("  control.rudder")
+    head, _, tail = path.read_text(encoding="utf-8").partition("  control.rudder")
     entries = "".join(f"  {name}: {{distribution: {law}}}\n" for name, law in laws.items())
-    text = f"{head}{entries}requirements{rest.partition('requirements')[2]}"
+    text = f"{head}{entries}requirements{tail.partition('requirements')[2]}"
     path.write_text(
         text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8"
     )
@@ -116,7 +116,7 @@ def test_no_dispersion_and_no_margin_costs_a_flown_campaign(engine, tmp_path, se
     assert not any("not computed" in entry.get("fault", "") for entry in stability.values())
 
 
-def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkeypatch):
+def test_failed_margins_are_reported_and_flights_are_kept(engine, tmp_path, monkeypatch):
     find = fly_with_margins._find
 
     def find_some(plan, rows):
@@ -140,20 +140,20 @@ def test_margins_that_fail_are_named_and_cost_no_flight(engine, tmp_path, monkey
 
 @pytest.fixture(scope="module")
 def required(flights_only, tmp_path_factory):
-    """A campaign that requires margins of all flights."""
+    """Return a campaign that requires margins of all flights."""
     folder = tmp_path_factory.mktemp("required")
     path = _write(folder / "c.yaml", "{at: [trim], flights: all}", REQUIRED)
     return run(path, folder / "c", flights_only, runs=12, workers=1, controllers=("tlc",))
 
 
-def test_they_can_be_required_of_all_flights(required):
+def test_margins_can_be_required_of_all_flights(required):
     (judged,) = required.manifest.requirements
     values = _table(required.folder, "tlc")["gain_margin_min_db"]
     assert judged.failures == int((values <= 0.1).sum()) and judged.flights == 12
 
 
 @pytest.mark.parametrize(
-    ("margins", "requirements", "words"),
+    ("margins", "requirements", "fragments"),
     [
         ("{at: [trim, 61 s]}", "[]", ("61 s", "0 to 60 s")),
         ("{at: [trim], flights: 10}", REQUIRED, ("margins of 10 of 40 flights", "flights: all")),
@@ -165,17 +165,17 @@ def test_they_can_be_required_of_all_flights(required):
         ),
     ],
 )
-def test_what_cannot_be_is_refused(margins, requirements, words, tmp_path):
+def test_invalid_margins_are_rejected(margins, requirements, fragments, tmp_path):
     path = _write(tmp_path / "bad.yaml", margins, requirements)
     with pytest.raises(InputError) as refused:
         read_campaign(path)
-    assert all(each in str(refused.value) for each in words), str(refused.value)
+    assert all(fragment in str(refused.value) for fragment in fragments), str(refused.value)
 
 
 def test_a_missed_margin_is_explained(flights_only, required):
     missed = _table(required.folder, "tlc")["gain_margin_min_db"] <= 0.1
     assert missed.any() and not missed.all()
-    found = explain_flight(
+    explanation = explain_flight(
         required.folder,
         "tlc",
         int(np.flatnonzero(missed)[0]),
@@ -183,13 +183,13 @@ def test_a_missed_margin_is_explained(flights_only, required):
         "gain_margin_min_db",
     )
     assert (
-        found.causes == ("control.rudder_effectiveness",)
-        and "gain_margin_min_db" in found.failure.words
+        explanation.causes == ("control.rudder_effectiveness",)
+        and "gain_margin_min_db" in explanation.failure.words
     )
     flights = np.flatnonzero(missed).tolist()
     mapped = map_failures(required.folder, {"tlc": flights}, flights_only).controllers["tlc"]
     groups = [group for group in mapped.groups if "gain_margin_min_db" in group.failure]
-    assert [[each.parameter for each in group.dispersions] for group in groups] == [
+    assert [[dispersion.parameter for dispersion in group.dispersions] for group in groups] == [
         ["control.rudder_effectiveness"]
     ]
     assert sorted(groups[0].flights) == flights
@@ -204,7 +204,7 @@ def test_a_missed_margin_is_explained(flights_only, required):
 
 
 @pytest.mark.parametrize(
-    ("margins", "late", "words"),
+    ("margins", "late", "pattern"),
     [
         (
             "null",
@@ -218,14 +218,12 @@ def test_a_missed_margin_is_explained(flights_only, required):
         ),
     ],
 )
-def test_delays_and_samples_that_come_too_late_are_refused(
-    flights_only, tmp_path, margins, late, words
-):
+def test_late_delays_and_samples_are_rejected(flights_only, tmp_path, margins, late, pattern):
     path = _write(tmp_path / "e.yaml", margins)
     path.write_text(
         path.read_text("utf-8").replace("requirements:", f"  {late}\nrequirements:"),
         encoding="utf-8",
     )
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=pattern):
         run(path, tmp_path / "e", flights_only, workers=1)
     assert not (tmp_path / "e").exists()

@@ -1,4 +1,4 @@
-"""Shards flown apart and merged are the campaign flown whole; what does not fit is refused."""
+"""Merge of shards, which equals the campaign run as one; incompatible folders."""
 
 import contextlib
 import errno
@@ -30,8 +30,8 @@ FILES = (
 def fly_shards(tmp_path, number=3, **entries):
     campaign = write_campaign(tmp_path / "f", **entries)
     parts = [tmp_path / f"part{i}" for i in range(1, number + 1)]
-    for i, part in enumerate(parts, 1):
-        assert run(campaign, part, shard=(i, number)).complete
+    for i, folder in enumerate(parts, 1):
+        assert run(campaign, folder, shard=(i, number)).complete
     return campaign, parts
 
 
@@ -44,7 +44,7 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def shards(flown, tmp_path):
-    """A campaign and its three shards, copied."""
+    """Return copies of a campaign and its three shards."""
     shutil.copytree(flown, tmp_path, dirs_exist_ok=True)
     return tmp_path / "f/campaign.yaml", [tmp_path / f"part{i}" for i in (1, 2, 3)]
 
@@ -53,11 +53,13 @@ def shards(flown, tmp_path):
 def test_merged_shards_are_the_whole_campaign(tmp_path, number, sampling, monkeypatch):
     monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", number)
     campaign, parts = fly_shards(tmp_path, sampling=sampling, execution="{batch: 33}")
-    whole = run(campaign, tmp_path / "whole").manifest
+    reference = run(campaign, tmp_path / "whole").manifest
     merged = merge_campaign([parts[2], parts[0], parts[1]], tmp_path / "merged", ENGINE)
-    assert merged.complete and merged.manifest.digest == whole.digest
-    assert merged.manifest.runs_done == 300 and merged.manifest.requirements == whole.requirements
-    assert merged.manifest.campaign_hash == whole.campaign_hash
+    assert merged.complete and merged.manifest.digest == reference.digest
+    assert (
+        merged.manifest.runs_done == 300 and merged.manifest.requirements == reference.requirements
+    )
+    assert merged.manifest.campaign_hash == reference.campaign_hash
     for name in FILES:
         assert pq.read_table(tmp_path / "whole" / name).equals(
             pq.read_table(tmp_path / "merged" / name)
@@ -87,54 +89,54 @@ def change_seed(parts):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "pattern"),
     [
-        (lambda parts: parts.pop(), "no shard 3 of 3"),
-        (lambda parts: parts.append(parts[0]), "shard 1/3 a second time"),
-        (lambda parts: spoil(parts, {"state": "interrupted"}), "a shard that is interrupted"),
-        (change_seed, r"another campaign .*seed: 5 -> 6"),
-        (lambda parts: spoil(parts, {"source_hash": "0"}), "another source hash"),
-        (lambda parts: spoil(parts, {"shard": None}), "no shard of a campaign"),
+        (lambda parts: parts.pop(), "shard 3 of 3"),
+        (lambda parts: parts.append(parts[0]), "shard 1/3"),
+        (lambda parts: spoil(parts, {"state": "interrupted"}), "shard is interrupted"),
+        (change_seed, "seed: 5 -> 6"),
+        (lambda parts: spoil(parts, {"source_hash": "0"}), "source hash"),
+        (lambda parts: spoil(parts, {"shard": None}), "--shard i/n"),
     ],
 )
-def test_what_does_not_fit_is_refused(shards, tmp_path, change, words):
+def test_incompatible_shards_are_rejected(shards, tmp_path, change, pattern):
     _, parts = shards
     change(parts)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=pattern):
         merge_campaign(parts, tmp_path / "merged", ENGINE)
     assert not (tmp_path / "merged").exists()
 
 
 @pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.thorough)])
-def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, step):
-    """Margins of the campaign among the files: the parts have none, the merged campaign has its own."""
+def test_a_flipped_bit_is_reported_or_its_flights_are_run_again(tmp_path, step):
+    """A flipped bit is reported, or its flights are run again; shards have no margins."""
     engine = replace(ENGINE, find_stability=lambda campaign, plans: {"runs": campaign.runs})
     keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
     campaign, parts = fly_shards(tmp_path, 2, runs="60", keep=keep, execution="{batch: 15}")
-    whole = run(campaign, tmp_path / "whole", engine).manifest
+    reference = run(campaign, tmp_path / "whole", engine).manifest
     files = [
         path
-        for part in parts
-        for path in sorted(part.rglob("*"))
+        for folder in parts
+        for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != ".lock"
     ]
     chance, again = random.Random(7), []
     for file in files[::step]:
         content = file.read_bytes()
-        place = chance.randrange(len(content))
-        file.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
+        i = chance.randrange(len(content))
+        file.write_bytes(content[:i] + bytes([content[i] ^ 16]) + content[i + 1 :])
         out = tmp_path / "merged"
         try:
             merged = merge_campaign(parts, out, engine)
         except InputError as error:
-            assert str(file) in str(error), (file, place)  # noqa: PT017  # others may be flown again
+            assert str(file) in str(error), (file, i)  # noqa: PT017  # others may be flown again
         else:
             again.append(file.parent.name)
-            assert merged.complete and merged.manifest.digest == whole.digest, (file, place)
+            assert merged.complete and merged.manifest.digest == reference.digest, (file, i)
             for name in (*FILES[:3], "margins.json"):
                 assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (
                     file,
-                    place,
+                    i,
                     name,
                 )
             assert open_results(out).complete
@@ -146,10 +148,10 @@ def test_a_flipped_bit_in_a_part_is_told_or_its_flights_flown_again(tmp_path, st
 @pytest.mark.parametrize(
     "fault", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device")]
 )
-def test_a_merge_that_was_interrupted_goes_on(tmp_path, monkeypatch, fault):
-    """'The same command goes on', it said, and then refused: the folder was not empty, or a campaign's."""
+def test_an_interrupted_merge_resumes(tmp_path, monkeypatch, fault):
+    """Resume with the same command, although the folder is not empty."""
     campaign, parts = fly_shards(tmp_path, 2, runs="60", execution="{batch: 15}")
-    whole = run(campaign, tmp_path / "whole").manifest
+    reference = run(campaign, tmp_path / "whole").manifest
     out = tmp_path / "merged"
     left, copy = 0, shutil.copyfile
 
@@ -171,32 +173,32 @@ def test_a_merge_that_was_interrupted_goes_on(tmp_path, monkeypatch, fault):
     with contextlib.suppress(KeyboardInterrupt, StorageFullError, OSError):
         assert not merge_campaign(parts, out, replace(ENGINE, find_stability=fail)).complete
     merged = merge_campaign(parts, out, ENGINE)
-    assert merged.complete and merged.manifest.digest == whole.digest
+    assert merged.complete and merged.manifest.digest == reference.digest
     for name in FILES[:2]:
         assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     with pytest.raises(InputError, match="not empty"):
         merge_campaign(parts, tmp_path / "whole", ENGINE)
 
 
-def test_parts_of_another_version_are_refused_before_anything_is_written(shards, tmp_path):
+def test_shards_of_another_version_are_rejected_before_writing(shards, tmp_path):
     _, parts = shards
     with pytest.raises(InputError, match="source"):
         merge_campaign(parts, tmp_path / "merged", replace(ENGINE, source="another"))
     assert not (tmp_path / "merged").exists()
 
 
-def test_parts_with_another_controller_first_are_refused(tmp_path):
-    """The lowest part decided which controller requirements bind."""
+def test_shards_with_another_first_controller_are_rejected(tmp_path):
+    """Requirements must bind the same controller in all shards."""
     campaign = write_campaign(tmp_path / "f", runs="60")
     turned = write_campaign(tmp_path / "g", runs="60", controllers="{two: two.yaml, one: one.yaml}")
     parts = [tmp_path / "part1", tmp_path / "part2"]
-    for i, (file, part) in enumerate(zip((campaign, turned), parts, strict=True), 1):
-        run(file, part, shard=(i, 2))
-    with pytest.raises(InputError, match="controllers in another order"):
+    for i, (file, folder) in enumerate(zip((campaign, turned), parts, strict=True), 1):
+        run(file, folder, shard=(i, 2))
+    with pytest.raises(InputError, match="order"):
         merge_campaign(parts, tmp_path / "merged", ENGINE)
 
 
-def test_plans_travel_from_folder_to_folder(tmp_path):
+def test_plans_of_another_folder_are_used(tmp_path):
     campaign, parts = fly_shards(tmp_path, 1)
 
     def never(*_):
@@ -210,7 +212,7 @@ def test_plans_travel_from_folder_to_folder(tmp_path):
 
 
 @pytest.mark.parametrize("shard", [(4, 3), (1, 301)])
-def test_shards_that_cannot_be(tmp_path, shard):
+def test_invalid_shards_are_rejected(tmp_path, shard):
     with pytest.raises(InputError, match="--shard"):
         run(write_campaign(tmp_path / "f"), tmp_path / "out", shard=shard)
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""The compiled flight under the campaign engine: the promises that fake flights cannot keep for it."""
+"""Campaigns with compiled flights: guarantees that fake flights cannot test."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def flown(flights_only, tmp_path_factory):
     return run(CAMPAIGN, tmp_path_factory.mktemp("real") / "a", flights_only, runs=RUNS, workers=2)
 
 
-def test_the_digest_is_the_same_however_it_is_flown(flown, flights_only, tmp_path):
+def test_digest_does_not_depend_on_workers_and_blocks(flown, flights_only, tmp_path):
     text = CAMPAIGN.read_text(encoding="utf-8").replace("batch: auto", "batch: 7")
     other = tmp_path / "other.yaml"
     other.write_text(
@@ -64,8 +64,8 @@ def test_stored_plans_replay_to_the_bit(flown, flights_only, controller):
         assert value.tobytes() == stored[name].tobytes(), name
 
 
-def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, flights_only):
-    """Bands were of samples a tenth of a second apart, and TLC's surfaces saturate in between."""
+def test_envelopes_contain_all_flights_at_every_tick(flown, flights_only):
+    """Envelopes cover all ticks: TLC's surfaces saturate between samples 0.1 s apart."""
     samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
     rows = full_rows(
         samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]), ()
@@ -86,11 +86,11 @@ def test_no_flight_leaves_the_band_of_all_flights_at_any_tick(flown, flights_onl
         assert np.all(history >= low - slack) and np.all(history <= high + slack)
         sampled = history[:, :: round(band["time"].iloc[1] / block.times[1])]
         between += sampled.max() < history.max() or sampled.min() > history.min()
-    assert between  # samples alone would not hold them
+    assert between  # samples alone would not contain these values
 
 
-def test_a_metric_of_what_the_vehicle_does_not_have_is_refused(flights_only, tmp_path):
-    """It passed: heat that is not a number was never above its limit."""
+def test_a_metric_of_a_missing_quantity_is_rejected(flights_only, tmp_path):
+    """A heat flux that is NaN must not pass because it never exceeds its limit."""
     text = CAMPAIGN.read_text(encoding="utf-8").replace(
         "../configs", str(CAMPAIGN.parents[1] / "configs")
     )
@@ -103,7 +103,8 @@ def test_a_metric_of_what_the_vehicle_does_not_have_is_refused(flights_only, tmp
     assert not (tmp_path / "out").exists()
 
 
-# What GHAME-X's tables do not hold, and densities at heights that the S does not come near: refused in a campaign.
+# Parameters without effect on GHAME-X's tables, and densities at altitudes outside the mission;
+# campaigns reject them.
 WITHOUT_EFFECT = {
     *(
         f"aero.{force}.{cause}"
@@ -125,7 +126,7 @@ WITHOUT_EFFECT = {
     *(f"aero.yawing_moment.{cause}" for cause in ("pitch_rate", "elevator")),
     *(f"atmosphere.density_at_{km}km" for km in (10, 30, 35, 40)),
     *(f"control.effector_{i}_effectiveness" for i in range(16)),
-    # What TLC does not measure.
+    # Quantities that TLC does not measure.
     *(
         f"sensor.{name}_{error}"
         for name in MORE_SENSORS
@@ -143,8 +144,8 @@ LIMITS = {
 
 
 def test_every_parameter_changes_a_flight(flown, flights_only):
-    """In a gusty, turbulent, noisy flight, where each of them has something to change."""
-    # The first is no parameter of a vehicle; failures act in pairs, and have tests of their own.
+    """With gusts, turbulence and noise, each parameter has an effect."""
+    # The first is no parameter of a vehicle; failures act in pairs and have separate tests.
     listed = [
         parameter for parameter in PARAMETERS[1:] if not parameter.name.startswith("failure.")
     ]
@@ -160,8 +161,8 @@ def test_every_parameter_changes_a_flight(flown, flights_only):
             base[PARAMETER_INDEX[parameter.name]] = 0.1 * MOVED[parameter.unit]
     rows = np.tile(base, (1 + len(listed), 1))
     for row, parameter in zip(rows[1:], listed, strict=True):
-        place = PARAMETER_INDEX[parameter.name]
-        row[place] = LIMITS.get(parameter.name, row[place] + MOVED[parameter.unit])
+        i = PARAMETER_INDEX[parameter.name]
+        row[i] = LIMITS.get(parameter.name, row[i] + MOVED[parameter.unit])
     metrics = flights_only.fly(
         read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows
     ).metrics

@@ -1,4 +1,4 @@
-"""A campaign is the same however it is flown, and nothing that was flown is lost."""
+"""Results do not depend on how a campaign is run, and completed flights are never lost."""
 
 import errno
 import json
@@ -33,8 +33,8 @@ def campaign(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """300 flights that no test changes; their campaign's files are gone."""
+def reference(tmp_path_factory):
+    """Return the result of 300 flights that no test changes; the campaign's files are deleted."""
     folder = tmp_path_factory.mktemp("whole")
     result = run(write_campaign(folder / "files"), folder / "out")
     shutil.rmtree(folder / "files")
@@ -42,9 +42,9 @@ def whole(tmp_path_factory):
 
 
 @pytest.fixture
-def flown(whole, tmp_path):
-    """A copy of their folder."""
-    return shutil.copytree(whole.folder, tmp_path / "out")
+def flown(reference, tmp_path):
+    """Return a copy of the reference folder."""
+    return shutil.copytree(reference.folder, tmp_path / "out")
 
 
 def flights(folder):
@@ -52,38 +52,42 @@ def flights(folder):
     return table.sort_by([("controller", "ascending"), ("flight", "ascending")])
 
 
-def test_what_a_folder_holds(whole):
-    assert whole.complete and whole.manifest.runs_done == 300
-    table = flights(whole.folder)
+def test_the_content_of_a_folder(reference):
+    assert reference.complete and reference.manifest.runs_done == 300
+    table = flights(reference.folder)
     assert table.num_rows == 600
     leading = ["flight", "controller", "outcome", "reason", "failure.case"]
     assert table.column_names[:7] == [*leading, "atmosphere.density", "aero.lift"]
-    samples = pq.read_table(whole.folder / "samples.parquet")
+    samples = pq.read_table(reference.folder / "samples.parquet")
     for name in ("atmosphere.density", "aero.lift"):
         np.testing.assert_array_equal(table[name].to_numpy()[:300], samples[name].to_numpy())
     assert table.schema.field("speed_error_max_mps").metadata[b"unit"] == b"m/s"
-    outcomes = whole.manifest.controllers["one"].outcomes
+    outcomes = reference.manifest.controllers["one"].outcomes
     lost = int((samples["atmosphere.density"].to_numpy() < 0.91).sum())
     assert outcomes == {"ok": 300 - lost, "sideslip_limit": lost}
-    found = whole.manifest.requirements[0]
-    assert (found.failures, found.failures_ended_early, found.failures_measured) == (lost, lost, 0)
+    verdict = reference.manifest.requirements[0]
+    assert (verdict.failures, verdict.failures_ended_early, verdict.failures_measured) == (
+        lost,
+        lost,
+        0,
+    )
 
 
 @pytest.mark.parametrize(
     "execution", ["{workers: 1}", "{workers: 3}", "{batch: 16}", "{batch: 1000}"]
 )
-def test_neither_digest_nor_envelopes_depend_on_how_it_is_flown(whole, tmp_path, execution):
+def test_digest_and_envelopes_do_not_depend_on_workers_and_blocks(reference, tmp_path, execution):
     other = run(write_campaign(tmp_path / "f", execution=execution), tmp_path / "b")
     assert (
-        other.manifest.digests == whole.manifest.digests
-        and other.manifest.digest == whole.manifest.digest
+        other.manifest.digests == reference.manifest.digests
+        and other.manifest.digest == reference.manifest.digest
     )
-    tables = [pq.read_table(result.folder / "envelopes.parquet") for result in (whole, other)]
+    tables = [pq.read_table(result.folder / "envelopes.parquet") for result in (reference, other)]
     assert tables[0].equals(tables[1])
 
 
 def test_no_run_imports_pandas(campaign, tmp_path):
-    """pyarrow does where it is asked in other ways than ours, which takes a fifth of a run with nothing new."""
+    """Some calls of pyarrow import pandas, which takes a fifth of a run without new flights."""
     code = f"""
 import sys
 from pathlib import Path
@@ -102,22 +106,22 @@ print("pandas" in sys.modules)
     assert ended.stdout == "False\n", ended.stderr
 
 
-def test_interrupt_keeps_what_landed_and_resume_completes_it(whole, campaign, tmp_path):
+def test_an_interrupt_keeps_finished_blocks_and_the_run_resumes(reference, campaign, tmp_path):
     first = run(campaign, tmp_path / "b", interrupted_after(6), workers=1)
     assert first.manifest.state == "interrupted"
-    kept = sum(facts.flights_done for facts in first.manifest.controllers.values())
-    assert 128 <= kept < 600
+    flights_done = sum(facts.flights_done for facts in first.manifest.controllers.values())
+    assert 128 <= flights_done < 600
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
     second = run(campaign, tmp_path / "b")
-    assert second.complete and second.manifest.digest == whole.manifest.digest
+    assert second.complete and second.manifest.digest == reference.manifest.digest
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "b/flights").iterdir()}
-    assert before.items() <= after.items()  # nothing was flown twice
+    assert before.items() <= after.items()  # no block was computed twice
     names = ["envelopes.parquet", *(f"histories/{name}-000000.parquet" for name in ("one", "two"))]
     for name in names:
-        assert pq.read_table(whole.folder / name).equals(pq.read_table(tmp_path / "b" / name))
+        assert pq.read_table(reference.folder / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
-def test_envelopes_are_of_the_first_flights(campaign, tmp_path, monkeypatch):
+def test_envelopes_contain_the_first_flights(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(collector, "ENVELOPE_FLIGHTS", 100)
     few = run(campaign, tmp_path / "few", runs=100).folder / "envelopes.parquet"
     campaign = write_campaign(tmp_path / "files", execution="{batch: 16}")
@@ -129,24 +133,24 @@ def test_envelopes_are_of_the_first_flights(campaign, tmp_path, monkeypatch):
     assert pq.read_schema(many).metadata[b"flights"] == b"100"
     before = many.stat().st_mtime_ns
     run(campaign, tmp_path / "many", runs=400)
-    assert many.stat().st_mtime_ns == before  # more flights change nothing of them
+    assert many.stat().st_mtime_ns == before  # more flights do not change envelopes
 
 
-def test_extending_keeps_flights_bit_for_bit(whole, campaign, tmp_path):
+def test_extending_keeps_flights_bit_for_bit(reference, campaign, tmp_path):
     run(campaign, tmp_path / "out", runs=100)
     before = flights(tmp_path / "out")
     result = run(campaign, tmp_path / "out", runs=300)
     after = flights(tmp_path / "out")
     mask = np.tile(np.arange(300) < 100, 2)
     assert after.filter(mask).equals(before)
-    assert result.manifest.digest == whole.manifest.digest
+    assert result.manifest.digest == reference.manifest.digest
     tables = [
-        pq.read_table(folder / "envelopes.parquet") for folder in (result.folder, whole.folder)
+        pq.read_table(folder / "envelopes.parquet") for folder in (result.folder, reference.folder)
     ]
     assert tables[0].equals(tables[1])
 
 
-def test_fewer_flights_and_stratified_extensions_are_refused(tmp_path):
+def test_fewer_flights_and_stratified_extensions_are_rejected(tmp_path):
     campaign = write_campaign(tmp_path / "files", sampling="lhs")
     run(campaign, tmp_path / "out", runs=100)
     for runs in (50, 200):
@@ -154,8 +158,8 @@ def test_fewer_flights_and_stratified_extensions_are_refused(tmp_path):
             run(campaign, tmp_path / "out", runs=runs)
 
 
-def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path):
-    """They stood in the folder twice: verdicts of twice as many pairs, and the same command was refused."""
+def test_requirements_of_controllers_that_run_one_after_the_other(tmp_path):
+    """Requirements must not be stored twice, which would double the pairs of the family."""
     limits = "probability: 0.9, consumer_risk: 0.1"
     requirements = (
         f"[{{metric: altitude_error_max_m, below: 1.6, {limits}, controllers: [one, two]}},"
@@ -166,7 +170,7 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
     campaign = write_campaign(
         tmp_path / "f", runs="60", requirements=requirements, family="{method: holm, risk: 0.10}"
     )
-    whole = run(campaign, tmp_path / "whole").manifest
+    reference = run(campaign, tmp_path / "whole").manifest
 
     def pairs(manifest):
         return sorted(repr(entry) for entry in manifest.requirements)
@@ -177,13 +181,13 @@ def test_requirements_of_controllers_that_are_flown_one_after_the_other(tmp_path
         for names in (*order, order[-1], None):
             flown = run(campaign, out, controllers=names)
             assert flown.complete
-        assert pairs(flown.manifest) == pairs(whole), order
-        assert flown.manifest.digest == whole.digest
+        assert pairs(flown.manifest) == pairs(reference), order
+        assert flown.manifest.digest == reference.digest
     assert run(campaign, tmp_path / "0", runs=90).complete
 
 
 def test_requirements_without_controllers_follow_the_first_of_the_file(campaign, tmp_path):
-    """A folder begun with the second controller, or by a file in another order, went on judging the other one."""
+    """The first controller of the campaign file is judged, whichever was run first."""
 
     def judged(file, out, **options):
         result = run(file, tmp_path / out, **options)
@@ -199,7 +203,7 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
     )
     assert judged(turned, "a", controllers=("one",)) == [
         "two"
-    ]  # asked for again; the campaign is the same
+    ]  # a smaller selection does not change the campaign
     assert judged(campaign, "b", controllers=("one",)) == ["one"]
     assert judged(campaign, "b", controllers=("two",)) == ["one"]
     assert judged(turned, "b") == ["two"]
@@ -212,7 +216,7 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (dict(seed="6"), "seed: 5 -> 6"),
         (
@@ -221,12 +225,12 @@ def test_requirements_without_controllers_follow_the_first_of_the_file(campaign,
         ),
     ],
 )
-def test_a_changed_campaign_does_not_resume(flown, tmp_path, change, words):
-    held = {p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"}
+def test_a_changed_campaign_does_not_resume(flown, tmp_path, change, message):
+    contents = {p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"}
     with pytest.raises(InputError) as caught:
         run(write_campaign(tmp_path / "files", **change), flown)
-    assert words in str(caught.value)
-    assert held == {
+    assert message in str(caught.value)
+    assert contents == {
         p: p.read_bytes() for p in flown.rglob("*") if p.is_file() and p.name != ".lock"
     }
 
@@ -244,11 +248,11 @@ def test_other_code_does_not_continue(campaign, tmp_path):
         run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
 
 
-def test_the_resolved_campaign_flies_the_same(whole, tmp_path):
-    again = run(whole.folder / "campaign.yaml", tmp_path / "b").manifest
+def test_the_resolved_campaign_gives_the_same_result(reference, tmp_path):
+    again = run(reference.folder / "campaign.yaml", tmp_path / "b").manifest
     assert (
-        again.digest == whole.manifest.digest
-        and again.campaign_hash == whole.manifest.campaign_hash
+        again.digest == reference.manifest.digest
+        and again.campaign_hash == reference.manifest.campaign_hash
     )
 
 
@@ -257,7 +261,7 @@ def test_two_processes_do_not_share_a_folder(campaign, flown):
         run(campaign, flown)
 
 
-def test_a_full_disk_keeps_what_was_flown(whole, campaign, tmp_path, monkeypatch):
+def test_a_full_disk_keeps_completed_flights(reference, campaign, tmp_path, monkeypatch):
     write, count = runner.write_block, iter(range(1000))
 
     def full(*arguments):
@@ -275,10 +279,10 @@ def test_a_full_disk_keeps_what_was_flown(whole, campaign, tmp_path, monkeypatch
         assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
         assert not list((tmp_path / "b").rglob("*.temporary"))
     monkeypatch.undo()
-    assert run(campaign, tmp_path / "b").manifest.digest == whole.manifest.digest
+    assert run(campaign, tmp_path / "b").manifest.digest == reference.manifest.digest
 
 
-def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
+def test_a_folder_with_other_files_is_left_unchanged(campaign, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/thesis.tex").write_text("mine")
     for fresh in (False, True):
@@ -287,14 +291,14 @@ def test_a_folder_of_somebody_else_is_left_alone(campaign, tmp_path):
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
 
 
-def test_kept_histories_are_the_worst_and_the_chosen(whole):
-    rows = flights(whole.folder).slice(0, 300)  # controller one
+def test_kept_histories_are_the_worst_and_selected_flights(reference):
+    rows = flights(reference.folder).slice(0, 300)  # controller one
     early = np.array(rows["outcome"].to_pylist()) != "ok"
     metric = rows["altitude_error_max_m"].to_numpy()
     worst = np.lexsort([np.arange(300), np.where(early, 0.0, -metric), ~early])[
         :5
-    ]  # all early ends at the same time
-    table = pq.read_table(whole.folder / "histories/one-000000.parquet")
+    ]  # all early terminations are at the same time
+    table = pq.read_table(reference.folder / "histories/one-000000.parquet")
     assert sorted(set(table["flight"].to_pylist())) == sorted({7, *worst.tolist()})
     assert str(table.schema.field("altitude_m").type) == "float"
     for flight in set(table["flight"].to_pylist()):
@@ -306,7 +310,7 @@ def test_kept_histories_are_the_worst_and_the_chosen(whole):
     ("sampling", "runs", "expected"),
     [("sobol", "64", 64), ("{design: grid, levels: 3}", "null", 9), ("one_at_a_time", "null", 5)],
 )
-def test_designs_fly(tmp_path, sampling, runs, expected):
+def test_designs_run(tmp_path, sampling, runs, expected):
     keep = "{histories: {flights: every 3}}"
     campaign = write_campaign(tmp_path / "files", sampling=sampling, keep=keep, runs=runs)
     manifest = run(campaign, tmp_path / "out").manifest
@@ -314,7 +318,7 @@ def test_designs_fly(tmp_path, sampling, runs, expected):
     assert manifest.requirements[0].verdict == "ESTIMATE"
 
 
-def test_samples_from_a_file_fly_as_they_are(tmp_path):
+def test_samples_from_a_file_are_used_unchanged(tmp_path):
     entries = {"sampling": "{design: file, path: given.csv}", "dispersions": "{}", "runs": "3"}
     campaign = write_campaign(tmp_path / "files", keep="{histories: {flights: all}}", **entries)
     (campaign.parent / "given.csv").write_text("flight,aero.drag\n0,0.9\n1,1.1\n2,1.2\n")
@@ -326,7 +330,7 @@ def test_samples_from_a_file_fly_as_they_are(tmp_path):
     assert table["altitude_error_max_m"].to_pylist()[:3] == expected
 
 
-def test_envelopes_are_numpys_over_all_flights(tmp_path):
+def test_envelopes_equal_numpys_quantiles(tmp_path):
     keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, altitude_m]}}"
     run(write_campaign(tmp_path / "files", keep=keep), tmp_path / "out")
     files = sorted((tmp_path / "out/histories").glob("two-*"))
@@ -339,25 +343,23 @@ def test_envelopes_are_numpys_over_all_flights(tmp_path):
                 [t[np.isclose(t.time, row.time)][channel].to_numpy() for t in tables]
             )
             assert row["count"] == len(values)
-            wanted = np.quantile(values.astype(float), [0, 0.00135, 0.05, 0.5, 0.95, 0.99865, 1])
-            found = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
-            np.testing.assert_allclose(found[1:-1], wanted[1:-1], rtol=1e-12)
+            expected = np.quantile(values.astype(float), [0, 0.00135, 0.05, 0.5, 0.95, 0.99865, 1])
+            computed = row[["min", "q0.135", "q5", "q50", "q95", "q99.865", "max"]].to_numpy(float)
+            np.testing.assert_allclose(computed[1:-1], expected[1:-1], rtol=1e-12)
             assert (
-                found[0] <= wanted[0] and found[-1] >= wanted[-1]
-            )  # of every tick, see test_every_tick
+                computed[0] <= expected[0] and computed[-1] >= expected[-1]
+            )  # envelopes cover every tick, histories samples
 
 
-def test_fresh_from_the_folders_own_campaign_file(whole, flown):
-    """Its inputs are deleted with the folder's content; they must have been read before."""
+def test_fresh_from_the_folders_own_campaign_file(reference, flown):
+    """The inputs are read before `--fresh` deletes them with the folder's content."""
     again = run(flown / "campaign.yaml", flown, fresh=True)
-    assert again.complete and again.manifest.digest == whole.manifest.digest
+    assert again.complete and again.manifest.digest == reference.manifest.digest
     assert (flown / "inputs/vehicle/tables/cl.csv").exists()
 
 
-def test_memory_does_not_fill_when_the_disk_is_slower_than_the_flights(
-    campaign, tmp_path, monkeypatch
-):
-    """Blocks between take-off and disk are bounded by the workers, not by the campaign."""
+def test_a_slow_disk_does_not_fill_the_memory(campaign, tmp_path, monkeypatch):
+    """The number of blocks in memory is limited by the workers, not by the campaign."""
     flying, most = [0], [0]
 
     def count(plan, parameters, every=None):
@@ -389,7 +391,7 @@ def fly_never_and_interrupt(plan, parameters, every=None):
     time.sleep(3600.0)
 
 
-def test_first_flights_that_never_end_are_told_and_heed_an_interrupt(tmp_path, monkeypatch):
+def test_endless_first_flights_are_rejected_and_interruptible(tmp_path, monkeypatch):
     campaign = write_campaign(tmp_path / "f")
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -397,8 +399,8 @@ def test_first_flights_that_never_end_are_told_and_heed_an_interrupt(tmp_path, m
             run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_never_and_interrupt))
     finally:
         signal.signal(signal.SIGINT, before)
-    monkeypatch.setattr("abhv_mc.execution.probe_dispersions._COMPILING", 0.0)
+    monkeypatch.setattr("abhv_mc.execution.dispersion_probes._COMPILING", 0.0)
     campaign = write_campaign(tmp_path / "f", execution="{flight_time_limit: 0.1 s}")
-    with pytest.raises(InputError, match=r"first flights of 'one' that are not done in 0\.1 s"):
+    with pytest.raises(InputError, match=r"first flights of 'one' .* in 0\.1 s"):
         run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_never))
     assert not (tmp_path / "out").exists()

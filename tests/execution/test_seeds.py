@@ -1,4 +1,4 @@
-"""Campaigns of one question with other seeds are more flights of one campaign, not another try."""
+"""Campaigns that differ only in their seed are pooled as flights of one campaign."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.requests import Request
@@ -32,22 +32,26 @@ def fly(tmp_path, seeds, **entries):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """The folder of three seeds, which no test changes, and their manifests."""
+    """Return the folder of campaigns with three seeds, which no test changes, and manifests."""
     folder = tmp_path_factory.mktemp("seeds")
     return folder, fly(folder, (1, 2, 3))[1]
 
 
-def test_a_merge_is_judged_by_the_counts_of_all(flown, tmp_path):
+def test_a_merge_is_judged_by_all_counts(flown, tmp_path):
     folder, parts = flown
     merged = merge_campaign([folder / f"seed{s}" for s in (1, 2, 3)], tmp_path / "all", ENGINE)
     (entry,) = merged.manifest.requirements
     assert merged.complete and entry.flights == 600
-    assert entry.failures == sum(part.requirements[0].failures for part in parts)
+    assert entry.failures == sum(manifest.requirements[0].failures for manifest in parts)
     verdict = judge(entry.failures, 600, 0.93, entry.consumer_risk)
     assert (entry.verdict, entry.words) == (verdict.status, verdict_words(verdict))
     assert merged.manifest.question == parts[0].question
-    found = compute_verdicts(read_flown(tmp_path / "all")).requirements[0].controllers["one"]
-    assert (found.flights, found.failures, found.status) == (600, entry.failures, entry.verdict)
+    computed = compute_verdicts(read_flown(tmp_path / "all")).requirements[0].controllers["one"]
+    assert (computed.flights, computed.failures, computed.status) == (
+        600,
+        entry.failures,
+        entry.verdict,
+    )
 
 
 def test_each_flight_keeps_its_seed_and_number(flown, tmp_path):
@@ -58,22 +62,22 @@ def test_each_flight_keeps_its_seed_and_number(flown, tmp_path):
         own = pq.read_table(folder / f"seed{seed}/samples.parquet").drop_columns("flight")
         assert samples.slice(200 * number, 200).equals(own)
         flights = pq.read_table(tmp_path / "all/flights", filters=[("controller", "=", "two")])
-        there = pq.read_table(folder / f"seed{seed}/flights", filters=[("controller", "=", "two")])
+        rows = pq.read_table(folder / f"seed{seed}/flights", filters=[("controller", "=", "two")])
         ours = np.array(flights.sort_by("flight")["altitude_error_max_m"])[
             200 * number : 200 * number + 200
         ]
         assert np.array_equal(
-            ours, np.array(there.sort_by("flight")["altitude_error_max_m"]), equal_nan=True
+            ours, np.array(rows.sort_by("flight")["altitude_error_max_m"]), equal_nan=True
         )
     pooled = read_campaign(tmp_path / "all/campaign.yaml").model.pooled
-    assert [(part.seed, part.runs) for part in pooled] == [(1, 200), (3, 200)]
+    assert [(campaign.seed, campaign.runs) for campaign in pooled] == [(1, 200), (3, 200)]
     assert max(pq.read_table(tmp_path / "all/envelopes.parquet")["count"].to_pylist()) == 400
 
 
-def test_a_merge_goes_on_and_can_be_merged_and_extended(flown, tmp_path):
+def test_a_merge_resumes_and_can_be_merged_and_extended(flown, tmp_path):
     first = [flown[0] / "seed1", flown[0] / "seed2"]
-    one = merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest
-    assert merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest == one
+    digest = merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest
+    assert merge_campaign(first, tmp_path / "two", ENGINE).manifest.digest == digest
     three = merge_campaign([tmp_path / "two", flown[0] / "seed3"], tmp_path / "three", ENGINE)
     assert three.manifest.requirements[0].flights == 600
     longer = run(tmp_path / "three/campaign.yaml", tmp_path / "three", runs=650)
@@ -81,52 +85,49 @@ def test_a_merge_goes_on_and_can_be_merged_and_extended(flown, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "pattern"),
     [
-        (dict(seed=1), "seed 1 a second time"),
-        (
-            dict(campaign=dict(requirements=ASKED.replace("50", "51"))),
-            "other requirements .*below 50 -> 51",
-        ),
-        (dict(campaign=dict(sampling="lhs")), "question"),
+        (dict(seed=1), "seed 1"),
+        (dict(campaign=dict(requirements=ASKED.replace("50", "51"))), "below 50 -> 51"),
+        (dict(campaign=dict(sampling="lhs")), "campaign differs"),
         (dict(engine=replace(ENGINE, source="other")), "source hash"),
     ],
 )
-def test_what_does_not_belong_together_is_refused(flown, tmp_path, change, words):
+def test_incompatible_seeds_are_rejected(flown, tmp_path, change, pattern):
     campaign = write_campaign(
         tmp_path / "g", **{"requirements": ASKED, "runs": "200", **change.get("campaign", {})}
     )
     other = Request(campaign, tmp_path / "other", seed=change.get("seed", 2))
     run_campaign(other, change.get("engine", ENGINE))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=pattern):
         merge_campaign([flown[0] / "seed1", tmp_path / "other"], tmp_path / "all", ENGINE)
     assert not (tmp_path / "all").exists()
 
 
-def test_campaigns_beside_are_named_once_where_they_can_be_merged(flown, tmp_path, monkeypatch):
-    """Two Latin hypercubes are no draws; neither other code nor half a campaign joins."""
+def test_mergeable_neighbours_are_listed_once(flown, tmp_path, monkeypatch):
+    """Latin hypercubes, other code and incomplete campaigns cannot be merged."""
     campaign, parts = tmp_path / "f/campaign.yaml", flown[1]
     shutil.copytree(flown[0], tmp_path, dirs_exist_ok=True)
     run(campaign, tmp_path / "other_code", replace(ENGINE, source="other"), seed=5)
     run(campaign, tmp_path / "half", interrupted_after(5), seed=6)
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
-    words, command = name_siblings(tmp_path / "seed3", parts[2])
+    sentence, command = suggest_merge(tmp_path / "seed3", parts[2])
     assert (
-        "here: all (400 flights: 1 " in words
+        "here: all (400 flights: 1 " in sentence
         and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command
     )
     monkeypatch.chdir(tmp_path / "seed1")
     assert (
         f"{tmp_path}/seed2 {tmp_path}/seed3 -o {tmp_path}/seed1_merged"
-        in name_siblings(Path(), parts[0])[1]
+        in suggest_merge(Path(), parts[0])[1]
     )
     _, (cube, _) = fly(tmp_path / "lhs", (1, 2), sampling="lhs")
-    assert name_siblings(tmp_path / "lhs/seed1", cube) == ("", "")
+    assert suggest_merge(tmp_path / "lhs/seed1", cube) == ("", "")
 
 
 @pytest.mark.usefixtures("fake_engine", "no_figures")
-def test_a_run_and_its_report_judge_their_folder_and_name_those_beside_it(abhv_mc, tmp_path):
-    """A run's exit code, JUnit and last line were of its neighbours, its report was not."""
+def test_a_run_judges_its_folder_and_lists_neighbours(abhv_mc, tmp_path):
+    """Exit code, JUnit file, last line and report refer to the same folder."""
     campaign = write_campaign(
         tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400"
     )

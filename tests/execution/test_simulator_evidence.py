@@ -1,4 +1,4 @@
-"""Evidence from users' simulators: programs re-run from a results folder, reasons of failures, and noise."""
+"""Evidence from user simulators: re-runs from a folder, reasons of failures, and noise."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.tables import ask
+from abhv_mc.folder.tables import run_query
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
@@ -28,12 +28,12 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 
 @pytest.fixture(autouse=True)
 def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The list of what this user has flown."""
+    """Use an empty list of trusted code."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
 
 
 def write_study(folder: Path, source: str, **changes: Any) -> Path:
-    """Write a campaign with two inputs and the metric ``total``, simulated by the Python text ``source``."""
+    """Write a campaign with two inputs and the metric ``total``; ``source`` is its simulator."""
     folder.mkdir(exist_ok=True)
     (folder / "sim.py").write_text(source)
     content: dict[str, Any] = {
@@ -73,7 +73,7 @@ WITH_HISTORIES = {
 
 @pytest.fixture
 def calling_study(tmp_path: Path) -> Path:
-    """A campaign whose simulator starts a program that it declares."""
+    """Return a campaign whose simulator starts a declared program."""
     path = write_study(tmp_path / "own", CALLER, **WITH_HISTORIES)
     (tmp_path / "own" / "model.sh").write_text(PROGRAM)
     (tmp_path / "own" / "model.sh").chmod(0o755)
@@ -101,7 +101,7 @@ def test_a_declared_program_runs_from_the_results_folder(
 def test_lost_histories_and_the_simulators_own_error_are_reported(
     calling_study: Path, tmp_path: Path
 ) -> None:
-    """The results folder's copy of the program cannot be started: another machine, perhaps."""
+    """The copy of the program in the results folder cannot start, as on another machine."""
     shards = [tmp_path / "a", tmp_path / "b"]
     for number, shard in enumerate(shards, 1):
         run_campaign(Request(calling_study, shard, shard=(number, 2)))
@@ -112,16 +112,18 @@ def test_lost_histories_and_the_simulators_own_error_are_reported(
     merged = CliRunner().invoke(app, ["merge", *map(str, shards), "-o", str(out), "--no-report"])
     assert merged.exit_code == 3
     (reason,) = {
-        words.partition(" (")[2] for words in Results(out).manifest.not_made if " (" in words
+        sentence.partition(" (")[2]
+        for sentence in Results(out).manifest.not_made
+        if " (" in sentence
     }
     assert "PermissionError" in reason
     worst = int(read_flown(out).flights["system"].metrics["total"].argmax())
     with pytest.raises(InputError, match="PermissionError"):
         explain_flight(out, "system", worst)
     (difference,) = [
-        words
-        for words in replay_flight(out, "system", worst).differences
-        if words.startswith("outcome")
+        sentence
+        for sentence in replay_flight(out, "system", worst).differences
+        if sentence.startswith("outcome")
     ]
     assert "PermissionError" in difference
 
@@ -141,7 +143,7 @@ def fly(inputs, settings):
 def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> None:
     result = run_campaign(Request(write_study(tmp_path / "own", FAILING), tmp_path / "out"))
     sql = "select outcome, a, b, reason from flights order by flight"
-    rows = ask(tmp_path / "out", sql, lambda table: table.fetchall())
+    rows = run_query(tmp_path / "out", sql, lambda table: table.fetchall())
     assert rows
     for outcome, a, b, reason in rows:
         if a > 6.0:
@@ -182,7 +184,7 @@ CHANNELS = {"histories": {"x": {"unit": "m"}}, "keep": {"histories": {"flights":
         ("7", "", False, "yes"),
     ],
 )
-def test_noise_is_found_and_what_is_stated_of_it_is_checked(
+def test_noise_is_detected_and_its_statement_is_checked(
     tmp_path: Path, seed: str, noise: str, is_declared: bool, expected: str
 ) -> None:
     source = SEEDED.format(seed=seed, noise=noise)
@@ -206,8 +208,8 @@ def test_noise_is_found_and_what_is_stated_of_it_is_checked(
     assert replayed.exit_code == (1 if is_estimate else 0), replayed.output
 
 
-def test_the_weakest_shard_decides(tmp_path: Path) -> None:
-    """Shards of one simulator, whose first flights show noise only where a file outside lies."""
+def test_the_least_repeatable_shard_decides(tmp_path: Path) -> None:
+    """First flights of one shard show noise, because a file outside its folder exists."""
     switch = tmp_path / "switch"
     noise = f"+ __import__('os').path.exists({str(switch)!r}) * generator.normal()"
     path = write_study(tmp_path / "own", SEEDED.format(seed="", noise=noise), **CHANNELS)
@@ -220,7 +222,7 @@ def test_the_weakest_shard_decides(tmp_path: Path) -> None:
     assert [entry.verdict for entry in merged.requirements] == ["ESTIMATE"]
 
 
-def test_a_flight_that_fails_in_one_process_only_is_no_repeatable_flight(tmp_path: Path) -> None:
+def test_a_flight_that_fails_in_one_process_is_not_repeatable(tmp_path: Path) -> None:
     source = f"""
 import os
 
@@ -232,18 +234,18 @@ def fly(inputs, settings):
         Request(write_study(tmp_path / "own", source), tmp_path / "out")
     ).manifest
     assert manifest.repeatable == "no"
-    assert any("outcome" in words for words in manifest.warnings)
+    assert any("outcome" in warning for warning in manifest.warnings)
 
 
-def test_the_report_tells_about_the_simulator(tmp_path: Path) -> None:
+def test_the_report_describes_the_simulator(tmp_path: Path) -> None:
     run_campaign(Request(write_study(tmp_path / "own", FAILING, runs=60), tmp_path / "out"))
     facts = Results(tmp_path / "out").simulator
     assert facts.repeatable == "yes"
     assert facts.files == ("sim.py",)
     assert facts.events["system"]["restarts"] == sum(
-        each.flights for each in facts.reasons["system"] if "SIGABRT" in each.reason
+        reason.flights for reason in facts.reasons["system"] if "SIGABRT" in reason.reason
     )
-    counts = {each.reason: each.flights for each in facts.reasons["system"]}
+    counts = {reason.reason: reason.flights for reason in facts.reasons["system"]}
     flights = read_flown(tmp_path / "out").flights["system"]
     assert sum(counts.values()) == flights.absent.size > 0
     text = shown_text(build_report(tmp_path / "out"))
@@ -252,7 +254,7 @@ def test_the_report_tells_about_the_simulator(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")
-def test_files_that_a_program_keeps_open_are_compared_with_the_declared_ones(
+def test_undeclared_open_files_are_reported(
     tmp_path: Path,
 ) -> None:
     program = """#!/bin/sh
@@ -268,5 +270,5 @@ while read -r line; do echo '{{"total": 1}}'; done
     script.write_text(program.format(model=tmp_path / "own" / "model.txt"))
     script.chmod(0o755)
     manifest = run_campaign(Request(path, tmp_path / "out")).manifest
-    (words,) = [words for words in manifest.warnings if "native code" in words]
-    assert "own/model.txt open" in words
+    (warning,) = [warning for warning in manifest.warnings if "native code" in warning]
+    assert "own/model.txt" in warning

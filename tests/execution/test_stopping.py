@@ -1,4 +1,4 @@
-"""A campaign that stops when proven: the same flights and verdicts however it is flown."""
+"""Campaigns that stop when proven: flights and verdicts do not depend on how they are run."""
 
 import shutil
 from dataclasses import replace
@@ -33,94 +33,97 @@ def make(folder, **entries):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def reference(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     return run(make(folder / "f"), folder / "out")
 
 
-def test_it_stops_once_everything_has_its_verdict(whole):
-    manifest = whole.manifest
+def test_a_campaign_stops_when_all_verdicts_are_final(reference):
+    manifest = reference.manifest
     stop = manifest.stopped_at
     assert manifest.state == "complete" and 64 <= stop < 2000
     assert manifest.runs_done == stop
     assert [entry.verdict for entry in manifest.requirements] == ["PASS", "FAIL"]
     assert {entry.flights for entry in manifest.requirements} == {stop}
     first, second = (
-        entry.controllers for entry in compute_verdicts(read_flown(whole.folder)).requirements
+        entry.controllers for entry in compute_verdicts(read_flown(reference.folder)).requirements
     )
     assert (first["one"].status, second["two"].status) == ("PASS", "FAIL")
     assert first["one"].room > 0.0 > (second["two"].room or -1.0)
-    flights = pq.read_table(whole.folder / "flights")
+    flights = pq.read_table(reference.folder / "flights")
     assert sorted(flights["flight"].to_pylist()) == sorted([*range(stop), *range(stop)])
-    assert max(pq.read_table(whole.folder / "envelopes.parquet")["count"].to_pylist()) == stop
+    assert max(pq.read_table(reference.folder / "envelopes.parquet")["count"].to_pylist()) == stop
 
 
 @pytest.mark.parametrize("execution", ["{workers: 1, batch: auto}", "{workers: 3, batch: 16}"])
-def test_the_result_does_not_depend_on_how_it_is_flown(whole, tmp_path, execution):
+def test_the_result_does_not_depend_on_workers_and_blocks(reference, tmp_path, execution):
     other = run(make(tmp_path / "g", execution=execution), tmp_path / "b").manifest
-    assert other.digest == whole.manifest.digest and other.stopped_at == whole.manifest.stopped_at
+    assert (
+        other.digest == reference.manifest.digest
+        and other.stopped_at == reference.manifest.stopped_at
+    )
     for name in FILES:
-        assert pq.read_table(whole.folder / name).equals(pq.read_table(tmp_path / "b" / name))
+        assert pq.read_table(reference.folder / name).equals(pq.read_table(tmp_path / "b" / name))
 
 
-def test_what_lies_beyond_the_look_at_which_it_stops_is_tried_again_too(tmp_path):
-    """'The same command tries again', it said, and tried nothing: exit code 3 for ever."""
+def test_failed_flights_after_the_stop_are_run_again(tmp_path):
+    """Failed flights beyond the stop are run again by the same command."""
 
     def fail(plan, parameters, every=None):
         block = fly(plan, parameters, every)
         off = np.abs(parameters[:, DENSITY] - 1.0)
-        block.outcome[(off > 0.0) & (off < 0.01)] = Outcome.FAILED_TO_RUN  # the trials stand at 1
+        block.outcome[(off > 0.0) & (off < 0.01)] = Outcome.FAILED_TO_RUN  # the trials have 1
         return block
 
     campaign = make(tmp_path / "f", requirements=PROVEN)
-    whole = run(make(tmp_path / "g", requirements=PROVEN), tmp_path / "whole").manifest
+    reference = run(make(tmp_path / "g", requirements=PROVEN), tmp_path / "whole").manifest
     weak = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
-    assert weak.runs_failed and weak.runs_done + weak.runs_failed > whole.stopped_at
+    assert weak.runs_failed and weak.runs_done + weak.runs_failed > reference.stopped_at
     again = run(campaign, tmp_path / "out").manifest
     assert again.runs_failed == 0
     assert [entry.verdict for entry in again.requirements] == ["PASS"]
 
 
 @pytest.mark.parametrize("blocks", [1, 6])
-def test_nor_on_interruptions(whole, tmp_path, blocks):
+def test_the_result_does_not_depend_on_interruptions(reference, tmp_path, blocks):
     campaign = make(tmp_path / "f", execution="{workers: 2, batch: 16}")
     assert not run(campaign, tmp_path / "b", interrupted_after(blocks + 2)).complete
     second = run(campaign, tmp_path / "b").manifest
     assert (
-        second.digest == whole.manifest.digest
-        and second.requirements == whole.manifest.requirements
+        second.digest == reference.manifest.digest
+        and second.requirements == reference.manifest.requirements
     )
 
 
-def test_a_proven_campaign_flies_nothing_more(whole, tmp_path):
-    campaign, stop = make(tmp_path / "f"), whole.manifest.stopped_at
-    shutil.copytree(whole.folder, tmp_path / "out")
+def test_a_proven_campaign_runs_no_more_flights(reference, tmp_path):
+    campaign, stop = make(tmp_path / "f"), reference.manifest.stopped_at
+    shutil.copytree(reference.folder, tmp_path / "out")
 
     def never(*_):
         raise AssertionError("flown again")
 
     assert run(campaign, tmp_path / "out", replace(ENGINE, fly=never)).complete
     again = run(tmp_path / "out/campaign.yaml", tmp_path / "again").manifest
-    assert again.campaign_hash == whole.manifest.campaign_hash
+    assert again.campaign_hash == reference.manifest.campaign_hash
     assert run(campaign, tmp_path / "out", runs=4000).manifest.stopped_at == stop
 
 
-def test_what_is_not_settled_flies_to_the_end(tmp_path):
+def test_an_unproven_campaign_runs_all_flights(tmp_path):
     close = "[{metric: altitude_error_max_m, below: 50, probability: 0.97}]"
     manifest = run(make(tmp_path / "f", runs="60", requirements=close), tmp_path / "out").manifest
     assert (manifest.stopped_at, manifest.requirements[0].verdict) == (60, "NOT SHOWN")
 
 
 @pytest.mark.parametrize(
-    ("entries", "words"),
+    ("entries", "message"),
     [
         (dict(sampling="lhs"), "whose flights are not independent; expected sampling: random"),
         (dict(requirements="[]"), "'stop' without requirements"),
         (dict(stop="when bored"), "when bored"),
     ],
 )
-def test_what_cannot_be_proven_by_looking_is_refused(tmp_path, entries, words):
+def test_a_stop_without_sequential_verdicts_is_rejected(tmp_path, entries, message):
     path = make(tmp_path / "f", **entries)
     with pytest.raises(InputError) as caught:
         read_campaign(path)
-    assert words in str(caught.value) and caught.value.line
+    assert message in str(caught.value) and caught.value.line

@@ -1,4 +1,4 @@
-"""Two runs, searches or merges that start in one new folder: the second is rejected, whenever it starts."""
+"""Two runs, searches or merges in one new folder: the second is rejected at any moment."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -39,7 +39,7 @@ def expect_rejected(start):
     """A function that expects ``start`` to be rejected because another process has the folder."""
 
     def call():
-        with pytest.raises(InputError, match="is flying"):
+        with pytest.raises(InputError, match=r"process \d+ on"):
             start()
 
     return call
@@ -85,24 +85,22 @@ def test_a_second_search_is_rejected_at_each_file_of_the_first(tmp_path):
 def test_a_second_merge_is_rejected_at_each_file_of_the_first(campaign, tmp_path):
     parts = [run(campaign, tmp_path / f"{i}", shard=(i, 2)).folder for i in (1, 2)]
     out, files = tmp_path / "out", []
-    whole = run(campaign, tmp_path / "whole").manifest
+    reference = run(campaign, tmp_path / "whole").manifest
     second = expect_rejected(lambda: merge_campaign(parts, out, ENGINE))
     with at_each_file(second, files):
         merged = merge_campaign(parts, out, ENGINE)
-    assert merged.manifest.digest == whole.digest and "manifest.json" in files
+    assert merged.manifest.digest == reference.digest and "manifest.json" in files
 
 
-def test_a_run_between_the_look_of_a_merge_and_its_start_keeps_its_flights(
-    campaign, tmp_path, monkeypatch
-):
-    """The merge looked before it locked, and then deleted what had been computed in the meantime."""
+def test_a_run_during_the_checks_of_a_merge_keeps_its_flights(campaign, tmp_path, monkeypatch):
+    """A merge must not delete flights computed between its check and its lock."""
     parts = [run(campaign, tmp_path / f"{i}", shard=(i, 2)).folder for i in (1, 2)]
     out = tmp_path / "out"
     check = merge._check_content
 
-    def check_while_another_run_starts(*words):
-        check(*words)
-        with pytest.raises(InputError, match="is flying"):
+    def check_while_another_run_starts(*arguments):
+        check(*arguments)
+        with pytest.raises(InputError, match=r"process \d+ on"):
             run(campaign, out, seed=7)
 
     monkeypatch.setattr(merge, "_check_content", check_while_another_run_starts)

@@ -1,4 +1,4 @@
-"""A campaign with unknowns: each flight flown at every point of their box, judged at each, however it is flown."""
+"""Campaigns with unknowns: each sample is run and judged at every point of their box."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.plan import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import InputError, read_document
-from abhv_mc.report.numbers.planned import plan_campaign
+from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import judge, tolerance_limit
 from abhv_mc.topics.verdicts.model import compute_verdicts
@@ -41,20 +41,20 @@ def make(folder, **entries):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def reference(tmp_path_factory):
     folder = tmp_path_factory.mktemp("unknowns")
     return run(make(folder / "f"), folder / "out")
 
 
-def test_a_sample_flies_at_every_point_and_the_folder_names_them(whole):
-    points = read_document(whole.folder / "campaign.yaml").data["points"]
-    at = np.column_stack([points["at"]["aero.lift"], points["at"]["aero.drag"]])
+def test_samples_are_run_at_every_point_of_the_folder(reference):
+    points = read_document(reference.folder / "campaign.yaml").data["points"]
+    coordinates = np.column_stack([points["at"]["aero.lift"], points["at"]["aero.drag"]])
     corners = {(lift, drag) for lift in (0.9, 1.1) for drag in (0.8, 1.15)}
-    assert {tuple(point) for point in at[:4].round(12)} == corners and at[4] == pytest.approx(
-        [1.0, 0.975]
-    )
-    assert len(at) > 5 and 4 + 1 + 2 * 32 < points["tried"] <= 4 + 1 + 2 * (32 + 2 * 64)
-    samples = pq.read_table(whole.folder / "samples.parquet").to_pandas()
+    assert {tuple(point) for point in coordinates[:4].round(12)} == corners and coordinates[
+        4
+    ] == pytest.approx([1.0, 0.975])
+    assert len(coordinates) > 5 and 4 + 1 + 2 * 32 < points["tried"] <= 4 + 1 + 2 * (32 + 2 * 64)
+    samples = pq.read_table(reference.folder / "samples.parquet").to_pandas()
     assert samples.columns.tolist() == [
         "flight",
         "point",
@@ -62,15 +62,17 @@ def test_a_sample_flies_at_every_point_and_the_folder_names_them(whole):
         "aero.lift",
         "aero.drag",
     ]
-    assert len(samples) == 80 * len(at)
-    for _, each in samples.groupby("point"):
-        assert np.array_equal(each["atmosphere.density"], samples["atmosphere.density"][:: len(at)])
-    assert np.array_equal(samples[["aero.lift", "aero.drag"]], at[samples["point"]])
+    assert len(samples) == 80 * len(coordinates)
+    for _, rows in samples.groupby("point"):
+        assert np.array_equal(
+            rows["atmosphere.density"], samples["atmosphere.density"][:: len(coordinates)]
+        )
+    assert np.array_equal(samples[["aero.lift", "aero.drag"]], coordinates[samples["point"]])
 
 
-def test_the_search_finds_what_is_worst(whole):
-    """Beside a brute grid of 21 x 21 values, of the quantile by which points are ranked."""
-    results = read_flown(whole.folder)
+def test_the_search_finds_the_worst_point(reference):
+    """Compare with a grid of 21 x 21 values by the quantile that ranks the points."""
+    results = read_flown(reference.folder)
     number = len(results.campaign.unknowns.points)
     speed = METRIC_INDEX["speed_error_max_mps"]
     grid = [
@@ -85,21 +87,21 @@ def test_the_search_finds_what_is_worst(whole):
         results.flights["one"].metrics["speed_error_max_mps"],
         results.flights["one"].flight % number,
     )
-    found = max(np.quantile(flown[point == k], 0.95) for k in range(number))
-    assert found > np.quantile(worst, 0.99) and found > 0.99 * max(worst)
+    largest = max(np.quantile(flown[point == k], 0.95) for k in range(number))
+    assert largest > np.quantile(worst, 0.99) and largest > 0.99 * max(worst)
 
 
-def test_a_band_goes_from_the_least_to_the_most_quantile_over_the_points(tmp_path):
-    """Beside numpy's, of every kept history; not those of all flights together, which no vehicle flies."""
+def test_envelopes_span_the_quantiles_of_all_points(tmp_path):
+    """Compare with numpy's quantiles of the histories at each point, not of all flights."""
     keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, speed_mps]}}"
     points = "{at: {aero.lift: [0.9, 1.0, 1.1], aero.drag: [0.8, 1.15, 0.9]}}"
     out = run(make(tmp_path / "f", keep=keep, points=points, runs="20"), tmp_path / "out").folder
-    found, kept = read_flown(out).envelopes["one", "speed_mps"], read_histories(out, "one")
-    assert len(kept) == 60
-    values = np.full((20, 3, len(found.time)), np.nan)
-    for number, flown in kept.items():
+    envelope, histories = read_flown(out).envelopes["one", "speed_mps"], read_histories(out, "one")
+    assert len(histories) == 60
+    values = np.full((20, 3, len(envelope.time)), np.nan)
+    for number, flown in histories.items():
         values[number // 3, number % 3, : len(flown["time"])] = flown["speed_mps"][
-            : len(found.time)
+            : len(envelope.time)
         ]
     flying = ~np.isnan(values).any(axis=(0, 1))
     assert flying.sum() > 3
@@ -111,48 +113,48 @@ def test_a_band_goes_from_the_least_to_the_most_quantile_over_the_points(tmp_pat
         ("q95", 0.95, np.max),
         ("q99.865", 0.99865, np.max),
     ):
-        wanted = edge(np.quantile(values[..., flying], level, axis=0), axis=0)
-        np.testing.assert_allclose(found.bands[column][flying], wanted, rtol=1e-12)
-    assert found.bands["q50_most"][flying][-1] > found.bands["q50"][flying][-1]
+        expected = edge(np.quantile(values[..., flying], level, axis=0), axis=0)
+        np.testing.assert_allclose(envelope.bands[column][flying], expected, rtol=1e-12)
+    assert envelope.bands["q50_most"][flying][-1] > envelope.bands["q50"][flying][-1]
 
 
-def test_verdicts_are_of_every_point(whole):
-    results = read_flown(whole.folder)
+def test_verdicts_hold_at_every_point(reference):
+    results = read_flown(reference.folder)
     number = len(results.campaign.unknowns.points)
-    found = compute_verdicts(results).requirements
-    for entry in found:
+    requirements = compute_verdicts(results).requirements
+    for entry in requirements:
         for name, verdict in entry.controllers.items():
             flights = results.flights[name]
             values, point = flights.metrics[entry.asked.metric], flights.flight % number
             failed = ~(values < entry.asked.limits.high) | (
                 flights.failed & entry.asked.early_is_failure
             )
-            each = [judge(int(failed[point == k].sum()), 80, 0.9) for k in range(number)]
-            expected, worst = judge_points(each)
+            verdicts = [judge(int(failed[point == k].sum()), 80, 0.9) for k in range(number)]
+            expected, worst = judge_points(verdicts)
             assert (verdict.status, verdict.failures, verdict.flights) == (
                 expected.status,
                 expected.failures,
                 80,
             )
-            at = f"worst of {number} values of the unknowns ({results.campaign.unknowns.words(worst)})"
-            assert (at if verdict.failures else f"each of {number} values") in verdict.note
+            note = f"worst of {number} values of the unknowns ({results.campaign.unknowns.words(worst)})"
+            assert (note if verdict.failures else f"each of {number} values") in verdict.note
             worse = np.where(flights.failed & entry.asked.early_is_failure, np.inf, values)
             limits = [tolerance_limit(worse[point == k], 0, 0.9, 0.1) for k in range(number)]
             assert verdict.tolerance_limit == (None if max(limits) == np.inf else max(limits))
-    shown = {
+    stored = {
         (v.metric, v.controller): v
         for v in (*results.manifest.requirements, *results.manifest.requirements_shown)
     }
-    for entry in found:
+    for entry in requirements:
         for name, verdict in entry.controllers.items():
-            held = shown[entry.asked.metric, name]
-            assert (held.verdict, held.words, held.failures) == (
+            summary = stored[entry.asked.metric, name]
+            assert (summary.verdict, summary.words, summary.failures) == (
                 verdict.status,
                 verdict.words,
                 verdict.failures,
             )
-            assert held.failures_ended_early + held.failures_measured == held.failures
-    assert len({v.verdict for v in shown.values()}) > 1
+            assert summary.failures_ended_early + summary.failures_measured == summary.failures
+    assert len({v.verdict for v in stored.values()}) > 1
 
 
 def same(a, b):
@@ -165,26 +167,26 @@ def same(a, b):
         assert pq.read_table(a.folder / name).equals(pq.read_table(b.folder / name))
 
 
-def test_interrupted_and_resumed_it_is_the_same(whole, tmp_path):
+def test_resuming_gives_the_same_result(reference, tmp_path):
     campaign = make(tmp_path / "f", execution="{workers: 1, batch: 33}")
     calls = iter(range(6))
 
     def fly_until(plan, parameters, recorded=None):
         if (
             isinstance(recorded, Recording) and next(calls, None) is None
-        ):  # the search's flights record nothing
+        ):  # flights of the search have no recording
             raise KeyboardInterrupt
         return fly(plan, parameters, recorded)
 
     first = run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_until), workers=1)
     assert not first.complete and first.manifest.runs_done
-    same(whole, run(campaign, tmp_path / "out"))
+    same(reference, run(campaign, tmp_path / "out"))
 
 
-def test_in_shards_or_extended_it_keeps_its_points(whole, tmp_path):
+def test_shards_and_extensions_keep_the_points(reference, tmp_path):
     campaign = make(tmp_path / "f")
     parts = [run(campaign, tmp_path / f"part{i}", shard=(i, 2)).folder for i in (1, 2)]
-    same(whole, merge_campaign(parts, tmp_path / "merged", ENGINE))
+    same(reference, merge_campaign(parts, tmp_path / "merged", ENGINE))
     searched = read_flown(run(campaign, tmp_path / "out", runs=30).folder).campaign.unknowns
     extended = read_flown(run(campaign, tmp_path / "out").folder).campaign
     assert np.array_equal(extended.unknowns.points, searched.points)
@@ -192,7 +194,7 @@ def test_in_shards_or_extended_it_keeps_its_points(whole, tmp_path):
     assert extended.runs == 80 * len(searched.points)
 
 
-def test_it_stops_when_proven(tmp_path):
+def test_a_campaign_with_unknowns_stops_when_proven(tmp_path):
     requirements = (
         "[{metric: speed_error_max_mps, below: 50, probability: 0.9, ended_early: as_measured}]"
     )
@@ -208,18 +210,18 @@ def test_it_stops_when_proven(tmp_path):
     )
 
 
-def test_what_does_not_go_together_is_refused(whole, tmp_path):
+def test_incompatible_requests_are_rejected(reference, tmp_path):
     campaign = make(tmp_path / "f")
     run(campaign, tmp_path / "out", controllers=("one",), runs=5)
-    with pytest.raises(InputError, match="found without two"):
+    with pytest.raises(InputError, match="selected without two"):
         run(campaign, tmp_path / "out", runs=5)
     other = run(make(tmp_path / "g", seed="6"), tmp_path / "other")
-    with pytest.raises(InputError, match="another question"):
-        merge_campaign([whole.folder, other.folder], tmp_path / "merged", ENGINE)
+    with pytest.raises(InputError, match="campaign differs"):
+        merge_campaign([reference.folder, other.folder], tmp_path / "merged", ENGINE)
 
 
 @pytest.mark.parametrize(
-    ("entries", "line", "words"),
+    ("entries", "line", "pattern"),
     [
         ({"unknowns": "{atmosphere.density: {low: 1, high: 2}}"}, "unknowns", "a dispersion, too"),
         ({"unknowns": "{aero.lift: {low: 1.1, high: 0.9}}"}, "unknowns", "an empty range"),
@@ -235,9 +237,9 @@ def test_what_does_not_go_together_is_refused(whole, tmp_path):
         ({"pooled": "[{seed: 5, runs: 80}]"}, "pooled", "80 pooled flights"),
     ],
 )
-def test_what_is_wrong_has_its_place(tmp_path, entries, line, words):
+def test_errors_have_a_location(tmp_path, entries, line, pattern):
     path = make(tmp_path, **entries)
-    with pytest.raises(InputError, match=words) as refused:
+    with pytest.raises(InputError, match=pattern) as refused:
         read_campaign(path)
     assert path.read_text().splitlines()[refused.value.line - 1].startswith(line)
 
@@ -249,20 +251,20 @@ def test_bounds_in_percent_of_an_input_in_percent_are_no_change(tmp_path):
     }
     inputs["fill"] = {"unit": "%", "nominal": 50.0}
     unknowns = {"fill": {"low": "40 %", "high": 60.0}}
-    found = read_campaign(
+    box = read_campaign(
         dive_campaign(tmp_path, inputs=inputs, dispersions={}, unknowns=unknowns)
     ).unknowns
-    assert (found.low.tolist(), found.high.tolist()) == ([40.0], [60.0])
+    assert (box.low.tolist(), box.high.tolist()) == ([40.0], [60.0])
 
 
-def test_plan_tells_the_flights(tmp_path):
+def test_the_plan_counts_the_flights_of_the_search(tmp_path):
     planned = plan_campaign(read_campaign(make(tmp_path)))
     assert planned.runs == 80 and planned.most_points == 4 + 1 + 2 * 2 * 2
     assert planned.search_flights == 2 * 80 * (4 + 1 + 32 + 2 * 64)
 
 
 def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_path):
-    """Only at the third point both metrics exceed their limits; the second requirement is not judged there."""
+    """Both metrics exceed their limits only at the third point, of the first requirement."""
     requirements = (
         "[{metric: speed_error_max_mps, below: 1.8, probability: 0.99, ended_early: as_measured},"
         " {metric: altitude_error_max_m, below: 1.8, probability: 0.99, ended_early: as_measured}]"
@@ -284,14 +286,14 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
         assert counts[2] > max(counts[:2])
         assert f"{len(judged)} values of the unknowns" in verdict.note
         if entry is speed:
-            said = f"most failures were 9 of 256 at lift +10 %, drag +15 %, there {counts[2]} of 20 flights"
-            assert said in verdict.note
+            sentence = f"most failures were 9 of 256 at lift +10 %, drag +15 %, there {counts[2]} of 20 flights"
+            assert sentence in verdict.note
         else:
             assert "of 7 values tried none failed in 256 flights" in verdict.note
-    held = {(v.metric, v.controller): v for v in results.manifest.requirements}
+    stored = {(v.metric, v.controller): v for v in results.manifest.requirements}
     for entry in (speed, altitude):
-        shown = held[entry.asked.metric, "one"]
-        assert (shown.verdict, shown.words) == (
+        summary = stored[entry.asked.metric, "one"]
+        assert (summary.verdict, summary.words) == (
             entry.controllers["one"].status,
             entry.controllers["one"].words,
         )

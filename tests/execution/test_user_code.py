@@ -1,4 +1,4 @@
-"""A campaign with code of its own: the same digest however it is flown, and nobody's code runs unasked."""
+"""Campaigns with user code: same digest in every run, and no untrusted code runs."""
 
 import dataclasses
 import json
@@ -69,7 +69,7 @@ def twist(actual, command):
 
 @pytest.fixture
 def study(repository, tmp_path, monkeypatch):
-    """A user's folder; ``write(runs)`` makes the campaign, ``write(runs, vehicle)`` one of another vehicle."""
+    """Return a function ``write(runs, vehicle)`` that writes a campaign in a user's folder."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     configs = repository / "configs"
     mission = (configs / "mission" / "s_manoeuvre.yaml").read_text()
@@ -106,7 +106,7 @@ def threads():
 
 
 def test_workers_resume_shards_and_replay_give_the_same_digest(study, tmp_path, capfd):
-    """With a law, channels and a vehicle of the user's own, and margins, whose steady flight needs law and vehicle."""
+    """Use a law, channels and a vehicle of the user, and margins, which need law and vehicle."""
     vehicle = write_ghame_x(tmp_path, "body")
 
     def write(runs):
@@ -114,15 +114,15 @@ def test_workers_resume_shards_and_replay_give_the_same_digest(study, tmp_path, 
         file.write_text(file.read_text() + "margins: {at: [trim, 1 s], flights: 20}\n")
         return file
 
-    one = run_campaign(Request(write(40), tmp_path / "one", workers=1), threads()).manifest
+    local = run_campaign(Request(write(40), tmp_path / "one", workers=1), threads()).manifest
     two = run_campaign(Request(write(24), tmp_path / "two"), make_engine()).manifest  # processes
-    assert two.digest != one.digest
+    assert two.digest != local.digest
     two = run_campaign(Request(write(40), tmp_path / "two"), make_engine()).manifest
     parts = [tmp_path / "part1", tmp_path / "part2"]
-    for i, part in enumerate(parts, 1):
-        run_campaign(Request(write(40), part, shard=(i, 2), workers=1), threads())
+    for i, shard in enumerate(parts, 1):
+        run_campaign(Request(write(40), shard, shard=(i, 2), workers=1), threads())
     merged = merge_campaign(parts, tmp_path / "merged", threads()).manifest
-    assert one.digest == two.digest == merged.digest
+    assert local.digest == two.digest == merged.digest
     stability = [
         json.loads((tmp_path / name / "margins.json").read_text()) for name in ("one", "merged")
     ]
@@ -140,7 +140,7 @@ def test_workers_resume_shards_and_replay_give_the_same_digest(study, tmp_path, 
 
 
 def write_c_law(repository, folder, *lines):
-    """The shipped LQR in C, with lines of its own, as the law of the study's campaign."""
+    """Write the shipped LQR in C, with additional lines, as the law of the study's campaign."""
     shipped = repository / "configs" / "control" / "lqr_c"
     shutil.copy(shipped / "lqr_design.py", folder)
     shutil.copy(shipped / "lqr_c.yaml", folder / "law.yaml")
@@ -163,37 +163,40 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler"
 def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_reports(
     study, repository, tmp_path, capfd
 ):
-    """In worker processes; the other flights are those of the built-in law."""
+    """Run in worker processes; all other flights equal those of the built-in law."""
     file = study(140)
     text = file.read_text().replace("batch: 16}", "batch: 16, flight_time_limit: 1 s}")
     file.write_text(dispersed_in_altitude(text))
     heights = (20_000.0 + read_campaign(file).make_samples().draw(0, 140)[:, 0]).tolist()
     crash, hang = (f"time == 0.0 && measured->altitude - {heights[k]!r} < 1e-4" for k in (137, 61))
     crash, hang = (
-        f"{each} && measured->altitude - {heights[k]!r} > -1e-4"
-        for each, k in ((crash, 137), (hang, 61))
+        f"{statement} && measured->altitude - {heights[k]!r} > -1e-4"
+        for statement, k in ((crash, 137), (hang, 61))
     )
     lines = (
         f"if ({crash}) *(volatile int *)0 = 1;",
         f"if ({hang}) for (volatile int on = 1; on;) {{}}",
     )
     request = write_c_law(repository, tmp_path, *lines)
-    found = run_campaign(request, make_engine()).manifest
-    assert found.state == "complete"
-    assert found.controllers["mine"].outcomes == {"law_crashed": 1, "law_hung": 1, "ok": 138}
+    manifest = run_campaign(request, make_engine()).manifest
+    assert manifest.state == "complete"
+    assert manifest.controllers["mine"].outcomes == {"law_crashed": 1, "law_hung": 1, "ok": 138}
     flown = read_flown(request.output).flights
     assert [Outcome(code).code for code in flown["mine"].outcome[[61, 137]]] == [
         "law_hung",
         "law_crashed",
     ]
-    rest = flown["mine"].outcome == Outcome.OK
+    is_ok = flown["mine"].outcome == Outcome.OK
     assert np.array_equal(
-        read_errors(request.output, "mine")[rest], read_errors(request.output, "lqr")[rest]
+        read_errors(request.output, "mine")[is_ok], read_errors(request.output, "lqr")[is_ok]
     )
     assert build_page(request.output).exists()
-    told = capfd.readouterr().err
-    for words, flight in (("SIGSEGV", 137), ("not done in 1 s", 61)):  # the second time alone
-        assert f"{words}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in told
+    output = capfd.readouterr().err
+    for reason, flight in (
+        ("SIGSEGV", 137),
+        ("not done in 1 s", 61),
+    ):  # lost twice, the second time alone
+        assert f"{reason}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in output
 
 
 @needs_cc
@@ -210,8 +213,8 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
         flown = run_campaign(remote, make_engine()).manifest
     finally:
         cluster.close()
-    whole = run_campaign(request, make_engine()).manifest
-    assert whole.digest == flown.digest
+    reference = run_campaign(request, make_engine()).manifest
+    assert reference.digest == flown.digest
     failed = np.flatnonzero(
         read_flown(request.output).flights["mine"].outcome == Outcome.LAW_FAILED
     )
@@ -234,16 +237,16 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
     )
     assert (
         read_controller(new).sources[0].samefile(tmp_path / "lqr.c")
-    )  # wherever the numbers are written
+    )  # independent of the file of the numbers
     changed = tmp_path / "lqr.c"
     changed.write_text(changed.read_text() + "\n")
     with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr.c: other content"):
         run_campaign(request, make_engine())
 
 
-@pytest.mark.parametrize("place", ["law.py", "a/b/deep.py", "../../../../code.py", "{beside}"])
-def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch, place):
-    """A folder from elsewhere: reading it runs nothing, wherever its files point; flying it needs its user's trust."""
+@pytest.mark.parametrize("file", ["law.py", "a/b/deep.py", "../../../../code.py", "{beside}"])
+def test_untrusted_code_does_not_run(study, tmp_path, monkeypatch, file):
+    """Reading a foreign folder runs no code, wherever its files point; a run needs trust."""
     ran, law = tmp_path / "ran", tmp_path / "law.py"
     line = f"open({str(ran)!r}, 'w').close()"
     (tmp_path / "channels.py").write_text(CHANNELS.format(line=line))
@@ -252,22 +255,22 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch, place):
     run_campaign(Request(study(), out, runs=24), threads())
     ran.unlink()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "somebody_else"))
-    for kept in (run_module, load_law, compile_law, compile_channels):
-        kept.cache_clear()
+    for cached in (run_module, load_law, compile_law, compile_channels):
+        cached.cache_clear()
     campaign, controller = out / "campaign.yaml", out / "inputs/controllers/mine/law.yaml"
-    whole, beside = place == "law.py", place == "{beside}"
-    if whole:
+    is_inside, is_beside = file == "law.py", file == "{beside}"
+    if is_inside:
         read_flown(out)
         build_page(out)
         checked = check_inputs(campaign)
-        assert any("was not run" in warning for found in checked for warning in found.warnings)
+        assert any("was not run" in warning for report in checked for warning in report.warnings)
         with pytest.raises(InputError, match="--trust-code"):
             replay_flight(out, "mine", 1, fly)
     else:
-        place = place.format(beside=out.parent / "code.py")
-        (controller.parent / place).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(law, controller.parent / place)
-        controller.write_text(controller.read_text().replace("law.py", place))
+        file = file.format(beside=out.parent / "code.py")
+        (controller.parent / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(law, controller.parent / file)
+        controller.write_text(controller.read_text().replace("law.py", file))
     metric = "bank_error_settled_max_deg"
     asks = (
         lambda: run_campaign(Request(campaign, again, runs=4), threads()),
@@ -277,13 +280,11 @@ def test_nobodys_code_runs_unasked(study, tmp_path, monkeypatch, place):
         lambda: margins(campaign, controllers="mine"),
         lambda: linearize(level, tmp_path / "model.npz", controller=str(controller)),
     )
-    for ask in asks[
-        : -1 if beside else None
-    ]:  # a controller's own file may name any file of the machine
+    for ask in asks[: -1 if is_beside else None]:  # a controller file may name any file
         with pytest.raises(InputError, match="--trust-code"):
             ask()
     assert not ran.exists() and not again.exists()
-    if whole:
+    if is_inside:
         linearize(level, tmp_path / "model.npz", controller=str(controller), trust_code=True)
         assert ran.exists()
         assert replay_flight(out, "mine", 1, fly, trust_code=True).differences == ()
@@ -303,8 +304,8 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "entry", "words"), BAD, ids=[entry[2] for entry in BAD])
-def test_a_wrong_metric_is_refused_in_place(study, name, entry, words):
+@pytest.mark.parametrize(("name", "entry", "message"), BAD, ids=[entry[2] for entry in BAD])
+def test_a_wrong_metric_is_rejected_with_its_location(study, name, entry, message):
     file = study()
     file.write_text(
         file.read_text()
@@ -313,5 +314,5 @@ def test_a_wrong_metric_is_refused_in_place(study, name, entry, words):
     )
     with pytest.raises(InputErrors) as caught:
         read_campaign(file)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert f"{file}:12:" in str(caught.value)

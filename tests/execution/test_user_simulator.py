@@ -1,4 +1,4 @@
-"""Campaigns of a user's simulator: flown, gone on with, joined, and never run by a folder."""
+"""Campaigns of user simulators: run, resume, merge; reading a folder never runs its code."""
 
 import os
 import re
@@ -35,11 +35,11 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 
 @pytest.fixture(autouse=True)
 def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The list of what this user has flown."""
+    """Use an empty list of trusted code."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
 
 
-def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
+def test_a_campaign_is_run_judged_and_explained(tmp_path: Path) -> None:
     path, out = dive_campaign(tmp_path / "own"), tmp_path / "out"
     manifest = run_campaign(Request(path, out, workers=2)).manifest
     assert manifest.complete
@@ -58,21 +58,19 @@ def test_a_campaign_is_flown_judged_and_explained(tmp_path: Path) -> None:
     assert flights.flight.size == 200
     text = shown_text(build_report(out))
     assert "System" in text and not re.search(
-        "[Cc]ontroller|Control usage", text.replace("--controller", "")
+        "[Cc]ontroller|Control effort", text.replace("--controller", "")
     )
     failed = int(np.argmin(results.flights["v1"].metrics["altitude_min"]))
     assert replay_flight(out, "v1", failed).differences == ()
     assert Results(out).replay(failed, "v1").columns.tolist() == ["time"]
-    found = explain_flight(out, "v1", failed)
-    assert set(found.causes) <= {"altitude", "speed", "delay", "thrust"}
-    assert found.causes
+    explanation = explain_flight(out, "v1", failed)
+    assert set(explanation.causes) <= {"altitude", "speed", "delay", "thrust"}
+    assert explanation.causes
     groups = map_failures(out, {"v1": [failed]}).controllers["v1"]
     assert groups.looked_at == 1
 
 
-def test_the_folder_of_a_stranger_runs_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_foreign_folder_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran = tmp_path / "ran"
     source = DIVE + f"\nopen({str(ran)!r}, 'a').write('x')\n"
     out = tmp_path / "out"
@@ -97,23 +95,25 @@ WELL = DIVE + "\nwell = fly\ndef fly(inputs, settings):\n    return "
 
 
 @pytest.mark.parametrize(
-    ("source", "words"),
+    ("source", "pattern"),
     [
         (WELL + "well(inputs, settings) | {'load': time.time() % 1.0}\n", "not repeatable.*load"),
         (DIVE.replace('inputs["thrust"]', "1.0"), "^'thrust' from 0.91 to 1.09"),
     ],
 )
-def test_what_the_first_flights_show_is_said(tmp_path: Path, source: str, words: str) -> None:
-    """That it is not repeatable, or that an input changes nothing: it is flown."""
+def test_findings_of_the_first_flights_are_warnings(
+    tmp_path: Path, source: str, pattern: str
+) -> None:
+    """A campaign with noise or with an input without effect runs, with a warning."""
     manifest = run_campaign(
         Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")
     ).manifest
-    assert manifest.complete and any(re.search(words, said) for said in manifest.warnings)
+    assert manifest.complete and any(re.search(pattern, warning) for warning in manifest.warnings)
     differences = replay_flight(tmp_path / "out", "v1", 0).differences
-    assert any("load" in each for each in differences) == ("load" in words)
+    assert any("load" in difference for difference in differences) == ("load" in pattern)
 
 
-def test_what_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+def test_a_simulator_without_flights_is_rejected_before_writing(tmp_path: Path) -> None:
     path, out = (
         dive_campaign(tmp_path / "own", "import math\n\nmath.nothing\n", runs=300),
         tmp_path / "out",
@@ -127,7 +127,7 @@ def test_what_flies_nothing_is_refused_before_anything_is_written(tmp_path: Path
     assert not out.exists()
 
 
-def test_surplus_output_is_a_warning_and_what_the_program_says_is_kept(tmp_path: Path) -> None:
+def test_surplus_output_is_a_warning_and_standard_error_is_kept(tmp_path: Path) -> None:
     text = (
         "import json, sys\nfor line in sys.stdin:\n    x = json.loads(line)['inputs']['thrust']\n"
     )
@@ -153,19 +153,19 @@ def test_surplus_output_is_a_warning_and_what_the_program_says_is_kept(tmp_path:
     flight = int(np.argmin(thrust))
     assert replay_flight(out, "v1", flight).differences == ()
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == {
-        path: each.st_mtime_ns for path, each in before.items()
+        path: status.st_mtime_ns for path, status in before.items()
     }
     again = run_campaign(Request(out / "campaign.yaml", tmp_path / "again")).manifest
     assert again.digest == manifest.digest
 
 
-def test_validate_says_once_that_answers_are_matched_by_order(tmp_path: Path) -> None:
+def test_validate_warns_once_of_answers_matched_by_order(tmp_path: Path) -> None:
     path = dive_campaign(tmp_path, simulator={"command": ["cat"]}, runs=300)
     (checked,) = check_inputs(path)
-    assert [words for words in checked.warnings if "by order" in words]
+    assert [warning for warning in checked.warnings if "by order" in warning]
 
 
-def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path) -> None:
+def test_a_hanging_flight_ends_with_the_killed_command(tmp_path: Path) -> None:
     alive = tmp_path / "alive"
     os.mkfifo(alive)
     source = DIVE + (
@@ -184,14 +184,14 @@ def test_a_flight_that_hangs_ends_with_the_command_that_is_killed(tmp_path: Path
         stderr=subprocess.DEVNULL,
         env=os.environ | {"TMPDIR": str(scratch)},
     )
-    with alive.open("rb", buffering=0) as held:
-        assert held.read(1)
+    with alive.open("rb", buffering=0) as pipe:
+        assert pipe.read(1)
         assert list(scratch.glob("abhv-mc-*/dive.py"))
         process.kill()
         process.wait()
-        while (ready := select.select([held], [], [], 60.0)[0]) and held.read(1):
+        while (ready := select.select([pipe], [], [], 60.0)[0]) and pipe.read(1):
             pass
-        assert ready  # nobody holds it any more
+        assert ready  # end of file: no process has the pipe open
     while list(scratch.iterdir()):  # the watcher deletes the working folders
         select.select([], [], [], 0.05)
 
@@ -202,7 +202,7 @@ KEEP = {
     "envelopes": {"rate": f"{RATE:g} Hz"},
 }
 HISTORIES: dict[str, Any] = {"histories": DIVE_CHANNELS, "keep": KEEP, "runs": 60}
-BANDED = 50  # flights of which the bands are
+BANDED = 50  # flights in the envelopes
 
 
 @pytest.fixture
@@ -211,67 +211,69 @@ def few_banded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def paths_by_hand(folder: Path, system: str, channel: str) -> list[tuple[list[float], np.ndarray]]:
-    """What each flight of a system returned: times and values."""
+    """Return times and values of each flight of a system, computed without the package."""
     namespace: dict[str, Any] = {}
     exec(DIVE_HISTORY, namespace)  # noqa: S102  our own text
     samples, settings = read_flown(folder).samples, {"v1": {"pull": 5.0}, "v2": {"pull": 6.0}}
-    given = [
+    rows = [
         {"dive": 60.0} | dict(zip(samples, row, strict=True))
         for row in zip(*samples.values(), strict=True)
     ]
-    flown = [namespace["fly"](inputs, settings[system])["history"] for inputs in given]
-    return [(each["time"], np.array(each[channel], float)) for each in flown]
+    flown = [namespace["fly"](inputs, settings[system])["history"] for inputs in rows]
+    return [(history["time"], np.array(history[channel], float)) for history in flown]
 
 
 @pytest.mark.usefixtures("few_banded")
-def test_histories_and_bands_are_those_that_flights_return(tmp_path: Path) -> None:
-    """Straight between samples; bands are of the flights that have a history then, value by value."""
+def test_histories_and_envelopes_are_those_returned(tmp_path: Path) -> None:
+    """Histories are interpolated linearly; envelopes skip flights without a history."""
     out = tmp_path / "out"
     assert not run_campaign(
         Request(dive_campaign(tmp_path / "own", DIVE_HISTORY, **HISTORIES), out)
     ).manifest.not_made
     results, opened = read_flown(out), Results(out)
     assert set(results.flights["v1"].count_outcomes()) == {"ok", "ground"}
-    kept = opened.histories.set_index(["controller", "flight", "time"])
-    assert len(kept.loc["v1"].index.unique("flight")) == 5
+    histories = opened.histories.set_index(["controller", "flight", "time"])
+    assert len(histories.loc["v1"].index.unique("flight")) == 5
     bands = (
         pq.read_table(out / "envelopes.parquet")
         .to_pandas()
         .set_index(["controller", "channel", "time"])
     )
     for system in ("v1", "v2"):
-        for channel in DIVE_CHANNELS:  # the first is there wherever a history is
+        for channel in DIVE_CHANNELS:  # every history has the first channel
             paths = paths_by_hand(out, system, channel)
-            for flight, history in kept.loc[system].groupby("flight"):
+            for flight, history in histories.loc[system].groupby("flight"):
                 times, values = paths[flight]
                 grid = np.arange(np.ceil(times[0] * RATE), times[-1] * RATE + 1e-12) / RATE
                 expected = dict(zip(grid, np.interp(grid, times, values), strict=True))
-                at = history.index.get_level_values("time").tolist()
+                stored_times = history.index.get_level_values("time").tolist()
                 if channel == "altitude":
-                    assert at == [time for time, value in expected.items() if not np.isnan(value)]
+                    assert stored_times == [
+                        time for time, value in expected.items() if not np.isnan(value)
+                    ]
                 assert history[channel].to_numpy() == pytest.approx(
-                    [expected[time] for time in at], rel=1e-6
+                    [expected[time] for time in stored_times], rel=1e-6
                 )
-            found = bands.loc[system, channel]
-            found, expected = found[found["count"] > 0], bands_by_hand(paths[:BANDED])
-            assert found.index.tolist() == list(expected)
+            table = bands.loc[system, channel]
+            table, expected = table[table["count"] > 0], bands_by_hand(paths[:BANDED])
+            assert table.index.tolist() == list(expected)
             for name in next(iter(expected.values())):
-                of = [each[name] for each in expected.values()]
-                assert found[name].to_numpy() == pytest.approx(of, rel=1e-12, abs=1e-12), name
+                quantile = [quantiles[name] for quantiles in expected.values()]
+                assert table[name].to_numpy() == pytest.approx(quantile, rel=1e-12, abs=1e-12), name
     field = pq.read_schema(next((out / "histories").glob("v1-*.parquet"))).field("altitude")
     assert field.type == "float" and field.metadata[b"unit"] == b"ft"
     show_histories(out)
 
 
 def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, dict[str, float]]:
-    """By time."""
+    """Return quantiles by time."""
     first, last = min(times[0] for times, _ in paths), max(times[-1] for times, _ in paths)
     bands = {}
     for k in range(int(np.floor(first * RATE)) - 1, int(np.ceil(last * RATE)) + 2):
-        at = lambda time: [  # noqa: E731
+        values_at = lambda time: [  # noqa: E731
             np.interp(time, *path) for path in paths if path[0][0] <= time <= path[0][-1]
         ]
-        now = [value for value in at(k / RATE) if not np.isnan(value)]
+        now = [value for value in values_at(k / RATE) if not np.isnan(value)]
         if not now:
             continue
         low, high = (k - 1) / RATE, (k + 1) / RATE
@@ -281,7 +283,7 @@ def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, di
             for time, value in zip(times, values, strict=True)
             if low <= time <= high
         ]
-        near += at(low) + at(k / RATE) + at(high)
+        near += values_at(low) + values_at(k / RATE) + values_at(high)
         bands[k / RATE] = {
             "count": len(now), "min": np.float32(np.nanmin(near)), "max": np.float32(np.nanmax(near)),
             **{f"q{100 * q:g}": np.quantile(np.float32(now).astype(float), q) for q in QUANTILES},
@@ -290,7 +292,7 @@ def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, di
 
 
 def show_histories(out: Path) -> None:
-    """Page, view of flights, replay and explorer show what the flights returned."""
+    """Check that page, view of flights, replay and explorer show the returned histories."""
     page = build_report(out)
     text = shown_text(page)
     assert (
@@ -301,31 +303,31 @@ def show_histories(out: Path) -> None:
     data, arrays = make_flights_view(
         read_flown(out), {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""}
     )
-    assert [(each["label"], each["unit"]) for each in data["channels"]] == [
+    assert [(channel["label"], channel["unit"]) for channel in data["channels"]] == [
         ("Altitude", "ft"),
         ("Sink rate", "ft/s"),
     ]
     opened = Results(out)
-    kept = opened.histories.groupby(["controller", "flight"])
+    groups = opened.histories.groupby(["controller", "flight"])
     assert data["criteria"][0]["channel"] == "altitude"
-    assert len(arrays["history:altitude"]) == len(kept) == max(data["rows"]["history"]) + 1
-    (_, flight), history = next(iter(kept))
+    assert len(arrays["history:altitude"]) == len(groups) == max(data["rows"]["history"]) + 1
+    (_, flight), history = next(iter(groups))
     again = opened.replay(flight, "v1")
     assert again["altitude"].to_numpy() == pytest.approx(
         history["altitude"].to_numpy(), rel=0, nan_ok=True
     )
     with open_flights(out) as table, ExploreServer(out, table) as server:
-        assert [each["name"] for each in table.view["channels"]] == ["altitude", "sink_rate"]
-        found = server.open_flight("v2", flight)["history"]
+        assert [channel["name"] for channel in table.view["channels"]] == ["altitude", "sink_rate"]
+        opened_history = server.open_flight("v2", flight)["history"]
         assert (
-            found is not None
-            and found["time"].size
-            and set(found["channels"]) == {"altitude", "sink_rate"}
+            opened_history is not None
+            and opened_history["time"].size
+            and set(opened_history["channels"]) == {"altitude", "sink_rate"}
         )
 
 
 @pytest.mark.usefixtures("few_banded")
-def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_none_flies_twice(
+def test_resumed_and_merged_campaigns_have_the_same_tables(
     tmp_path: Path,
 ) -> None:
     flown, own, out = tmp_path / "flown", tmp_path / "own", tmp_path / "whole"
@@ -335,7 +337,7 @@ def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_non
     )
     changes = {"source": source} | HISTORIES | {"keep": KEEP | {"histories": {"flights": "none"}}}
     path = dive_campaign(own, **changes)
-    whole = run_campaign(Request(path, out)).manifest
+    reference = run_campaign(Request(path, out)).manifest
     bands = pq.read_table(out / "envelopes.parquet")
     run_campaign(Request(path, tmp_path / "grown", runs=25, controllers=("v1",)))
     run_campaign(Request(path, tmp_path / "grown", runs=25))
@@ -346,12 +348,12 @@ def test_a_campaign_goes_on_and_its_shards_are_joined_to_the_same_tables_and_non
     for i, shard in enumerate(shards, 1):
         run_campaign(Request(path, shard, shard=(i, 2)))
     joined = merge_campaign(shards, tmp_path / "joined").manifest
-    assert whole.digest == grown.digest == joined.digest
+    assert reference.digest == grown.digest == joined.digest
     for name in ("grown", "joined"):
         assert pq.read_table(tmp_path / name / "envelopes.parquet").equals(bands)
-    for other, found in (
+    for other, pattern in (
         ({"systems": {"v1": {"pull": 5.5}, "v2": {"pull": 6.0}}}, r"systems\.v1\.pull"),
         ({"source": source + "\n"}, r"dive\.py: other content"),
     ):
-        with pytest.raises(InputError, match=found):
+        with pytest.raises(InputError, match=pattern):
             run_campaign(Request(dive_campaign(own, **changes | other), out))

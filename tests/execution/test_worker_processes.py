@@ -1,4 +1,4 @@
-"""Worker processes that stand still or lose the process they were forked from are replaced; flights are as ever."""
+"""Worker processes that stop or lose their fork server are replaced."""
 
 import contextlib
 import multiprocessing
@@ -32,7 +32,7 @@ PACKAGE = Path(abhv_mc.__file__).parent
 
 @pytest.fixture
 def pool():
-    """One worker process that has flown."""
+    """Return a pool with one worker process that has computed a block."""
     with contextlib.closing(WorkerPool(fly, 1, 60.0)) as pool:
         check_flight(pool)
         yield pool
@@ -42,7 +42,7 @@ PLAN = make_plan("one")
 
 
 def check_flight(pool):
-    """A block as this process flies it."""
+    """Check that a block of the pool equals one computed in this process."""
     parameters = nominal_parameters(3)
     np.testing.assert_array_equal(pool.fly(PLAN, parameters).metrics, fly(PLAN, parameters).metrics)
 
@@ -52,7 +52,7 @@ def find_worker(pool):
     return worker.process.pid
 
 
-def test_a_worker_that_stands_still_is_replaced(pool, monkeypatch):
+def test_a_stopped_worker_is_replaced(pool, monkeypatch):
     monkeypatch.setattr(module, "_RESPONSE_LIMIT", 0.2)
     before = find_worker(pool)
     os.kill(before, signal.SIGSTOP)
@@ -60,7 +60,7 @@ def test_a_worker_that_stands_still_is_replaced(pool, monkeypatch):
     assert find_worker(pool) != before and not psutil.pid_exists(before)
 
 
-def test_without_the_server_that_workers_are_forked_from(pool):
+def test_a_killed_fork_server_is_replaced(pool):
     before = find_worker(pool)
     server = psutil.Process(forkserver._forkserver._forkserver_pid)
     server.kill()
@@ -70,8 +70,8 @@ def test_without_the_server_that_workers_are_forked_from(pool):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux")
-def test_workers_hear_no_interrupt(pool):
-    """Ctrl-C goes to everyone in a terminal; the parent decides what it means."""
+def test_workers_ignore_interrupts(pool):
+    """Ctrl-C reaches all processes of a terminal, and the parent handles it."""
     status = Path(f"/proc/{find_worker(pool)}/status").read_text(encoding="ascii")
     masks = [
         int(line.split()[1], 16)
@@ -96,10 +96,8 @@ assert before == dict(os.environ)
 """
 
 
-def test_processes_import_from_beside_the_callers_script_and_not_from_the_working_folder(
-    tmp_path, monkeypatch
-):
-    """A user's random.py would end the campaign; a stranger's would run with his rights."""
+def test_processes_import_from_the_scripts_folder_only(tmp_path, monkeypatch):
+    """A random.py of the user would end the campaign; a foreign one would run."""
     (tmp_path / "here").mkdir()
     for name in ("abhv_mc", "multiprocessing", "numba", "numpy", "pickle", "random", "llvmlite"):
         (tmp_path / "here" / f"{name}.py").write_text(
@@ -123,7 +121,7 @@ def test_processes_import_from_beside_the_callers_script_and_not_from_the_workin
     assert done.returncode == 0, done.stderr
 
 
-def test_a_worker_imports_only_what_it_flies():
+def test_a_worker_imports_no_further_packages():
     code = f"""
 import sys, {module.serve.__module__}, abhv_mc.stability.fly_with_margins
 print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
@@ -136,7 +134,7 @@ print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
     )
 
 
-def test_an_interrupt_waits_for_no_flight():
+def test_an_interrupt_does_not_wait_for_flights():
     free = threading.Event()
     with contextlib.suppress(KeyboardInterrupt), open_threads(1) as threads:
         flying, waiting = threads.submit(free.wait), threads.submit(free.wait)
@@ -149,7 +147,7 @@ def test_a_limit_and_an_interrupt_end_the_wait_for_a_thread(monkeypatch):
     ended = threading.Event()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def never(*given, **options):
+    def never(*arguments, **options):
         assert threading.current_thread() is not threading.main_thread()
         os.kill(os.getpid(), signal.SIGINT)  # as a terminal does
         ended.wait()
@@ -168,7 +166,7 @@ def test_a_limit_and_an_interrupt_end_the_wait_for_a_thread(monkeypatch):
 
 
 def run_in_pool(campaign, out):
-    """A campaign inside a process of multiprocessing.Pool, which may start no other."""
+    """Run a campaign inside a process of multiprocessing.Pool, which may start no processes."""
     assert multiprocessing.current_process().daemon
     return run(campaign, out, replace(ENGINE, isolation=PROCESSES)).manifest.digest
 

@@ -1,4 +1,4 @@
-"""FMUs of the shipped LQR in C, built by cc from the standard's headers as fmpy ships them, for FMI 2.0 and 3.0."""
+"""FMUs (FMI 2.0 and 3.0) of the shipped LQR in C, compiled with the headers that fmpy ships."""
 
 import os
 import shutil
@@ -43,12 +43,13 @@ def make_fmu(
     units: dict[str, str] | None = None,
     memory: str = "",
 ) -> None:
-    """``units``: of some variables, ``deg`` or any other that is then not defined.
+    """Write an FMU with ``units`` of some variables; only ``deg`` is defined.
 
-    ``memory``: ``named``, of an integral of the speed error that is a state, or ``hidden``, of one that is not.
+    With ``memory`` the law has an integral of the speed error, which is a declared state
+    (``named``) or not (``hidden``).
     """
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
         (folder / "abhv_law.h").write_text(make_header())
         (folder / "abhv_settings.h").write_text(make_settings_header(LAYOUT))
         shutil.copy(repository / "configs" / "control" / "lqr_c" / "lqr.c", folder)
@@ -88,35 +89,35 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
         for number, name in enumerate(names, first):
             unit = f' unit="{units[name]}"' if name in units else ""
             start = "" if causality == "output" else ' start="0"'
-            more = ' variability="fixed"' if causality == "parameter" else ""
-            head = f'name="{name}" valueReference="{number}" causality="{causality}"{more}'
+            attributes = ' variability="fixed"' if causality == "parameter" else ""
+            head = f'name="{name}" valueReference="{number}" causality="{causality}"{attributes}'
             if version == 2:
                 lines.append(f"<ScalarVariable {head}><Real{unit}{start}/></ScalarVariable>")
             else:
                 lines.append(f"<Float64 {head}{unit}{start}/>")
-    for number, (name, kinds_of) in enumerate(TYPED.items(), end + 6):
+    for number, (name, types) in enumerate(TYPED.items(), end + 6):
         causality = "input" if number < end + 9 else "output"
         head = f'name="{name}" valueReference="{number}" causality="{causality}"'
         start = ' start="0"' if causality == "input" else ""
-        kind = kinds_of[version - 2]
+        kind = types[version - 2]
         start = start.replace("0", "false") if kind == "Boolean" else start
         discrete = "" if kind in ("Real", "Float32") else ' variability="discrete"'
-        two = f"<ScalarVariable {head}{discrete}><{kind}{start}/></ScalarVariable>"
-        lines.append(two if version == 2 else f"<{kind} {head}{discrete}{start}/>")
+        text = f"<ScalarVariable {head}{discrete}><{kind}{start}/></ScalarVariable>"
+        lines.append(text if version == 2 else f"<{kind} {head}{discrete}{start}/>")
     structure = ""
     if memory == "named":
-        of = len(lines) + 1 if version == 2 else end
+        derivative = len(lines) + 1 if version == 2 else end
         local = {
             "speed_integral": ('initial="exact"', 'start="0"'),
-            "rate": ("", f'derivative="{of}"'),
+            "rate": ("", f'derivative="{derivative}"'),
         }
-        for i, (name, (more, start)) in enumerate(local.items()):
-            head = f'name="{name}" valueReference="{end + i}" causality="local" {more}'
-            two = f"<ScalarVariable {head}><Real {start}/></ScalarVariable>"
-            lines.append(two if version == 2 else f"<Float64 {head} {start}/>")
-        two = f'<Derivatives><Unknown index="{len(lines)}"/></Derivatives>'
+        for i, (name, (attributes, start)) in enumerate(local.items()):
+            head = f'name="{name}" valueReference="{end + i}" causality="local" {attributes}'
+            text = f"<ScalarVariable {head}><Real {start}/></ScalarVariable>"
+            lines.append(text if version == 2 else f"<Float64 {head} {start}/>")
+        text = f'<Derivatives><Unknown index="{len(lines)}"/></Derivatives>'
         structure = (
-            two if version == 2 else f'<ContinuousStateDerivative valueReference="{end + 1}"/>'
+            text if version == 2 else f'<ContinuousStateDerivative valueReference="{end + 1}"/>'
         )
     token = 'guid="{lqr}"' if version == 2 else 'instantiationToken="{lqr}"'
     degree = (
@@ -134,7 +135,7 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
 
 
 def write_controller(file: Path, fmu: str, repository: Path) -> None:
-    """The controller file of such an FMU, its design beside it."""
+    """Write the controller file of such an FMU, and its design next to it."""
     shutil.copy(repository / "configs" / "control" / "lqr_c" / "lqr_design.py", file.parent)
     lines = [
         "law: fmu",
@@ -149,10 +150,10 @@ def write_controller(file: Path, fmu: str, repository: Path) -> None:
 
 
 def measure_leak(plan, rounds: int) -> tuple[int, int]:
-    """Bytes and handles that the second half of so many calls takes; run in the child."""
-    parameters, taken = nominal_parameters(LANES), []
+    """Return the bytes and handles used by the second half of the calls; run in the child."""
+    parameters, usage = nominal_parameters(LANES), []
     for _ in range(rounds):
         fly(plan, parameters)
-        taken.append((psutil.Process().memory_info().rss, len(os.listdir("/proc/self/fd"))))  # noqa: PTH208
+        usage.append((psutil.Process().memory_info().rss, len(os.listdir("/proc/self/fd"))))  # noqa: PTH208
     half = rounds // 2
-    return taken[-1][0] - taken[half][0], taken[-1][1] - taken[half][1]
+    return usage[-1][0] - usage[half][0], usage[-1][1] - usage[half][1]

@@ -1,5 +1,4 @@
-"""Small files of flights become few, with the same rows and digest, whatever moment the process is killed at; the
-digest is blind to how rows came, sharp to every bit of what they hold."""
+"""Tests of the files of flights: merging of small files, kills in between, and the digest."""
 
 import dataclasses
 from itertools import count
@@ -19,18 +18,18 @@ from abhv_mc.folder.layout import CampaignFolder
 
 
 class KilledError(BaseException):
-    """The process is no more: nothing is written from then on."""
+    """Simulated kill of the process, after which nothing is written."""
 
 
 @pytest.fixture
 def campaign(tmp_path, monkeypatch):
-    """One whose 300 flights of a controller are five files, and three when they are joined."""
+    """Campaign whose 300 flights of a controller are in five files, and merged in two."""
     monkeypatch.setattr(flown_blocks, "_GROUP", 100)
     file = write_campaign(tmp_path / "f", controllers="{one: one.yaml}")
-    whole = run(file, tmp_path / "whole").manifest
+    uninterrupted = run(file, tmp_path / "whole").manifest
     monkeypatch.setattr(flown_blocks, "MANY", 2)
     monkeypatch.setattr(flown_blocks, "ROWS", 192)
-    return file, whole
+    return file, uninterrupted
 
 
 def names(out):
@@ -38,26 +37,26 @@ def names(out):
 
 
 def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
-    file, whole = campaign
+    file, unmerged = campaign
     out = tmp_path / "out"
-    joined = run(file, out).manifest
+    merged = run(file, out).manifest
     assert names(out) == ["one-000000000-000000192.parquet", "one-000000192-000000300.parquet"]
-    assert [name for name in joined.files if "flights" in name] == [
+    assert [name for name in merged.files if "flights" in name] == [
         f"flights/{name}" for name in names(out)
     ]
-    assert joined.digest == whole.digest and len(names(tmp_path / "whole")) == 5
-    one, other = (
-        pq.read_table(place / "flights").sort_by("flight") for place in (out, tmp_path / "whole")
+    assert merged.digest == unmerged.digest and len(names(tmp_path / "whole")) == 5
+    table, unmerged_table = (
+        pq.read_table(folder / "flights").sort_by("flight") for folder in (out, tmp_path / "whole")
     )
-    assert one.equals(other)
+    assert table.equals(unmerged_table)
     assert [row.first for row in find_rows(CampaignFolder(out), "one", [150])] == [150]
-    flown = [read_flown(place).flights["one"] for place in (out, tmp_path / "whole")]
-    assert flown[0].flight.tolist() == flown[1].flight.tolist() == list(range(300))
+    flights = [read_flown(folder).flights["one"] for folder in (out, tmp_path / "whole")]
+    assert flights[0].flight.tolist() == flights[1].flight.tolist() == list(range(300))
 
     def refuse(*_):
-        raise AssertionError("flown again")
+        raise AssertionError("run again")
 
-    assert run(file, out, dataclasses.replace(ENGINE, fly=refuse)).complete  # nothing to fly
+    assert run(file, out, dataclasses.replace(ENGINE, fly=refuse)).complete  # nothing to run
     longer = run(file, out, runs=600).manifest
     assert longer.digest == run(file, tmp_path / "new", runs=600).manifest.digest
     (out / "flights" / names(out)[1]).write_bytes(b"rot")
@@ -65,16 +64,16 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
 
 
 def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd):
-    """Before and after each file, the manifest and each deletion; no flight is flown again."""
-    file, whole = campaign
+    """Kill before each file, the manifest and each deletion; no flight is run again."""
+    file, uninterrupted = campaign
     last, dead, joining, flown = -1, False, False, 0
 
-    def step(function, *arguments, **more):
+    def step(function, *arguments, **keywords):
         nonlocal dead
         if dead or (joining and next(steps) == last):
             dead = True
             raise KilledError
-        return function(*arguments, **more)
+        return function(*arguments, **keywords)
 
     def join(self, join=runner._Run._join_files):
         nonlocal joining
@@ -101,7 +100,7 @@ def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd
             joining, dead, last = False, False, -1
         assert flown == 5
         done = run(file, out).manifest
-        assert (done.state, done.digest, flown) == ("complete", whole.digest, 5)
+        assert (done.state, done.digest, flown) == ("complete", uninterrupted.digest, 5)
         assert len(names(out)) == 2
     assert killed == 2 + 1 + 5  # two files, the manifest, five deletions
 
@@ -119,7 +118,7 @@ def digest(rows=slice(None), controller="tlc", flights=FLIGHTS, outcome=OUTCOME,
     )
 
 
-def test_neither_the_order_of_rows_nor_that_of_columns_counts_and_not_a_number_has_one_pattern():
+def test_the_digest_ignores_the_order_of_rows_and_columns_and_the_bits_of_nan():
     parts = [digest(slice(a, b)) for a, b in ((30, 50), (0, 1), (1, 30))]
     assert sum(parts, Digest()) == digest() == digest(columns=dict(sorted(COLUMNS.items())))
     assert digest(outcome=("failed_to_run", *OUTCOME[1:])) == digest(slice(1, None))
@@ -129,7 +128,7 @@ def test_neither_the_order_of_rows_nor_that_of_columns_counts_and_not_a_number_h
     assert digest(columns=signs[0]) == digest(columns=signs[1])
 
 
-def test_every_bit_counts():
+def test_the_digest_depends_on_every_bit():
     values = COLUMNS["a"].copy()
     values[17] = np.nextafter(values[17], 9.0)
     changes = (
@@ -143,9 +142,9 @@ def test_every_bit_counts():
     assert len({digest(), *(digest(**change) for change in changes)}) == 7
 
 
-def test_pinned():
-    """A change here would make digests of stored campaigns meaningless."""
-    found = digest_rows(
+def test_the_digest_of_a_row_is_pinned():
+    """A change would make the digests of stored campaigns meaningless."""
+    stored = digest_rows(
         "tlc", np.array([3]), ("ok",), {"aero.lift": np.array([1.0]), "x_m": np.array([2.5])}
     )
-    assert str(found) == PINNED
+    assert str(stored) == PINNED

@@ -1,4 +1,4 @@
-"""What is read of a flown folder, to the last bit: the flights of each controller, samples, histories."""
+"""Tests of reading a campaign's folder: flights of each controller, samples and histories."""
 
 import sys
 import threading
@@ -32,15 +32,17 @@ def test_a_folder_reads_as_arrays(failing, failing_folder):
     requirement = failing.campaign.requirements[0]
     assert (requirement.limits, requirement.controllers) == (Bounds(high=50.0), ("tlc",))
     assert requirement.early_is_failure
-    kept = read_histories(failing_folder, "lqr")
-    assert len(kept) == 20 and all(len(history["time"]) == 601 for history in kept.values())
+    histories = read_histories(failing_folder, "lqr")
+    assert len(histories) == 20 and all(
+        len(history["time"]) == 601 for history in histories.values()
+    )
 
 
-def test_a_shard_is_no_campaign_yet(tmp_path):
+def test_a_shard_is_not_read_as_a_campaign(tmp_path):
     folder = write_campaign(tmp_path / "c", runs=4)
     path = folder / "manifest.json"
     write_manifest(path, replace(read_manifest(path), shard=(1, 3)))
-    with pytest.raises(InputError, match="shard 1/3 of a campaign"):
+    with pytest.raises(InputError, match="shard 1/3"):
         read_flown(folder)
 
 
@@ -63,19 +65,19 @@ def test_computed_flights_ascend_whatever_the_order_of_their_blocks(tmp_path):
     write_flights(tmp_path / "1.parquet", [4, 2, 3], ["x", "x", "y"])
     ends = ["ok", "failed_to_run", "altitude_limit", "ok"]
     write_flights(tmp_path / "2.parquet", [1, 0, 3, 5], ["x", "x", "x", "y"], ends)
-    found = read_flights(tmp_path)
-    assert list(found) == ["x", "y"]
-    assert found["x"].flight.tolist() == [1, 2, 3, 4] and found["x"].not_computed == 1
-    assert found["x"].metrics["a_m"].tolist() == [1.0, 2.0, 3.0, 4.0]
-    assert found["x"].failed.tolist() == [False, False, True, False]
-    assert found["x"].count_outcomes() == {"altitude_limit": 1, "ok": 3}
-    assert found["y"].metrics["a_m"].tolist() == [3.0, 5.0]
-    assert list(found["x"].metrics) == ["a_m", "end_time_s"]  # no samples
+    flights = read_flights(tmp_path)
+    assert list(flights) == ["x", "y"]
+    assert flights["x"].flight.tolist() == [1, 2, 3, 4] and flights["x"].not_computed == 1
+    assert flights["x"].metrics["a_m"].tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert flights["x"].failed.tolist() == [False, False, True, False]
+    assert flights["x"].count_outcomes() == {"altitude_limit": 1, "ok": 3}
+    assert flights["y"].metrics["a_m"].tolist() == [3.0, 5.0]
+    assert list(flights["x"].metrics) == ["a_m", "end_time_s"]  # no samples
 
 
-@pytest.mark.parametrize("held", [1 << 20, 1000])  # in memory, and in a temporary file
-def test_a_spooled_column_comes_back_to_the_last_bit_and_in_the_order_asked_for(monkeypatch, held):
-    monkeypatch.setattr(file_columns, "_HELD", held)
+@pytest.mark.parametrize("limit", [1 << 20, 1000])  # in memory, and in a temporary file
+def test_spooled_columns_are_exact_and_in_the_requested_order(monkeypatch, limit):
+    monkeypatch.setattr(file_columns, "_IN_MEMORY", limit)
     monkeypatch.setattr(file_columns, "_CHUNK", 100)
     table = np.random.default_rng(1).normal(size=(3, 457))
     table[1, 5], table[2, 6] = np.nan, -np.inf
@@ -85,7 +87,7 @@ def test_a_spooled_column_comes_back_to_the_last_bit_and_in_the_order_asked_for(
         spooled.append(table[:, start : start + rows])
         start += rows
         np.testing.assert_array_equal(spooled["b"], table[1, :start])
-    assert spooled._file._rolled == (held == 1000)
+    assert spooled._file._rolled == (limit == 1000)
     order = np.random.default_rng(2).permutation(457)
     spooled.put_in_order(order)
     for name, column in zip("abc", table, strict=True):
@@ -94,7 +96,7 @@ def test_a_spooled_column_comes_back_to_the_last_bit_and_in_the_order_asked_for(
 
 
 def test_threads_in_different_groups_of_samples_get_their_own_rows(tmp_path, monkeypatch):
-    """Blocks take off in one thread and land in another, at a group's edge in two groups."""
+    """One thread starts blocks and another stores them, possibly a group later."""
     monkeypatch.setattr(samples, "ROW_GROUP", 64)
 
     def draw(first, stop):

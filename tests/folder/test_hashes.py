@@ -1,6 +1,6 @@
-"""What is read of a folder is of one campaign, however long its reader takes, and as it was written: one flipped bit
-anywhere, and no reader takes it, and the message names the file."""
+"""Tests that readers reject folders that are changed while they read, and any flipped bit."""
 
+import os
 import random
 import shutil
 from dataclasses import replace
@@ -15,6 +15,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.hashes import DAMAGED
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.tables import export_csv, open_database
 from abhv_mc.io.input_error import InputError
@@ -26,9 +27,7 @@ from abhv_mc.results import open_results
 from abhv_mc.search.worst import find_worst
 from abhv_mc.topics import registry
 
-CHANGED = "a run has written here meanwhile"
-
-
+CHANGED = "a run has replaced files"
 KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
 METRIC = "altitude_error_max_m"
 
@@ -43,7 +42,7 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def request_(flown, tmp_path):
-    """For a copy of it."""
+    """Request for a copy of the folder."""
     return Request(flown.parent / "f/campaign.yaml", shutil.copytree(flown, tmp_path / "out"))
 
 
@@ -56,7 +55,7 @@ def searched(tmp_path_factory):
 
 @pytest.fixture
 def fly_meanwhile(request_):
-    """A run that takes the place of what a reader has begun to read."""
+    """Return a function that replaces the campaign while a reader reads it."""
     return lambda *_: run_campaign(replace(request_, seed=99, fresh=True), ENGINE)
 
 
@@ -79,10 +78,10 @@ def test_a_query(request_, fly_meanwhile):
     ],
 )
 def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
-    """Flights of one campaign stood beside samples of the other, which drivers then came from."""
+    """Flights of one campaign were combined with samples of the other."""
     monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
     results = open_results(request_.output)
-    run_campaign(request_, ENGINE)  # with nothing to do: it disturbs nobody
+    run_campaign(request_, ENGINE)  # resumes a complete campaign and changes nothing
     before = results.flights
     assert results.controllers == ("one", "two")
     fly_meanwhile()
@@ -92,7 +91,7 @@ def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
 
 
 def test_a_report(request_, fly_meanwhile, monkeypatch):
-    """It was 'up to date' ever after, with numbers of the campaign before."""
+    """The report of the replaced campaign was considered up to date."""
     build_page(request_.output)
     make_figures = registry.make_figures
     monkeypatch.setattr(registry, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
@@ -122,87 +121,89 @@ def files_of(folder):
     )
 
 
-def flip(path, place, bit):
+def flip(path, position, bit):
     content = bytearray(path.read_bytes())
-    content[place] ^= 1 << bit
+    content[position] ^= 1 << bit
     path.write_bytes(bytes(content))
 
 
 def flips(folder):
-    """Bits of every file: in the first and the last byte, which no page's checksum covers, and between."""
+    """Yield bits of every file: in the first and last byte, without checksum, and in between."""
     chance = random.Random(2026)
     for file in files_of(folder):
         size = (folder / file).stat().st_size
-        places = {0, size - 1, chance.randrange(size)}
+        positions = {0, size - 1, chance.randrange(size)}
         yield from (
-            (file, place, chance.randrange(8)) for place in sorted(places) if 0 <= place < size
+            (file, position, chance.randrange(8))
+            for position in sorted(positions)
+            if 0 <= position < size
         )
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("made", "readers"), [("flown", [*READERS]), ("searched", ["query", "notebook", "export"])]
+    ("fixture", "readers"), [("flown", [*READERS]), ("searched", ["query", "notebook", "export"])]
 )
-def test_readers_refuse_any_flipped_bit_and_name_the_file(made, readers, request):
-    folder = request.getfixturevalue(made)
+def test_readers_refuse_any_flipped_bit_and_name_the_file(fixture, readers, request):
+    folder = request.getfixturevalue(fixture)
     listed = open_results(folder).manifest.files
     assert sorted(listed) == [
         file.as_posix() for file in files_of(folder) if file.name != "manifest.json"
     ]
-    for file, place, bit in flips(folder):
-        flip(folder / file, place, bit)
+    for file, position, bit in flips(folder):
+        flip(folder / file, position, bit)
         for name in readers:
             with pytest.raises(InputError) as refused:
                 READERS[name](folder)
-            assert file.name in str(refused.value), (name, file, place, bit)
+            assert file.name in str(refused.value), (name, file, position, bit)
         if file.name != "manifest.json":
             assert next(verify_campaign(folder)).startswith(file.as_posix())
-        flip(folder / file, place, bit)
+        flip(folder / file, position, bit)
     open_results(folder)
 
 
 @pytest.mark.thorough
-def test_a_folder_in_which_somebody_flies_is_not_called_damaged(flown, tmp_path):
-    """A run that goes on writes its envelopes before its manifest: readers asked for the file to be restored."""
+def test_a_folder_in_use_is_not_reported_as_damaged(flown, tmp_path):
+    """A resumed run writes its envelopes before its manifest."""
     folder = tmp_path / "out"
     shutil.copytree(flown, folder)
     flip(folder / "envelopes.parquet", 100, 1)
     with (
         hold_lock(folder / ".lock"),
-        pytest.raises(InputError, match=r"while process .* flies .* the end of that run"),
+        pytest.raises(InputError, match=rf"while process {os.getpid()} on"),
     ):
         read_flown(folder)
     with (
         hold_lock(folder / ".lock"),
-        pytest.raises(InputError, match=r"campaign that process .* is flying"),
+        pytest.raises(InputError, match=rf"process {os.getpid()} on"),
     ):
         list(verify_campaign(folder))
-    with pytest.raises(InputError, match="damaged, or changed since"):
+    with pytest.raises(InputError, match=DAMAGED):
         read_flown(folder)
 
 
 @pytest.mark.thorough
-def test_replay_looks_at_what_it_reads(flown):
+def test_replay_checks_the_files_that_it_reads(flown):
     folder = flown
-    for part in ("plans/one.npz", "samples.parquet", "flights/one-000000000-000000020.parquet"):
-        flip(folder / part, 40, 3)
-        with pytest.raises(InputError, match=part.rpartition("/")[2]):
+    for name in ("plans/one.npz", "samples.parquet", "flights/one-000000000-000000020.parquet"):
+        flip(folder / name, 40, 3)
+        with pytest.raises(InputError, match=name.rpartition("/")[2]):
             replay_flight(folder, "one", 3, ENGINE.fly)
-        flip(folder / part, 40, 3)
+        flip(folder / name, 40, 3)
     assert not replay_flight(folder, "one", 3, ENGINE.fly).differences
 
 
 @pytest.mark.thorough
-def test_the_search_flies_a_damaged_block_again(searched, tmp_path):
-    whole = {
+def test_a_search_runs_a_damaged_block_again(searched, tmp_path):
+    contents = {
         file: (searched / file).read_bytes()
         for file in files_of(searched)
         if file.name != "manifest.json"
     }
     campaign = searched.parent / "f/campaign.yaml"
     request = WorstRequest(campaign, tmp_path / "out", METRIC, flights=160)
-    for file in (file for file in whole if file.parts[0] == "flights"):
+    for file in (file for file in contents if file.parts[0] == "flights"):
         shutil.copytree(searched, request.output, dirs_exist_ok=True)
         flip(request.output / file, 1000, 3)
         find_worst(request, LINE)
-        assert {name: (request.output / name).read_bytes() for name in whole} == whole, file
+        assert {name: (request.output / name).read_bytes() for name in contents} == contents, file

@@ -1,4 +1,4 @@
-"""JSBSim itself, with the surfaces of its models in the tests' hands."""
+"""JSBSim models whose control surfaces are set by the tests."""
 
 import tempfile
 from pathlib import Path
@@ -19,23 +19,23 @@ def model(name: str) -> Path:
 
 
 def load(name: str) -> Any:
-    """A model whose flight control is taken out: its properties are what they are set to."""
+    """Load a model without its flight control, whose properties then keep their values."""
     tree = ElementTree.parse(model(name))
     root = tree.getroot()
-    for part in [part for part in root if part.tag in _CONTROL]:
-        root.remove(part)
+    for element in [element for element in root if element.tag in _CONTROL]:
+        root.remove(element)
     folder = Path(tempfile.mkdtemp())
     (folder / name).mkdir()
     tree.write(folder / name / f"{name}.xml")
-    made = jsbsim.FGFDMExec(str(AIRCRAFT.parent))
-    made.set_debug_level(0)
-    made.set_aircraft_path(str(folder))
-    made.set_engine_path(str(AIRCRAFT.parent / "engine"))
-    assert made.load_model(name)
-    return made
+    executive = jsbsim.FGFDMExec(str(AIRCRAFT.parent))
+    executive.set_debug_level(0)
+    executive.set_aircraft_path(str(folder))
+    executive.set_engine_path(str(AIRCRAFT.parent / "engine"))
+    assert executive.load_model(name)
+    return executive
 
 
-def deflect(made: Any, aileron: float, rudder: float, elevator: float) -> None:
+def deflect(executive: Any, aileron: float, rudder: float, elevator: float) -> None:
     for name, angle in (
         ("elevator", elevator),
         ("mag-elevator", abs(elevator)),
@@ -44,4 +44,4 @@ def deflect(made: Any, aileron: float, rudder: float, elevator: float) -> None:
         ("aileron", aileron),
         ("rudder", rudder),
     ):
-        made[f"fcs/{name}-pos-rad"] = angle
+        executive[f"fcs/{name}-pos-rad"] = angle

@@ -1,4 +1,4 @@
-"""Coefficients and mass of public models beside JSBSim itself."""
+"""Comparison of coefficients and mass of public models with JSBSim."""
 
 import runpy
 from pathlib import Path
@@ -26,9 +26,9 @@ def test_coefficients_and_mass_are_those_of_jsbsim(name: str, tmp_path: Path) ->
     keys = dict(zip(imported.settings, vehicle["aerodynamics"].get("settings", ()), strict=True))
     peer, random = load(name), np.random.default_rng(36)
     for _ in range(POINTS):
-        given = {key: random.uniform() for key in keys.values()}
-        for known, key in keys.items():
-            peer[known] = given[key]
+        settings = {key: random.uniform() for key in keys.values()}
+        for property_name, key in keys.items():
+            peer[property_name] = settings[key]
         deflections = np.radians(random.uniform(-20.0, 20.0, 3))
         deflect(peer, *deflections)
         peer["ic/h-sl-ft"], peer["ic/vt-fps"] = random.uniform(5e3, 6e4), random.uniform(300, 3000)
@@ -36,7 +36,7 @@ def test_coefficients_and_mass_are_those_of_jsbsim(name: str, tmp_path: Path) ->
         for letter in "pqr":
             peer[f"ic/{letter}-rad_sec"] = random.uniform(-0.5, 0.5)
         peer.run_ic()
-        peer.run_ic()  # the lift that drag is computed of is that of the run before
+        peer.run_ic()  # the drag is computed from the lift of the previous run
         pressure, area = peer["aero/qbar-psf"], peer["metrics/Sw-sqft"]
         speed, span, chord = (
             peer[name] for name in ("velocities/vt-fps", "metrics/bw-ft", "metrics/cbarw-ft")
@@ -59,7 +59,7 @@ def test_coefficients_and_mass_are_those_of_jsbsim(name: str, tmp_path: Path) ->
         controls = SimpleNamespace(
             **dict(zip(("aileron", "rudder", "elevator"), deflections, strict=True))
         )
-        ours = function(air, controls, rates, SimpleNamespace(**given))
+        ours = function(air, controls, rates, SimpleNamespace(**settings))
         forces = np.array([peer[f"forces/fw{axis}-aero-lbs"] for axis in "xyz"])
         assert np.array([ours.CD, ours.CC, ours.CL]) == pytest.approx(
             forces / (pressure * area), abs=1e-9
@@ -72,11 +72,11 @@ def test_coefficients_and_mass_are_those_of_jsbsim(name: str, tmp_path: Path) ->
             about_reference / scale, abs=1e-9
         )
     assert point["mass"] == pytest.approx(peer["inertia/mass-slugs"] * SLUG, rel=2e-8)
-    for key, known in (
+    for key, property_name in (
         ("inertia_xx", "ixx"),
         ("inertia_yy", "iyy"),
         ("inertia_zz", "izz"),
         ("inertia_matrix_element_13", "ixz"),
     ):
-        theirs = peer[f"inertia/{known}-slugs_ft2"] * SLUG * FOOT**2
+        theirs = peer[f"inertia/{property_name}-slugs_ft2"] * SLUG * FOOT**2
         assert point[key] == pytest.approx(theirs, rel=2e-8)

@@ -1,4 +1,4 @@
-"""Half a minute of flight beside JSBSim, which is flown at two time steps to find where they lead."""
+"""Comparison of a flight of 30 s with JSBSim, extrapolated from two time steps."""
 
 import math
 from pathlib import Path
@@ -20,20 +20,20 @@ DURATION, RADIUS = 30.0, 6.378e6
 AILERON, RUDDER = math.radians(0.5), math.radians(-0.5)
 
 
-def place(peer: Any) -> np.ndarray:
-    """Altitude, north and east, m."""
+def position(peer: Any) -> np.ndarray:
+    """Return altitude, north and east, m."""
     latitude = peer["position/lat-geod-rad"]
     east = peer["position/long-gc-rad"] * RADIUS * math.cos(latitude)
     return np.array([peer["position/geod-alt-ft"] * FOOT, latitude * RADIUS, east])
 
 
 def fly_peer(name: str, start: tuple[float, float], elevator: float, step: float) -> Any:
-    """The state at the start and the place at the end."""
+    """Return the state at the start and the position at the end."""
     peer = load(name)
     peer.set_dt(step)
     peer["ic/h-sl-ft"], peer["ic/vt-fps"] = start
-    for known, angle in (("alpha", 3.0), ("beta", 1.0), ("phi", 10.0), ("psi-true", 40.0)):
-        peer[f"ic/{known}-deg"] = angle
+    for name_of_angle, angle in (("alpha", 3.0), ("beta", 1.0), ("phi", 10.0), ("psi-true", 40.0)):
+        peer[f"ic/{name_of_angle}-deg"] = angle
     peer["ic/lat-geod-deg"], peer["ic/long-gc-deg"] = 30.0, 10.0
     deflect(peer, AILERON, RUDDER, elevator)
     peer.run_ic()
@@ -45,7 +45,7 @@ def fly_peer(name: str, start: tuple[float, float], elevator: float, step: float
     x[s.ROLL_RATE : s.YAW_RATE + 1] = [peer[f"velocities/{axis}i-rad_sec"] for axis in "pqr"]
     for _ in range(round(DURATION / step)):
         peer.run()
-    return x, place(peer)
+    return x, position(peer)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def fly_peer(name: str, start: tuple[float, float], elevator: float, step: float
         ("x24b", (5e4, 1500.0), -2.0),
     ],
 )
-def test_a_flight_stays_beside_jsbsim(
+def test_a_flight_equals_that_of_jsbsim(
     name: str, start: tuple[float, float], elevator: float, tmp_path: Path
 ) -> None:
     import_jsbsim(model(name), tmp_path)
@@ -64,7 +64,7 @@ def test_a_flight_stays_beside_jsbsim(
     angle = math.radians(elevator)
     x, coarse = fly_peer(name, start, angle, 1e-3)
     _, fine = fly_peer(name, start, angle, 5e-4)
-    theirs = 2.0 * fine - coarse  # its error is of the first order in the step
+    theirs = 2.0 * fine - coarse  # the error of JSBSim is of first order in the step
     x[s.MASS] = vehicle.constants.mass_start
     ticks = round(DURATION / 0.01)
     controls = np.tile([AILERON, RUDDER, angle, 0.0], (ticks + 1, 1))

@@ -1,4 +1,4 @@
-"""Small JSBSim models, written here."""
+"""Tests of the import of small JSBSim models."""
 
 import runpy
 from pathlib import Path
@@ -26,7 +26,7 @@ SMALL = """<fdm_config name="small"><metrics>
 
 
 def written(folder: Path, aerodynamics: str) -> Any:
-    """The coefficients of a small model at a point, and what its import says."""
+    """Return the coefficients of a small model at a point, and the result of its import."""
     path = folder / "small.xml"
     path.write_text(SMALL.format(aerodynamics), encoding="utf-8")
     imported = import_jsbsim(path, folder)
@@ -44,8 +44,8 @@ def written(folder: Path, aerodynamics: str) -> Any:
     )
     rates = SimpleNamespace(roll_rate=0.01, pitch_rate=0.02, yaw_rate=0.03)
     controls = SimpleNamespace(aileron=0.1, rudder=0.2, elevator=-0.3)
-    given = read_document(folder / "vehicle.yaml").data["aerodynamics"].get("settings", {})
-    settings = SimpleNamespace(**given)
+    values = read_document(folder / "vehicle.yaml").data["aerodynamics"].get("settings", {})
+    settings = SimpleNamespace(**values)
     return names["coefficients"](air, controls, rates, settings), imported
 
 
@@ -78,12 +78,12 @@ def lift(element: str) -> str:
         ("<property>fcs/elevator-pos-norm</property>", -0.3 / np.radians(30)),
     ],
 )
-def test_elements_are_computed(element: str, value: float, tmp_path: Path) -> None:
+def test_elements_have_the_right_values(element: str, value: float, tmp_path: Path) -> None:
     ours, _ = written(tmp_path, lift(element))
     assert pytest.approx(value, rel=1e-12) == ours.CL
 
 
-def test_tables_of_three_axes_have_rows_and_columns_of_their_own(tmp_path: Path) -> None:
+def test_blocks_of_three_axis_tables_may_have_different_breakpoints(tmp_path: Path) -> None:
     table = """<table><independentVar lookup="row">velocities/mach</independentVar>
     <independentVar lookup="column">aero/alpha-rad</independentVar>
     <independentVar lookup="table">gear/gear-pos-norm</independentVar>
@@ -105,7 +105,7 @@ def test_tables_of_three_axes_have_rows_and_columns_of_their_own(tmp_path: Path)
     assert ours.CL == 0.75 * 4.5 + 0.25 * 1.0
 
 
-def test_a_function_that_is_no_product_is_divided(tmp_path: Path) -> None:
+def test_a_function_that_is_not_a_product_is_divided(tmp_path: Path) -> None:
     ours, _ = written(
         tmp_path,
         '<function name="aero/q"><p>aero/qbar-psf</p></function><axis name="PITCH">'
@@ -116,7 +116,7 @@ def test_a_function_that_is_no_product_is_divided(tmp_path: Path) -> None:
     assert ours.CL == 2.0
 
 
-def test_what_a_model_has_beyond_is_named(tmp_path: Path) -> None:
+def test_parts_that_are_left_out_are_listed(tmp_path: Path) -> None:
     rate = "<property>aero/alphadot-rad_sec</property><value>3</value>"
     _, imported = written(tmp_path, "<alphalimits/>" + lift(rate))
     assert imported.left_out == (
@@ -124,26 +124,26 @@ def test_what_a_model_has_beyond_is_named(tmp_path: Path) -> None:
         "1 x engine rocket with nozzle",
         "limits of the angle of attack",
         "aero/alphadot-rad_sec of aero/CL, which is 0 here",
-        "the aileron: no function uses it",
-        "the rudder: no function uses it",
-        "the elevator: no function uses it",
+        "the aileron: not used by any function",
+        "the rudder: not used by any function",
+        "the elevator: not used by any function",
     )
     text = (tmp_path / "vehicle.yaml").read_text()
-    assert all(f"# - {each}\n" in text for each in imported.left_out)
+    assert all(f"# - {note}\n" in text for note in imported.left_out)
 
 
-def test_the_command_names_what_it_leaves_out_and_refuses_another_file(tmp_path: Path) -> None:
+def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path: Path) -> None:
     path = tmp_path / "small.xml"
     path.write_text(SMALL.format(lift("<p>fcs/flap-pos-deg</p>")), encoding="utf-8")
-    words = ["import", "jsbsim", str(path), "-o", str(tmp_path / "made")]
-    shown = CliRunner().invoke(app, words)
-    assert "a number in the vehicle file: fcs/flap-pos-deg" in shown.stdout
-    assert "left out: 1 x engine rocket with nozzle" in shown.stdout
+    command = ["import", "jsbsim", str(path), "-o", str(tmp_path / "made")]
+    result = CliRunner().invoke(app, command)
+    assert "fcs/flap-pos-deg" in result.stdout
+    assert "left out: 1 x engine rocket with nozzle" in result.stdout
     path.write_text("<vehicle/>", encoding="utf-8")
-    assert "the element 'vehicle'" in str(CliRunner().invoke(app, words).exception)
+    assert "the element 'vehicle'" in str(CliRunner().invoke(app, command).exception)
 
 
-def test_a_flight_ends_where_the_lift_falls(tmp_path: Path) -> None:
+def test_the_angle_of_attack_is_limited_where_the_lift_falls(tmp_path: Path) -> None:
     table = """<table><independentVar>aero/alpha-deg</independentVar>
     <tableData>-90 0\n-10 -0.8\n15 1.4\n90 0</tableData></table>"""
     written(tmp_path, lift(table))
@@ -151,7 +151,7 @@ def test_a_flight_ends_where_the_lift_falls(tmp_path: Path) -> None:
     assert limits["angle_of_attack"] == ["-10 deg", "15 deg"]
 
 
-def test_mass_and_places_are_turned_to_body_axes(tmp_path: Path) -> None:
+def test_mass_and_positions_are_converted_to_body_axes(tmp_path: Path) -> None:
     written(tmp_path, lift("<value>1</value>"))
     point = read_document(tmp_path / "vehicle.yaml").data["mass"]["points"][0]
     values = {name: parse_any(text) for name, text in point.items()}
@@ -166,15 +166,15 @@ def test_mass_and_places_are_turned_to_body_axes(tmp_path: Path) -> None:
         (lift("<random/>"), "the element 'random'"),
         (lift("<pow><value>1</value></pow>"), "'pow' of 1 operands"),
         (lift("<table><independentVar>velocities/mach</independentVar>"
-              "<tableData>1 2\n1 3</tableData></table>"), "breakpoints that do not rise"),
+              "<tableData>1 2\n1 3</tableData></table>"), "breakpoints"),
         (lift("<table><independentVar>velocities/mach</independentVar>"
               "<tableData>1 2\n3</tableData></table>"), r"rows of \[1, 2\] numbers"),
         ('<axis name="THRUST"/>', "the axes THRUST"),
         ('<function name="a"><p>b</p></function><function name="b"><p>a</p></function>'
-         + lift("<p>a</p>"), "which needs itself"),
+         + lift("<p>a</p>"), "depends on itself"),
     ],
 )  # fmt: skip
-def test_what_is_not_read_is_refused_at_its_line(
+def test_unsupported_content_is_rejected_with_its_line(
     aerodynamics: str, message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=rf"small.xml:\d+.*{message}"):

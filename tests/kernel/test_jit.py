@@ -271,7 +271,7 @@ def test_numba_is_imported_when_something_compiles():
     """Reports and custom simulators compile nothing; the import would be a fifth of their start."""
     code = (
         "import sys\n"
-        "import abhv_mc.execution.adopt, abhv_mc.execution.runner, abhv_mc.report.pages.build\n"
+        "import abhv_mc.execution.table_import, abhv_mc.execution.runner, abhv_mc.report.pages.build\n"
         "assert not {'numba', 'llvmlite', 'scipy.linalg'} & set(sys.modules)\n"
         "from abhv_mc.kernel.numerics.lane_math import exp\n"
         "assert exp(0.0) == 1.0 and 'numba' in sys.modules\n"

@@ -1,5 +1,7 @@
-"""Who flies in a folder, the holder of its lock; and at an address, that of a lease by the store's clock. A key in an
-address goes to the store and nowhere else: logs, reports and manifests are kept, and shown to others."""
+"""Leases of folders at addresses, by the store's clock, and secrecy of keys in addresses.
+
+A key must not appear in logs, reports or manifests, which may be shown to others.
+"""
 
 import re
 from datetime import UTC, datetime, timedelta
@@ -19,7 +21,7 @@ from abhv_mc_remote.store import Remote
 
 
 class DatedStore(Objects):
-    """In memory, dated by a clock that stands still until it is moved."""
+    """Store in memory whose clock is set by the test."""
 
     def __init__(self):
         super().__init__(Address("s3://bucket/folder"), fs._MockFileSystem(), "bucket/folder")
@@ -37,9 +39,9 @@ class DatedStore(Objects):
 
 
 def contents(system):
-    """All objects by name."""
-    found = system.get_file_info(fs.FileSelector("bucket", recursive=True, allow_not_found=True))
-    files = [info.path for info in found if info.type == fs.FileType.File]
+    """Return the contents of all objects by name."""
+    objects = system.get_file_info(fs.FileSelector("bucket", recursive=True, allow_not_found=True))
+    files = [info.path for info in objects if info.type == fs.FileType.File]
     return {
         path.removeprefix("bucket/folder/"): system.open_input_stream(path).read() for path in files
     }
@@ -57,37 +59,35 @@ def take(store):
     return lease
 
 
-def test_a_lease_holds_while_it_is_renewed_and_until_it_is_dropped(store):
+def test_a_lease_is_valid_while_renewed_and_until_dropped(store):
     first = take(store)
     for _ in range(3):
         store.wait(0.9 * LEASE)
         first.renew()
         with pytest.raises(InputError, match="is flying"):
             take(store)
-    assert list(contents(store.system)) == [LEASE_NAME]  # nothing is left of those who asked
+    assert list(contents(store.system)) == [LEASE_NAME]  # rejected processes leave no objects
     first.drop()
     assert read_holder(store) is None
     take(store).drop()
 
 
-def test_a_lease_that_nobody_renews_is_taken_over_and_its_loser_writes_nothing_more(
-    store, tmp_path
-):
+def test_an_expired_lease_is_taken_over_and_its_loser_stops_writing(store, tmp_path):
     first = take(store)
     store.wait(1.1 * LEASE)
     second = take(store)
-    held = contents(store.system)
+    stored = contents(store.system)
     (tmp_path / "manifest.json").write_text("{}")
     for write in (first.renew, Remote(store, tmp_path, first).push):
         with pytest.raises(InputError, match="is flying"):
             write()
     first.drop()
-    assert contents(store.system) == held
+    assert contents(store.system) == stored
     second.renew()
     second.drop()
 
 
-def test_of_two_that_find_none_the_later_writer_has_it(store, monkeypatch):
+def test_the_later_of_two_simultaneous_writers_has_the_lease(store, monkeypatch):
     other = Lease(store)
     monkeypatch.setattr(module.time, "sleep", lambda _: other._write())
     with pytest.raises(InputError, match="is flying"):
@@ -95,56 +95,56 @@ def test_of_two_that_find_none_the_later_writer_has_it(store, monkeypatch):
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"\xff", b"[1]"])
-def test_an_object_that_is_no_lease_is_somebodys(store, content):
+def test_an_unreadable_lease_belongs_to_another_process(store, content):
     store.write(LEASE_NAME, content)
     with pytest.raises(InputError, match="another process is flying"):
         take(store)
 
 
-def test_a_key_is_written_nowhere(store, fake_engine, abhv_mc, tmp_path, monkeypatch):
-    at, opened = "s3://KEYID:SECRET@bucket/folder?region=x", []
+def test_a_key_is_never_written(store, fake_engine, abhv_mc, tmp_path, monkeypatch):
+    url, opened = "s3://KEYID:SECRET@bucket/folder?region=x", []
     monkeypatch.setattr(remote, "PUSH_INTERVAL", 0.05)
     opens = SimpleNamespace(
         from_uri=lambda uri: opened.append(uri) or (store.system, "bucket/folder")
     )
-    known = SimpleNamespace(FileSystem=opens, FileSelector=fs.FileSelector)
-    monkeypatch.setattr("abhv_mc_remote.objects.pyarrow_fs", known)
+    stub = SimpleNamespace(FileSystem=opens, FileSelector=fs.FileSelector)
+    monkeypatch.setattr("abhv_mc_remote.objects.pyarrow_fs", stub)
     campaign = write_campaign(tmp_path / "f")
-    said = [
-        abhv_mc("run", campaign, "--runs", 64, f"--output={at}", "--json", tmp_path / "run.json")
+    answers = [
+        abhv_mc("run", campaign, "--runs", 64, f"--output={url}", "--json", tmp_path / "run.json")
     ]
-    held = contents(store.system)
-    assert {"manifest.json", "report.html"} < set(held)
-    said += [abhv_mc("runs", at, "--json", "-"), abhv_mc("verify", "campaign", at)]
-    said.append(abhv_mc("run", campaign, "--runs", 80, "--no-report", "-o", at))
+    stored = contents(store.system)
+    assert {"manifest.json", "report.html"} < set(stored)
+    answers += [abhv_mc("runs", url, "--json", "-"), abhv_mc("verify", "campaign", url)]
+    answers.append(abhv_mc("run", campaign, "--runs", 80, "--no-report", "-o", url))
 
     def refuse(self, name, content, write=Objects.write):
         if not name.startswith(LEASE_NAME):
-            raise OSError(f"the bucket of {at} is gone")
+            raise OSError(f"the bucket of {url} is gone")
         write(self, name, content)
 
     monkeypatch.setattr(Objects, "write", refuse)
-    said.append(abhv_mc("run", campaign, "--runs", 96, "--no-report", "-o", at))
-    assert [code for code, *_ in said] == [0, 0, 0, 0, 3]
-    kept = Path(re.search(r"What was flown is kept in (\S+):", said[-1][2])[1])
-    assert '"runs_done": 96' in (kept / "manifest.json").read_text()
+    answers.append(abhv_mc("run", campaign, "--runs", 96, "--no-report", "-o", url))
+    assert [code for code, *_ in answers] == [0, 0, 0, 0, 3]
+    local = Path(re.search(r"kept in (\S+):", answers[-1][2])[1])
+    assert '"runs_done": 96' in (local / "manifest.json").read_text()
     written = [
-        path.read_bytes() for path in (*tmp_path.rglob("*"), *kept.rglob("*")) if path.is_file()
+        path.read_bytes() for path in (*tmp_path.rglob("*"), *local.rglob("*")) if path.is_file()
     ]
     masked = "s3://...@bucket/folder?region=x"
-    assert masked.encode() in held["manifest.json"] and masked in said[0][1]
-    assert not any(b"SECRET" in content for content in [*held.values(), *written])
-    assert not any("SECRET" in words for _, *streams in said for words in streams)
-    assert set(opened) == {at}
+    assert masked.encode() in stored["manifest.json"] and masked in answers[0][1]
+    assert not any(b"SECRET" in content for content in [*stored.values(), *written])
+    assert not any("SECRET" in text for _, *streams in answers for text in streams)
+    assert set(opened) == {url}
 
 
 @pytest.mark.parametrize(
-    "words",
+    "command",
     ["report {}", "report x {}", "run {}", "run x.yaml -o {} --nonsense", "run x.yaml --plans {}", "new {}", "{}",
      "validate {}", "runs {}", "merge {} {} -o x", "replay {} --flight 1", "fly x --output={}"],
 )  # fmt: skip
-def test_a_key_is_repeated_by_no_error(words, abhv_mc):
-    """Of the usage, of what is no address (a slash of a key is %2F in one), of what has no such folder."""
+def test_a_key_is_not_printed_by_errors(command, abhv_mc):
+    """Errors of usage, of invalid addresses and of missing folders do not print the key."""
     address = "s3://KEYID:SECRET/+@bucket/folder"
-    code, *said = abhv_mc(*words.format(address, address).split())
-    assert code == 2 and not any("SECRET" in text for text in said)
+    code, *streams = abhv_mc(*command.format(address, address).split())
+    assert code == 2 and not any("SECRET" in text for text in streams)

@@ -1,4 +1,4 @@
-"""A scheduler and workers as processes of their own, started as Dask's documentation says: the same digest."""
+"""Flights on a Dask cluster, started as its documentation describes, have the same digest."""
 
 import contextlib
 import json
@@ -61,21 +61,21 @@ def _double(value):
 
 
 class Dask:
-    """A cluster on this machine."""
+    """Cluster on this machine."""
 
     def __init__(self, folder: Path) -> None:
         self._file, self.processes = folder / "scheduler.json", []
-        # One worker that dies is enough to fly a block in parts: the tests need not wait for four.
+        # One dead worker, instead of four, already splits a block; this makes the tests faster.
         self.held = folder / "held"
         failures = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
         self._environment = os.environ | failures | {"HELD": str(self.held)}
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
-        # There before its content is: a test that asks at once for the address found an empty file now and then.
+        # The file may exist before it has content, so wait for the address.
         while not (self._file.exists() and self._file.read_text().endswith("}")):
             time.sleep(0.05)
 
-    def start(self, *words):
-        command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(self._file)]
+    def start(self, *arguments):
+        command = [sys.executable, "-m", "dask", *arguments, "--scheduler-file", str(self._file)]
         quiet = {
             "stdout": subprocess.DEVNULL,
             "stderr": subprocess.DEVNULL,
@@ -119,7 +119,7 @@ RUNS = 192
 
 @pytest.fixture(scope="module")
 def local_folder(tmp_path_factory):
-    """Compiled flights by two workers of this machine."""
+    """Return the folder of compiled flights by two local worker processes."""
     request = Request(
         REAL, tmp_path_factory.mktemp("local") / "out", RUNS, controllers=("tlc",), workers=2
     )
@@ -136,19 +136,19 @@ def two_workers(tmp_path_factory):
 
 
 def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_workers, tmp_path):
-    """Digest, envelopes and histories of compiled flights."""
-    asked = Request(
+    """Compare digest, envelopes and histories of compiled flights."""
+    request = Request(
         REAL, tmp_path / "dask", RUNS, controllers=("tlc",), scheduler=two_workers.address
     )
-    folders = [run_campaign(asked, make_engine()).folder]
+    folders = [run_campaign(request, make_engine()).folder]
     folders.append(
         run_campaign(
-            replace(asked, output=tmp_path / "one", scheduler=None, workers=1), make_engine()
+            replace(request, output=tmp_path / "one", scheduler=None, workers=1), make_engine()
         ).folder
     )
     parts = [tmp_path / "part1", tmp_path / "part2"]
-    for i, part in enumerate(parts, 1):
-        run_campaign(replace(asked, output=part, scheduler=None, shard=(i, 2)), make_engine())
+    for i, shard in enumerate(parts, 1):
+        run_campaign(replace(request, output=shard, scheduler=None, shard=(i, 2)), make_engine())
     folders.append(merge_campaign(parts, tmp_path / "merged").folder)
     digests = {
         json.loads((folder / "manifest.json").read_text())["digest"]
@@ -156,16 +156,14 @@ def test_a_cluster_shards_and_one_worker_give_the_same_bits(local_folder, two_wo
     }
     assert len(digests) == 1
     for name in ("envelopes.parquet", "histories/tlc-000000.parquet"):
-        whole = pq.read_table(
-            local_folder / name
-        ).to_pandas()  # whose equals takes not-a-number as equal to itself
-        assert len(whole) and all(
-            pq.read_table(folder / name).to_pandas().equals(whole) for folder in folders
+        expected = pq.read_table(local_folder / name).to_pandas()  # pandas compares NaN as equal
+        assert len(expected) and all(
+            pq.read_table(folder / name).to_pandas().equals(expected) for folder in folders
         ), name
 
 
-def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
-    """Dask gave up the plan for ever, and every later flight of it was recorded as one that cannot be computed."""
+def test_a_plan_lost_with_its_worker_is_sent_again(dask):
+    """A plan that Dask lost with a worker is sent again; its flights must not fail to run."""
     dask.held.touch()
     worker, rows = dask.start_worker(), np.repeat(nominal_parameters(), 8, axis=0)
     flown = {}
@@ -183,10 +181,10 @@ def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
             work.start()
             return work
 
-        busy = start("one")  # takes the only thread
+        busy = start("one")  # occupies the only thread
         while not any(cluster._client.processing().values()):
             time.sleep(0.02)
-        waiting = start("two")  # its plan is the worker's, too, which has not begun with it
+        waiting = start("two")  # its plan is on the same worker, which has not begun it
         while sum(len(tasks) for tasks in cluster._client.processing().values()) < 2:
             time.sleep(0.02)
         dask.kill(worker)
@@ -201,9 +199,7 @@ def test_a_plan_that_waits_on_a_killed_worker_is_held_anew(dask):
         )
 
 
-def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_goes_on(
-    dask, tmp_path
-):
+def test_a_lost_scheduler_ends_the_run_and_the_same_command_resumes(dask, tmp_path):
     dask.start_worker()
     campaign, out = write_campaign(tmp_path / "f", execution="{batch: 8}"), tmp_path / "out"
 
@@ -220,15 +216,16 @@ def test_a_scheduler_that_dies_ends_the_campaign_in_words_and_the_same_command_g
     assert (
         isinstance(ended.value, UnusableError) or exit_code_of(ended.value) == ExitCode.INCOMPLETE
     )
-    kept = sum(1 for _ in (out / "flights").glob("*.parquet"))
+    blocks = sum(1 for _ in (out / "flights").glob("*.parquet"))
     assert (
-        5 <= kept < 76 and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
+        5 <= blocks < 76
+        and json.loads((out / "manifest.json").read_text())["state"] == "interrupted"
     )
-    whole = run(campaign, tmp_path / "whole").manifest
-    assert run(campaign, out).manifest.digest == whole.digest
+    reference = run(campaign, tmp_path / "whole").manifest
+    assert run(campaign, out).manifest.digest == reference.digest
 
 
-def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
+def test_a_hanging_flight_fails_to_run_on_a_cluster(dask, tmp_path):
     dask.start_worker()
     execution = "{batch: 16, flight_time_limit: 0.5 s}"
     campaign = write_campaign(
@@ -243,7 +240,7 @@ def test_a_flight_that_hangs_costs_its_row_there_too(dask, tmp_path):
     assert (manifest.runs_done, manifest.runs_failed) == (15, 1)
 
 
-def test_the_command_says_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
+def test_the_command_reports_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     dask = Dask(tmp_path)
     try:
@@ -253,9 +250,9 @@ def test_the_command_says_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
             cluster.fly(make_plan("one"), nominal_parameters())
             worker = next(iter(cluster._client.nthreads()))
             deadline = time.monotonic() + 30.0
-            while worker not in (said := capfd.readouterr().err) and time.monotonic() < deadline:
+            while worker not in (output := capfd.readouterr().err) and time.monotonic() < deadline:
                 time.sleep(0.05)
-        assert said.count(f"worker {worker} compiles") == 1
+        assert output.count(f"worker {worker} compiles") == 1
     finally:
         dask.close()
 
@@ -268,7 +265,7 @@ def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "carrier-pigeon://here:1"])
-def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
+def test_a_missing_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     monkeypatch.setattr("abhv_mc_remote.cluster._CONNECT", 0.5)
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
     with pytest.raises(InputError, match="no scheduler"):
@@ -276,27 +273,27 @@ def test_no_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     assert not (tmp_path / "out").exists()
 
 
-def test_searches_find_the_same_on_a_cluster(tmp_path, two_workers):
+def test_searches_give_the_same_result_on_a_cluster(tmp_path, two_workers):
     line, address = write_line(tmp_path / "files"), two_workers.address
     for find, request, options in (
         (find_rare, RareRequest, {"flights": 2000, "target_cov": 0.5}),
         (find_worst, WorstRequest, {"flights": 200}),
     ):
-        here, there = (
+        local, remote = (
             find(
                 request(line, tmp_path / f"{find.__name__}{i}", METRIC, scheduler=where, **options),
                 LINE,
             ).numbers()
             for i, where in enumerate((None, address))
         )
-        assert here == there
+        assert local == remote
     request = write_tuned(tmp_path)
-    here = tune_controller(request, TUNED).as_json()
+    local = tune_controller(request, TUNED).as_json()
     elsewhere = replace(request, output=tmp_path / "there.yaml", scheduler=address)
-    assert tune_controller(elsewhere, TUNED).as_json() == here
+    assert tune_controller(elsewhere, TUNED).as_json() == local
 
 
-def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch):
+def test_a_user_simulator_runs_on_a_cluster(two_workers, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     keep = {"histories": {"flights": "every 50"}}
     changes = {"runs": 300, "execution": {"batch": 40}, "histories": DIVE_CHANNELS, "keep": keep}
@@ -305,8 +302,8 @@ def test_a_users_simulator_flies_on_a_cluster(two_workers, tmp_path, monkeypatch
     far = run_campaign(Request(path, tmp_path / "far", scheduler=two_workers.address)).manifest
     assert far.complete and far.digest == local.digest
     for name in ("v1", "v2"):
-        kept, theirs = (
-            pq.read_table(next((tmp_path / at / "histories").glob(f"{name}-*.parquet")))
-            for at in ("local", "far")
+        local_rows, remote_rows = (
+            pq.read_table(next((tmp_path / folder / "histories").glob(f"{name}-*.parquet")))
+            for folder in ("local", "far")
         )
-        assert len(kept) and kept.equals(theirs)
+        assert len(local_rows) and local_rows.equals(remote_rows)

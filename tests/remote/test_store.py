@@ -1,4 +1,4 @@
-"""A campaign on a local S3 server: flown, interrupted, resumed, reported and queried as in a folder."""
+"""Campaigns on a local S3 server: run, interrupt, resume, report and query as in a folder."""
 
 import json
 import threading
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("fake_engine")
 
 @pytest.fixture
 def bucket(monkeypatch):
-    """Address of an empty bucket."""
+    """Yield a store with an empty bucket, and its address."""
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.setenv(name, "testing")
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
@@ -44,8 +44,8 @@ def bucket(monkeypatch):
 
 
 def names(store, base):
-    found = store.get_file_info(fs.FileSelector(base, recursive=True, allow_not_found=True))
-    return {info.path[len(base) + 1 :] for info in found if info.type == fs.FileType.File}
+    objects = store.get_file_info(fs.FileSelector(base, recursive=True, allow_not_found=True))
+    return {info.path[len(base) + 1 :] for info in objects if info.type == fs.FileType.File}
 
 
 def manifest_of(store, base):
@@ -61,18 +61,18 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
         stopped = interrupted_after(6)
         patched.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: stopped)
         assert abhv_mc("run", campaign, "-o", address)[0] == 3
-    kept = {name for name in names(store, base) if name.startswith("flights/")}
-    assert kept and manifest_of(store, base)["state"] == "interrupted"
+    flights = {name for name in names(store, base) if name.startswith("flights/")}
+    assert flights and manifest_of(store, base)["state"] == "interrupted"
     code, out, _ = abhv_mc("run", campaign, "-o", address)
     assert code == 0 and f"folder    {address}" in out
-    held = names(store, base)
-    assert kept < held and {"report.html", "envelopes.parquet", "samples.parquet"} < held
+    stored = names(store, base)
+    assert flights < stored and {"report.html", "envelopes.parquet", "samples.parquet"} < stored
     assert not any(
         name.startswith("envelope_states") or name.endswith((".temporary", ".lock"))
-        for name in held
+        for name in stored
     )
-    whole = json.loads((tmp_path / "whole/manifest.json").read_text())
-    assert manifest_of(store, base)["digest"] == whole["digest"]
+    reference = json.loads((tmp_path / "whole/manifest.json").read_text())
+    assert manifest_of(store, base)["digest"] == reference["digest"]
     code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")
     assert (code, json.loads(out)) == (0, [{"n": 600}])
     code, out, _ = abhv_mc("runs", address, "--json", "-")
@@ -86,7 +86,7 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     )
     assert abhv_mc("query", address)[0] == 2
     code, out, _ = abhv_mc("runs", address.replace("/first", "/"), "--json", "-")
-    assert [(one["folder"], one["flights"]) for one in json.loads(out)] == [("first", 300)]
+    assert [(row["folder"], row["flights"]) for row in json.loads(out)] == [("first", 300)]
     code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
     assert (
         code == 0
@@ -99,9 +99,9 @@ def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path):
     _, address, _ = bucket
     campaign, (before, _, after) = write_campaign(tmp_path / "f"), address.partition("first")
     parts = [f"{before}part{i}{after}" for i in (1, 2)]
-    for i, part in enumerate(parts, 1):
+    for i, shard in enumerate(parts, 1):
         code, *_ = abhv_mc(
-            "run", campaign, "-o", part, "--shard", f"{i}/2", "--staging", tmp_path / "staging"
+            "run", campaign, "-o", shard, "--shard", f"{i}/2", "--staging", tmp_path / "staging"
         )
         assert code == 0 and not list((tmp_path / "staging").iterdir())
     assert abhv_mc("merge", *parts, "-o", tmp_path / "whole", "--no-report")[0] == 0
@@ -109,8 +109,8 @@ def test_shards_at_addresses_merge(bucket, abhv_mc, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["flights/../../planted", "/planted"])
-def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name):
-    """In an object store a name is any text: one with '..' would be written anywhere on this machine."""
+def test_an_object_named_outside_the_folder_is_rejected(tmp_path, name):
+    """Object names may be any text; one with '..' must not be written outside the folder."""
 
     class System:
         type_name = "s3"
@@ -129,8 +129,8 @@ def test_an_object_whose_name_leads_out_of_the_folder_is_refused(tmp_path, name)
     assert [path.name for path in tmp_path.rglob("*")] == ["a", "b"]
 
 
-def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
-    """The loss of this machine costs what came since the last copy, not the campaign."""
+def test_flights_are_copied_during_the_run(bucket, monkeypatch):
+    """Files are copied during the run, so that a lost machine costs only the last ones."""
     store, address, base = bucket
     with open_store(Path(address)).writing() as folder:
         (folder / "flights").mkdir()
@@ -145,16 +145,14 @@ def test_what_was_flown_is_there_while_it_flies(bucket, monkeypatch):
         assert landed.is_set()
         with pytest.raises(InputError, match="is flying"), open_store(Path(address)).writing():
             pass
-        monkeypatch.setattr(module, "LEASE", -60.0)  # as if this one had been dead for a minute
+        monkeypatch.setattr(module, "LEASE", -60.0)  # as if the process had ended a minute ago
         with open_store(Path(address)).writing():
             pass
         (folder / "flights/one.parquet").unlink()
     assert names(store, base) == {"manifest.json"} and not folder.exists()
 
 
-def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(
-    bucket, tmp_path, monkeypatch, capfd
-):
+def test_a_writer_without_its_lease_stops_writing(bucket, tmp_path, monkeypatch, capfd):
     store, address, base = bucket
     monkeypatch.setattr(module, "RENEWAL", 0.1)
 
@@ -171,8 +169,8 @@ def test_a_writer_that_lost_its_lease_stops_and_writes_nothing_more(
     with pytest.raises(StorageFullError, match="kept in"):
         fly_on()
     assert "process 7 on other is flying" in capfd.readouterr().err
-    (kept,) = (tmp_path / "staging").iterdir()
-    assert (kept / "copy/late.json").exists()
+    (copy,) = (tmp_path / "staging").iterdir()
+    assert (copy / "copy/late.json").exists()
     assert "late.json" not in names(store, base)
 
 

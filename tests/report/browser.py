@@ -1,4 +1,4 @@
-"""A headless Chromium under its debugging protocol: clicks, keys and prints go through its own input."""
+"""Headless Chromium under its debugging protocol, with clicks, keys and printing."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,7 @@ KEYS = {"Tab": (9, ""), "Enter": (13, "\r"), " ": (32, " "), "ArrowDown": (40, "
 
 
 class Page:
-    """One tab. Every call waits for its answer; what the tab tells of itself until then is kept by its name."""
+    """Browser tab; each call waits for its reply and stores events that arrive meanwhile."""
 
     def __init__(self, loop, socket):
         self.loop, self.socket, self.number, self.told = loop, socket, 0, []
@@ -36,22 +36,22 @@ class Page:
             self.told.append((message.get("method"), message.get("params")))
 
     def ask(self, expression, wait=False):
-        """The value of an expression; with ``wait``, of the promise that it is."""
-        found = self.call(
+        """Return the value of an expression, or of its promise with ``wait``."""
+        reply = self.call(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=wait
         )
-        assert "exceptionDetails" not in found, found["exceptionDetails"]
-        return found["result"].get("value")
+        assert "exceptionDetails" not in reply, reply["exceptionDetails"]
+        return reply["result"].get("value")
 
     def show(self, path, width=1400, height=900, dark=False):
         """Load a report and wait until it is drawn."""
-        wishes = {
+        preferences = {
             "prefers-color-scheme": "dark" if dark else "light",
             "prefers-reduced-motion": "reduce",
         }
         self.call(
             "Emulation.setEmulatedMedia",
-            features=[{"name": k, "value": v} for k, v in wishes.items()],
+            features=[{"name": k, "value": v} for k, v in preferences.items()],
         )
         self.call(
             "Emulation.setDeviceMetricsOverride",
@@ -65,7 +65,7 @@ class Page:
         self.wait_for(f"location.href === {json.dumps(path.as_uri())} && {drawn}")
 
     def wait_for(self, expression):
-        """Until an expression is true."""
+        """Wait until an expression is true."""
         for _ in range(600):
             if self.ask(expression):
                 return
@@ -107,7 +107,7 @@ class Page:
 
 @contextlib.contextmanager
 def open_browser(profile):
-    """A page of a browser of its own; skips where there is none."""
+    """Open a page in a new browser; skip the test without Chromium."""
     if BROWSER is None:
         pytest.skip("no Chromium is installed")
     client = pytest.importorskip(

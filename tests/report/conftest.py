@@ -1,4 +1,4 @@
-"""Synthetic campaigns, each made once."""
+"""Synthetic campaigns and their reports, each made once."""
 
 import json
 
@@ -13,14 +13,14 @@ from abhv_mc.topics.topic import Models
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    """A page of a browser, where there is one."""
+    """Open a page in a browser, if one is installed."""
     with open_browser(tmp_path_factory.mktemp("browser") / "profile") as page:
         yield page
 
 
 @pytest.fixture(scope="session")
 def report_folder(tmp_path_factory):
-    """80 flights with their report."""
+    """Write a campaign of 80 flights with its report."""
     folder = write_campaign(tmp_path_factory.mktemp("whole") / "a campaign", runs=80)
     build_report(folder)
     return folder

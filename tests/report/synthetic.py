@@ -1,4 +1,4 @@
-"""An S manoeuvre flown by formula, in the place of the compiled flight: the report's tests need no vehicle."""
+"""S manoeuvre from formulas, in place of the compiled flight, for tests of reports."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics import registry
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
-# How far each controller strays (1 = a wide error) and how much surface it uses, beside the first.
+# Relative tracking error and control effort of each controller.
 ERROR = {"tlc": 0.06, "lqr": 1.0, "lqr_retuned": 0.3}
 USAGE = {"tlc": 1.1, "lqr": 1.0, "lqr_retuned": 1.08}
 TICK, TICKS = 0.1, 600  # s
@@ -36,7 +36,7 @@ REQUIREMENTS = (
 
 
 def prepare(vehicle, mission, controller, name):
-    """A plan with the S manoeuvre's reference."""
+    """Return a plan with the reference of the S manoeuvre."""
     time = np.arange(TICKS + 1) * TICK
     phase, flying = np.pi * time / 50.0, time < 50.0
     rate = np.where(flying, 2500.0 * np.pi / 50.0 * np.sin(phase), 0.0)
@@ -58,7 +58,7 @@ def prepare(vehicle, mission, controller, name):
 
 
 def histories_of(name, parameters, reference):
-    """Channels [channel][flight, time] of one controller, by formula: lags and pulses that grow with the samples."""
+    """Return channels [channel][flight, time] of a controller, with errors that grow with samples."""
     time = reference["time"]
     stray, usage = ERROR.get(name, 0.6), USAGE.get(name, 1.0)
     density, lift, drag = (parameters[:, [column]] - 1.0 for column in (DENSITY, LIFT, DRAG))
@@ -66,12 +66,12 @@ def histories_of(name, parameters, reference):
     kick = np.exp(-time / 2.0) + 0.8 * np.where(time > 50.0, np.exp(-(time - 50.0) / 2.0), 0.0)
     swing = np.sin(time / 4.0) * np.exp(-time / 30.0)
     load = 1.0 + density + lift
-    one = np.ones_like(load)
+    ones = np.ones_like(load)
     bank_command = reference["bank_reference_deg"] * (1.0 - 0.6 * (density + lift))
     alpha_command = reference["angle_of_attack_reference_deg"] * (1.0 - 0.9 * (density + lift))
     channels = {
         "altitude_m": 20000.0
-        + 110.0 * (density + lift + 0.004 * wobble) * (1.0 - np.exp(-time / 5.0)) * one,
+        + 110.0 * (density + lift + 0.004 * wobble) * (1.0 - np.exp(-time / 5.0)) * ones,
         "speed_mps": 1400.0
         - 14.0 * (drag + 0.5 * density) * (1.0 + 2.0 * stray) * np.tanh(time / 20.0),
         "flight_path_angle_deg": 0.3 * (density + lift) * swing,
@@ -81,13 +81,13 @@ def histories_of(name, parameters, reference):
         "bank_deg": bank_command * (1.0 - kick * load * (0.2 + stray * 0.5)),
         "aileron_deg": usage * 1.2 * swing * kick * load,
         "rudder_deg": usage * 0.4 * swing * kick * load,
-        "elevator_deg": 0.8 + usage * (1.5 * kick + 3.0 * (lift + density)) * one,
+        "elevator_deg": 0.8 + usage * (1.5 * kick + 3.0 * (lift + density)) * ones,
         "equivalence_ratio": reference["equivalence_ratio_reference"]
         * (1.0 + drag + 0.3 * density),
         "north_m": reference["north_reference_m"]
         + 900.0 * density * np.tanh(time / 40.0)
         + 20.0 * stray * time / 60.0,
-        "east_m": reference["east_reference_m"] * one,
+        "east_m": reference["east_reference_m"] * ones,
         "mass_kg": 120000.0 - 80.0 * time * (1.0 + drag),
         "flight_path_angle_command_deg": 0.2 * (density + lift) * swing,
         "angle_of_attack_command_deg": alpha_command,
@@ -115,35 +115,35 @@ COUNTED = {
 
 
 def metrics_of(channels, reference):
-    """METRICS [flight, metric] from the histories, as the contract defines them."""
+    """Return METRICS [flight, metric] from the histories, by their definitions."""
     time = reference["time"]
     settled = ((time > 5.0) & (time < 50.0)) | (time > 55.0)
-    of = {
+    signals = {
         f"{name}_error_{unit}": channels[f"{name}_{unit}"] - reference[f"{name}_reference_{unit}"]
         for name, unit in (("altitude", "m"), ("speed", "mps"), ("heading", "deg"))
     }
-    of |= {
+    signals |= {
         f"{k}_error_deg": channels[f"{k}_deg"] - channels[f"{k}_command_deg"]
         for k in ("angle_of_attack", "bank")
     }
-    of["cross_track_m"] = channels["north_m"] - reference["north_reference_m"]
+    signals["cross_track_m"] = channels["north_m"] - reference["north_reference_m"]
     for surface in ("aileron", "elevator", "rudder"):
         deflection = channels[f"{surface}_deg"]
-        of[f"{surface}_from_trim_deg"] = deflection - deflection[:, :1]
-        of[f"{surface}_moved_deg"] = np.abs(np.diff(deflection, axis=1))
-    of["fuel_used_kg"] = channels["mass_kg"][:, :1] - channels["mass_kg"]
-    of["load_factor_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"]))
-    of = {**channels, **of}
-    found = np.zeros(
+        signals[f"{surface}_from_trim_deg"] = deflection - deflection[:, :1]
+        signals[f"{surface}_moved_deg"] = np.abs(np.diff(deflection, axis=1))
+    signals["fuel_used_kg"] = channels["mass_kg"][:, :1] - channels["mass_kg"]
+    signals["load_factor_g"] = 1.0 / np.cos(np.radians(channels["bank_deg"]))
+    signals = {**channels, **signals}
+    table = np.zeros(
         (len(channels["bank_deg"]), len(METRICS))
     )  # zero: ripples, cycles and failures
     for k, metric in enumerate(METRICS):
-        if metric.of in of:
-            values = of[metric.of]
-            found[:, k] = COUNTED[metric.statistic](
+        if metric.of in signals:
+            values = signals[metric.of]
+            table[:, k] = COUNTED[metric.statistic](
                 values[:, settled] if metric.settled else values
             )
-    return found
+    return table
 
 
 def write_campaign(
@@ -157,7 +157,10 @@ def write_campaign(
     end: float = TICKS * TICK,
     **entries: str,
 ) -> Path:
-    """Fly a campaign; of the controllers but TLC, the `failing` flights with most density are lost, at ``end`` s."""
+    """Run a campaign in which `failing` flights with the highest density are lost at ``end`` s.
+
+    TLC loses none.
+    """
     path = write_fake(
         folder.with_name(folder.name + " files"),
         name="synthetic_s",
@@ -193,7 +196,7 @@ def write_campaign(
 
 
 def build_page(folder: Path, baseline: Path | None = None) -> Path:
-    """Build a campaign's report without its figures: drawing them takes most of a report's time."""
+    """Build a campaign's report without its figures, which take most of the time."""
     make_figures = registry.make_figures
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_figures", lambda models: make_figures(models) and {})

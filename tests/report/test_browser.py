@@ -1,4 +1,4 @@
-"""The page in a real browser, by mouse and by keyboard alone: no message, nothing leaves, switches work."""
+"""Report in a browser, by mouse and by keyboard: switches, console messages and requests."""
 
 SAID = ("Log.entryAdded", "Runtime.consoleAPICalled", "Runtime.exceptionThrown")
 NAMES = "document.getElementById('plot').data.map((trace) => trace.name)"
@@ -15,32 +15,32 @@ def press_box(page, name):
 
 def test_switches_work_and_nothing_is_said_or_asked_for(page, report_folder):
     path = report_folder / "report.html"
-    for part in ("Log", "Network", "Runtime"):
-        page.call(f"{part}.enable")
+    for domain in ("Log", "Network", "Runtime"):
+        page.call(f"{domain}.enable")
     page.show(path)
     assert {"TLC median", "LQR 5 %", "reference"} <= set(page.ask(NAMES))
     press_box(page, "lqr")
-    left = page.ask(NAMES)
-    assert "LQR retuned median" in left
-    assert not any(name.startswith("LQR ") and "retuned" not in name for name in left)
+    names = page.ask(NAMES)
+    assert "LQR retuned median" in names
+    assert not any(name.startswith("LQR ") and "retuned" not in name for name in names)
     for name in ("all", "wide", "narrow"):
         press_box(page, name)
     assert not any("%" in name or "largest" in name for name in page.ask(NAMES))
-    found = page.ask(CHANNEL)
-    assert found["axis"] == "Sideslip (deg)" and "Sideslip" in found["words"]
-    assert found["drawn"] == 2  # the medians of the two that are left
-    assert {"Zoom in", "Reset axes"} <= set(found["tools"])
+    state = page.ask(CHANNEL)
+    assert state["axis"] == "Sideslip (deg)" and "Sideslip" in state["words"]
+    assert state["drawn"] == 2  # the medians of the two that are left
+    assert {"Zoom in", "Reset axes"} <= set(state["tools"])
     assert not any(
-        part in title for title in found["tools"] for part in ("hare", "loud", "dit")
+        word in title for title in state["tools"] for word in ("hare", "loud", "dit")
     )  # uploads the data
     page.wait_for("[...document.images].every((image) => image.complete && image.naturalWidth > 0)")
     assert [event for event in page.told if event[0] in SAID] == []
-    asked = {
+    urls = {
         params["request"]["url"]
         for method, params in page.told
         if method == "Network.requestWillBeSent"
     }
-    assert {url for url in asked if not url.startswith("data:")} == {path.as_uri()}
+    assert {url for url in urls if not url.startswith("data:")} == {path.as_uri()}
 
 
 def test_no_other_script_runs(page, report_page, tmp_path):
@@ -57,18 +57,18 @@ def test_no_other_script_runs(page, report_page, tmp_path):
 
 FOCUS = """(() => { const e = document.activeElement; return [e.tagName, e.id || e.name || e.getAttribute("aria-label")
     || e.textContent.trim(), getComputedStyle(e).outlineStyle !== "none"]; })()"""
-STOPS = 90  # of the Tab key on the whole page; 350 while every flight of a list was one
+STOPS = 90  # presses of Tab on the page; 350 if every flight of a list were a stop
 
 
-def tab_to(page, wanted):
-    """Press Tab until the element has the focus; everything that had it on the way."""
+def tab_to(page, target):
+    """Press Tab until an element has the focus; return the elements that had it on the way."""
     passed = []
     for _ in range(STOPS):
         page.press("Tab")
         passed.append(page.ask(FOCUS))
-        if passed[-1][1] == wanted:
+        if passed[-1][1] == target:
             return passed
-    raise AssertionError(f"{wanted} was never reached: {passed}")
+    raise AssertionError(f"{target} was never reached: {passed}")
 
 
 def test_it_is_read_with_the_keyboard(page, report_folder):

@@ -1,4 +1,4 @@
-"""A paired comparison: its numbers, gate and page, and the line of a baseline on a report's first screen."""
+"""Paired comparisons: numbers, gate, page, and the baseline on a report's first screen."""
 
 import json
 import re
@@ -35,26 +35,26 @@ def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_
     assert gate["loses_more"] and not gate["shown"]
 
 
-@pytest.mark.parametrize(("crossed", "margin", "code", "words"), [
+@pytest.mark.parametrize(("crossed", "margin", "code", "sentence"), [
     ("lqr,lqr_retuned", "5%", 0, "passes: shown"),
-    ("lqr_retuned,lqr", "5%", 1, "is stopped: NOT shown"),
+    ("lqr_retuned,lqr", "5%", 1, "NOT shown to be"),
     ("lqr_retuned,lqr", "500%", 1, "; it misses Speed error"),
 ])  # fmt: skip
-def test_the_gate_is_the_exit_code(failing_folder, abhv_mc, crossed, margin, code, words):
-    """There was no such gate: continuous integration could not ask whether a change made a metric worse."""
+def test_the_gate_is_the_exit_code(failing_folder, abhv_mc, crossed, margin, code, sentence):
+    """Continuous integration uses the exit code to reject a change that worsens a metric."""
     gate = ["--controllers", crossed, "--fail-if-worse", f"bank_error_rms_deg={margin}"]
-    found, out, _ = abhv_mc("compare", failing_folder, failing_folder, *gate)
-    assert (found, words in out) == (code, True), out
+    status, out, _ = abhv_mc("compare", failing_folder, failing_folder, *gate)
+    assert (status, sentence in out) == (code, True), out
 
 
-@pytest.mark.parametrize(("asked", "words"), [
+@pytest.mark.parametrize(("arguments", "message"), [
     ({"controllers": ("tlc", "pid")}, "pid"),
     ({"controllers": ("tlc",)}, "two"),
     ({"fail_if_worse": {"no_metric": 0.05}}, "unknown metric 'no_metric'"),
 ])  # fmt: skip
-def test_what_cannot_be_compared_is_refused(failing_folder, asked, words):
-    with pytest.raises(InputError, match=words):
-        compare(failing_folder, failing_folder, **asked)
+def test_what_cannot_be_compared_is_refused(failing_folder, arguments, message):
+    with pytest.raises(InputError, match=message):
+        compare(failing_folder, failing_folder, **arguments)
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +66,12 @@ def before(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def after(before):
-    """The same flights; three more of each controller but the first are lost."""
+    """Write a campaign on the same samples in which three more flights of LQR are lost."""
     return write_campaign(before.parent / "after", runs=40, failing=5, controllers=("tlc", "lqr"))
 
 
 def newly_failed(before, after):
-    """Flights of LQR that end early or miss a requirement in the second folder alone, from the metrics."""
+    """Return flights of LQR that terminate early or miss a requirement in the second folder only."""
     failed = []
     for folder in (before, after):
         lqr = read_flown(folder).flights["lqr"]
@@ -86,10 +86,10 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(
     before, after, abhv_mc, tmp_path
 ):
     gate = ["--fail-if-worse", "altitude_error_max_m=5%"]
-    code, told, _ = abhv_mc(
+    code, output, _ = abhv_mc(
         "compare", before, after, "-o", tmp_path / "page", "--controllers", "lqr,lqr", *gate
     )
-    assert code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in told
+    assert code == 0 and f"report    {tmp_path / 'page' / 'report.html'}" in output
     page = (tmp_path / "page/report.html").read_text("utf-8")
     lost = newly_failed(before, after)
     ended = np.sort(np.argsort(read_flown(after).samples["atmosphere.density"])[-5:-2]).tolist()
@@ -98,24 +98,24 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(
         and f"abhv-mc replay {after} --controller NAME" in page
     )
     assert lost <= set(ended)
-    assert "after passes: shown to be at most 5 % worse" in page
-    assert f"0 flights fail under before alone, {len(lost)} under after alone" in page
+    assert "after passes: " in page
+    assert f"0 flights fail under before only, {len(lost)} under after only" in page
     assert (
         "<strong>No difference is shown.</strong>" in page
         and f"abhv-mc explain {after} --all" in page
     )
-    assert told.startswith("No difference is shown.\nNext: ")
+    assert output.startswith("No difference is shown.\nNext: ")
     assert "<script" not in page and "http" not in page.replace("http-equiv", "").lower()
 
 
 def test_differences_are_those_of_the_same_flight(before):
     results = read_flown(before)
     tlc, lqr = (results.flights[name] for name in ("tlc", "lqr"))
-    found = metric_differences(tlc, lqr, "speed_error_max_mps")
-    whole = ~lqr.failed
+    differences = metric_differences(tlc, lqr, "speed_error_max_mps")
+    completed = ~lqr.failed
     expected = tlc.metrics["speed_error_max_mps"] - lqr.metrics["speed_error_max_mps"]
-    assert np.array_equal(found[whole], expected[whole])
-    assert np.isneginf(found[~whole]).all() and (~whole).sum() == 2
+    assert np.array_equal(differences[completed], expected[completed])
+    assert np.isneginf(differences[~completed]).all() and (~completed).sum() == 2
 
 
 @pytest.fixture(scope="module")
@@ -141,17 +141,16 @@ def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
     assert list(verify_campaign(with_baseline)) == []
     assert is_up_to_date(with_baseline, baseline=before) and not is_up_to_date(with_baseline)
     report = with_baseline / "report.json"
-    held = report.read_text("utf-8")
-    numbers = json.loads(held)
+    content = report.read_text("utf-8")
+    numbers = json.loads(content)
     numbers["baseline"]["paired"][1]["any_failure"]["only_a"] = 0
     report.write_text(json.dumps(numbers), "utf-8")
     assert any("any_failure.only_a" in line for line in verify_campaign(with_baseline))
     numbers["baseline"]["folder"] = "no/such/folder"
     report.write_text(json.dumps(numbers), "utf-8")
-    assert list(verify_campaign(with_baseline)) == [
-        "baseline: no/such/folder is no longer there to compare with"
-    ]
-    report.write_text(held, "utf-8")
+    (line,) = verify_campaign(with_baseline)
+    assert line.startswith("baseline: no/such/folder ")
+    report.write_text(content, "utf-8")
 
 
 def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_path):
@@ -187,7 +186,7 @@ def fly(i, s):
 
 @pytest.fixture(scope="module")
 def versions(tmp_path_factory):
-    """Campaign files of versions 0, 1 (another worst point) and 2 (worse at one corner)."""
+    """Write campaign files of versions 0, 1 (another worst point) and 2 (worse at one corner)."""
     root = tmp_path_factory.mktemp("versions")
     (root / "law.py").write_text(LAW, encoding="utf-8")
     for new in range(3):
@@ -197,12 +196,12 @@ def versions(tmp_path_factory):
 
 
 def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, abhv_mc, monkeypatch):
-    """Their worst values differ, so their flights had other numbers, and the gate refused them."""
+    """Regression: the worst points differ, so flights had other numbers and did not pair."""
     monkeypatch.setattr("abhv_mc.statistics.unknowns.FEWEST_SEARCHED", 8)
 
-    def fly(new, *words):
+    def fly(new, *options):
         code, _, err = abhv_mc(
-            "run", versions / f"{new}.yaml", "-o", versions / f"out{new}", "--trust-code", *words
+            "run", versions / f"{new}.yaml", "-o", versions / f"out{new}", "--trust-code", *options
         )
         assert code in (0, 1), err
         return read_flown(versions / f"out{new}")
@@ -211,26 +210,26 @@ def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, ab
     points = before.campaign.unknowns.points
     for new in (1, 2):
         after = fly(new, "--baseline", versions / "out0")
-        own = after.campaign.unknowns.points
-        assert all(np.any(np.all(np.isclose(own, point), axis=1)) for point in points)
+        own_points = after.campaign.unknowns.points
+        assert all(np.any(np.all(np.isclose(own_points, point), axis=1)) for point in points)
         assert after.campaign.unknowns.shared >= len(points)
     assert len(read_flown(versions / "out1").campaign.unknowns.points) > len(points)
-    one, other = read_compared(versions / "out0", versions / "out1")
-    assert len(one.campaign.unknowns.points) == len(points)
+    first, second = read_compared(versions / "out0", versions / "out1")
+    assert len(first.campaign.unknowns.points) == len(points)
     flown = read_flown(versions / "out1")
-    for k, number in enumerate(other.flights["law"].flight[:30].tolist()):
+    for k, number in enumerate(second.flights["law"].flight[:30].tolist()):
         sample, point = divmod(number, len(points))
-        at = np.all(np.isclose(flown.campaign.unknowns.points, points[point]), axis=1).argmax()
-        row = sample * len(flown.campaign.unknowns.points) + at
-        metric = other.flights["law"].metrics["err"][k]
+        index = np.all(np.isclose(flown.campaign.unknowns.points, points[point]), axis=1).argmax()
+        row = sample * len(flown.campaign.unknowns.points) + index
+        metric = second.flights["law"].metrics["err"][k]
         assert metric == flown.flights["law"].metrics["err"][row]
-        assert other.samples["g"][number] == flown.samples["g"][row] == one.samples["g"][number]
+        assert second.samples["g"][number] == flown.samples["g"][row] == first.samples["g"][number]
     gate = ("--fail-if-worse", "err=5%", "--fail-if-loses", "1")
     assert abhv_mc("compare", versions / "out0", versions / "out1", *gate)[0] == 0
-    code, told, _ = abhv_mc("compare", versions / "out0", versions / "out2", *gate)
-    assert code == 1 and "at a 1 m, b 1 m" in told and "NOT shown" in told
+    code, output, _ = abhv_mc("compare", versions / "out0", versions / "out2", *gate)
+    assert code == 1 and "at a 1 m, b 1 m" in output and "NOT shown" in output
     lost = compare(versions / "out0", versions / "out2").numbers()["paired"][0]["newly_lost"]
-    assert lost > 0 and f"loses {lost} flights" in told
+    assert lost > 0 and f"loses {lost} flights" in output
     assert (
         abhv_mc("compare", versions / "out0", versions / "out2", "--fail-if-loses", "9999")[0] == 0
     )

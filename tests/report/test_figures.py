@@ -8,6 +8,7 @@ from PIL import Image
 
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
+from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.topics import registry
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
@@ -69,25 +70,35 @@ def test_with_unknowns_the_median_has_two_lines(panel):
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
+# CSS's invert(1) hue-rotate(180deg) of red, green and blue: the matrix of the Filter Effects specification.
+HUES_ROTATED = np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
+
+
 def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
-    def luminance(color):
-        channels = np.array(to_rgb(color))
+    def luminance(channels):
         linear = np.where(
             channels <= 0.03928, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
         )
         return linear @ [0.2126, 0.7152, 0.0722]
 
-    for color in (INK, *CYCLE):
-        for ground in ("#ffffff", "#16181b"):
-            low, high = sorted([luminance(color), luminance(ground)])
-            assert (high + 0.05) / (low + 0.05) >= 3.0, (color, ground)
+    def contrast(color, ground):
+        low, high = sorted([luminance(color), luminance(np.array(to_rgb(ground)))])
+        return (high + 0.05) / (low + 0.05)
+
+    assert "figure img { filter: invert(1) hue-rotate(180deg); }" in template_text("style.css")
+    for color, least in ((INK, 12.0), *((color, 3.0) for color in CYCLE)):
+        channels = np.array(to_rgb(color))
+        assert contrast(channels, "#ffffff") >= least, color
+        assert contrast(np.clip(HUES_ROTATED @ (1.0 - channels), 0.0, 1.0), "#16181b") >= least, (
+            color
+        )
 
 
 @pytest.fixture(scope="module")
 def figures(failing):
-    """Every figure of a report by its name."""
-    made = make_figures(Models(failing)).values()
-    return {text.name: figure for part in made for text, figure in part}
+    """Return every figure of a report by its name."""
+    topic_figures = make_figures(Models(failing)).values()
+    return {text.name: figure for pairs in topic_figures for text, figure in pairs}
 
 
 def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
@@ -98,7 +109,7 @@ def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
 
 @pytest.mark.thorough
 def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
-    """Margins are fixed, so this is what holds them."""
+    """Margins are fixed, so that texts of another size would overlap or be cut off."""
     for name, figure in figures.items():
         figure.canvas.draw()
         box = figure.get_tightbbox()
@@ -106,16 +117,16 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
         assert box.x1 <= figure.get_figwidth() + 0.01 and box.y1 <= figure.get_figheight() + 0.01, (
             name
         )
-        shown = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible()]
-        shown += [legend.get_window_extent() for legend in figure.legends]
-        for one, other in combinations(shown, 2):
-            width, height = (min(getattr(one, e), getattr(other, e)) for e in ("x1", "y1"))
-            apart = width - max(one.x0, other.x0), height - max(one.y0, other.y0)
-            assert min(apart) <= 6.0, name  # px of 1440
+        boxes = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible()]
+        boxes += [legend.get_window_extent() for legend in figure.legends]
+        for box_a, box_b in combinations(boxes, 2):
+            width, height = (min(getattr(box_a, e), getattr(box_b, e)) for e in ("x1", "y1"))
+            overlaps = width - max(box_a.x0, box_b.x0), height - max(box_a.y0, box_b.y0)
+            assert min(overlaps) <= 6.0, name  # px of 1440
 
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing):
-    """The band of all flights spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
+    """A band spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
     figures = {
         text.name: figure
         for topic in (ENVELOPES, FLIGHTS)
@@ -141,7 +152,7 @@ def test_failed_flights_keep_the_curve_from_100_percent():
 
 
 def test_the_front_shows_the_result_though_its_error_is_larger_than_the_starts():
-    """A result that keeps a limit which the start breaks lay outside the figure."""
+    """Regression: a result within a limit that the start violates lay outside the figure."""
     usage, error = np.array([1.0, 1.4, 9.0]), np.array([2.0, 7.0, 2.5])
     points = usage, error, np.array([False, True, False])
     figure = plot_front(("usage", "error"), points, np.array([1]), 1)

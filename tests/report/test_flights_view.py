@@ -1,4 +1,4 @@
-"""The view of flights in a real browser: order, filters, overlay, link, saved table, and an opened flight."""
+"""Interactive view of flights in a browser: order, filters, overlay, link, CSV, single flight."""
 
 import csv
 import io
@@ -14,8 +14,8 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.requests import Request
+from abhv_mc.topics.formatting import shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.words import shown_value, spoken_name
 
 LABELS = {"tlc": "TLC", "lqr": "LQR", "lqr_retuned": "LQR retuned"}
 ROWS = """[...document.querySelectorAll("#flight-rows tr")]
@@ -39,7 +39,7 @@ FROM_ONE = """(() => {
 
 
 @pytest.fixture
-def shown(page, report_folder):
+def view(page, report_folder):
     page.call("Page.navigate", url="about:blank")  # a fragment alone loads nothing
     page.show(report_folder / "report.html")
     return page
@@ -50,12 +50,12 @@ def choose(page, name, value):
       box.dispatchEvent(new Event("change")); }})()""")
 
 
-def sort_by(page, words):
-    page.ask(SORT % json.dumps(words))
+def sort_by(page, head):
+    page.ask(SORT % json.dumps(head))
 
 
 def ranked(results):
-    """All flights as the table names them, the worst first: label, number, controller, row."""
+    """Return all flights, the worst first: label, number, controller, row."""
     pairs = zip(results.ranking.controller, results.ranking.row, strict=True)
     named = [(results.controllers[k], row) for k, row in pairs]
     return [
@@ -63,7 +63,7 @@ def ranked(results):
     ]
 
 
-def test_a_click_on_a_head_sorts_and_the_third_restores_the_worst_first(shown, models):
+def test_a_click_on_a_head_sorts_and_the_third_restores_the_worst_first(view, models):
     results, metric = models.results, "speed_error_max_mps"
     flights = ranked(results)
     values = np.array([results.flights[name].metrics[metric][row] for *_, name, row in flights])
@@ -73,78 +73,80 @@ def test_a_click_on_a_head_sorts_and_the_third_restores_the_worst_first(shown, m
         range(len(flights)),
     ]
     for order in orders:
-        sort_by(shown, "Speed error, max (m/s)")
-        assert [tuple(row) for row in shown.ask(ROWS)] == [flights[k][:2] for k in order][:100]
-    assert shown.ask("document.querySelector('#flight-heads [aria-sort]')") is None
+        sort_by(view, "Speed error, max (m/s)")
+        assert [tuple(row) for row in view.ask(ROWS)] == [flights[k][:2] for k in order][:100]
+    assert view.ask("document.querySelector('#flight-heads [aria-sort]')") is None
 
 
-def test_the_filter_and_a_choice_leave_their_flights_in_list_count_and_csv(shown, models):
+def test_the_filter_and_a_choice_leave_their_flights_in_list_count_and_csv(view, models):
     results = models.results
     item = results.campaign.requirements[1]
     missed = {
         name: requirement_failures(results.flights[name], item) for name in results.controllers
     }
-    choose(shown, "flights-outcome", "missed 1")
-    choose(shown, "scatter-x", "aero.drag")
-    shown.ask(FROM_ONE)
+    choose(view, "flights-outcome", "missed 1")
+    choose(view, "scatter-x", "aero.drag")
+    view.ask(FROM_ONE)
     drag = results.samples["aero.drag"]
-    wanted = [row for row in ranked(results) if missed[row[2]][row[3]] and drag[int(row[1])] >= 1.0]
-    assert [tuple(row) for row in shown.ask(ROWS)] == [row[:2] for row in wanted][:100] != []
-    total = sum(results.flights[name].flight.size for name in results.controllers)
-    assert shown.ask("document.getElementById('flight-count').textContent").startswith(
-        f"{len(wanted)} of {total} flights"
-    )
-    saved = list(csv.DictReader(io.StringIO(shown.ask(SAVED, wait=True))))
-    assert [(row["controller"], row["flight"]) for row in saved] == [
-        (name, flight) for _, flight, name, _ in wanted
+    selected = [
+        row for row in ranked(results) if missed[row[2]][row[3]] and drag[int(row[1])] >= 1.0
     ]
-    for row, (_, flight, name, k) in zip(saved, wanted, strict=True):
+    assert [tuple(row) for row in view.ask(ROWS)] == [row[:2] for row in selected][:100] != []
+    total = sum(results.flights[name].flight.size for name in results.controllers)
+    assert view.ask("document.getElementById('flight-count').textContent").startswith(
+        f"{len(selected)} of {total} flights"
+    )
+    saved = list(csv.DictReader(io.StringIO(view.ask(SAVED, wait=True))))
+    assert [(row["controller"], row["flight"]) for row in saved] == [
+        (name, flight) for _, flight, name, _ in selected
+    ]
+    for row, (_, flight, name, k) in zip(saved, selected, strict=True):
         assert float(row["aero.drag [factor]"]) == pytest.approx(drag[int(flight)], abs=1e-5)
         speed = results.flights[name].metrics["speed_error_max_mps"][k]
         assert float(row["speed_error_max_mps [m/s]"]) == pytest.approx(speed, rel=1e-3)
 
 
-def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(shown, models):
+def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(view, models):
     results = models.results
     label, number, name, row = ranked(results)[0]
-    shown.ask("document.querySelector('#flight-rows button').click()")
-    criterion = results.campaign.criteria[results.ranking.by[name][row]]
+    view.ask("document.querySelector('#flight-rows button').click()")
+    criterion = results.campaign.criteria[results.ranking.criterion_index[name][row]]
     record = results.campaign.metrics[criterion.metric]
-    assert shown.ask("document.getElementById('flight-channel').value") == record.of
-    traces = {trace["name"]: trace for trace in shown.ask(HISTORY)}
+    assert view.ask("document.getElementById('flight-channel').value") == record.of
+    traces = {trace["name"]: trace for trace in view.ask(HISTORY)}
     limit = criterion.limits.high
     assert {
-        y for trace in shown.ask(HISTORY) if trace["name"].startswith("limit") for y in trace["y"]
+        y for trace in view.ask(HISTORY) if trace["name"].startswith("limit") for y in trace["y"]
     } == {
         limit,
         -limit,
     }
     assert {f"{label}, nominal", f"{label}, 5\N{EN DASH}95 %", f"{label} {number}"} <= set(traces)
-    words = (
-        shown.ask("document.getElementById('flight-words').textContent")
+    dispersions = (
+        view.ask("document.getElementById('flight-words').textContent")
         .replace("\N{MINUS SIGN}", "-")
         .split(", ")
     )
     drawn = {key: results.samples[key][int(number)] for key in results.dispersed}
-    assert set(words) == {
+    assert set(dispersions) == {
         f"{spoken_name(key)} {shown_value(key, value)}".replace("\N{MINUS SIGN}", "-")
         for key, value in drawn.items()
     }
-    beside = shown.ask(
+    cells = view.ask(
         "[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)"
     )
-    assert len(beside) == len(results.campaign.requirements)
-    for cell, item in zip(beside, results.campaign.requirements, strict=True):
+    assert len(cells) == len(results.campaign.requirements)
+    for cell, item in zip(cells, results.campaign.requirements, strict=True):
         value = results.flights[name].metrics[item.metric][row]
         assert float(cell.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(value, rel=2e-3)
         assert ("missed" in cell) == bool(requirement_failures(results.flights[name], item)[row])
 
 
-def test_the_band_behind_an_error_holds_the_flight(shown):
-    """The band of the speed error is that of the speed less the reference, which the folder does not keep."""
-    shown.ask("document.querySelector('#flight-rows button').click()")
-    choose(shown, "flight-channel", "speed_error_mps")
-    traces = shown.ask(HISTORY)
+def test_the_band_behind_an_error_holds_the_flight(view):
+    """The band of the speed error follows from that of the speed; the folder does not store it."""
+    view.ask("document.querySelector('#flight-rows button').click()")
+    choose(view, "flight-channel", "speed_error_mps")
+    traces = view.ask(HISTORY)
     band = [trace for trace in traces if trace["name"].endswith(", all flights")]
     (flown,) = [
         trace
@@ -158,37 +160,35 @@ def test_the_band_behind_an_error_holds_the_flight(shown):
 
 
 def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(
-    shown, report_folder, models
+    view, report_folder, models
 ):
     number = ranked(models.results)[0][1]
-    sort_by(shown, "Flight")
-    choose(shown, "flights-outcome", "missed 1")
-    shown.ask("document.querySelectorAll('#flight-rows button')[0].click()")
-    first = shown.ask("document.getElementById('flight-title').textContent")
-    choose(shown, "over-controller", "lqr_retuned")
-    shown.ask(f"document.getElementById('over-flight').value = {number}")
-    shown.ask("document.querySelector('#flight-over button').click()")
-    choose(shown, "flight-channel", "bank_deg")
-    title = shown.ask("document.getElementById('flight-title').textContent")
+    sort_by(view, "Flight")
+    choose(view, "flights-outcome", "missed 1")
+    view.ask("document.querySelectorAll('#flight-rows button')[0].click()")
+    first = view.ask("document.getElementById('flight-title').textContent")
+    choose(view, "over-controller", "lqr_retuned")
+    view.ask(f"document.getElementById('over-flight').value = {number}")
+    view.ask("document.querySelector('#flight-over button').click()")
+    choose(view, "flight-channel", "bank_deg")
+    title = view.ask("document.getElementById('flight-title').textContent")
     flights, _, ended = title.rpartition(": ")
-    assert flights == f"{first}. Over it LQR retuned, flight {number}"
+    assert flights == f"{first}, overlaid with LQR retuned, flight {number}"
     assert ended.startswith("completed")
-    flown = [trace["name"] for trace in shown.ask(HISTORY) if trace["name"].split()[-1].isdecimal()]
+    flown = [trace["name"] for trace in view.ask(HISTORY) if trace["name"].split()[-1].isdecimal()]
     assert len(flown) == 2
-    assert shown.ask("document.querySelectorAll('#flight-required thead th').length") == 3
-    address = shown.ask("document.getElementById('flights-link').href")
+    assert view.ask("document.querySelectorAll('#flight-required thead th').length") == 3
+    address = view.ask("document.getElementById('flights-link').href")
     assert parse_qs(address.partition("#flights?")[2])["show"] == ["missed 1"]
-    rows = shown.ask(ROWS)
-    shown.call("Page.navigate", url="about:blank")
-    shown.call("Page.navigate", url=address)
-    shown.wait_for(
-        "document.body?.dataset.opened && document.getElementById('flight-history').data"
-    )
-    assert shown.ask("document.getElementById('flight-title').textContent") == title
-    assert shown.ask("document.getElementById('flight-channel').value") == "bank_deg"
+    rows = view.ask(ROWS)
+    view.call("Page.navigate", url="about:blank")
+    view.call("Page.navigate", url=address)
+    view.wait_for("document.body?.dataset.opened && document.getElementById('flight-history').data")
+    assert view.ask("document.getElementById('flight-title').textContent") == title
+    assert view.ask("document.getElementById('flight-channel').value") == "bank_deg"
     assert (
-        shown.ask("document.getElementById('flights-outcome').value") == "missed 1"
-        and shown.ask(ROWS) == rows
+        view.ask("document.getElementById('flights-outcome').value") == "missed 1"
+        and view.ask(ROWS) == rows
     )
 
 
@@ -200,8 +200,8 @@ PIXELS = 'document.querySelector("#flight-path canvas").toDataURL()'
 
 
 @pytest.mark.parametrize("angles", [(90, 0, 0, 0, 0), (100, 5, -50, 3, 0), (-170, -20, 65, 12, -4)])
-def test_body_axes_are_those_of_the_angles(shown, angles):
-    """Heading, path angle and bank turn north, east, down to the wind, sideslip and angle of attack to the body."""
+def test_body_axes_are_those_of_the_angles(view, angles):
+    """Heading, path angle and bank give wind axes; sideslip and angle of attack give body axes."""
     names = (
         "heading_deg",
         "flight_path_angle_deg",
@@ -212,29 +212,29 @@ def test_body_axes_are_those_of_the_angles(shown, angles):
     heading, climb, bank, attack, slip = angles
     wind = Rotation.from_euler("ZYX", [heading, climb, bank], degrees=True)
     body = wind * Rotation.from_euler("ZY", [-slip, attack], degrees=True)
-    found = shown.ask(PLACE % json.dumps(dict(zip(names, angles, strict=True))))
-    np.testing.assert_allclose(found, body.as_matrix().T, atol=1e-12)
+    axes = view.ask(PLACE % json.dumps(dict(zip(names, angles, strict=True))))
+    np.testing.assert_allclose(axes, body.as_matrix().T, atol=1e-12)
 
 
-def test_a_flight_is_played_and_moved_through_in_space(shown):
-    shown.ask("document.querySelector('#flight-rows button').click()")
-    assert shown.ask(SLIDER % "null") == 0.0
-    first = shown.ask(PIXELS)
-    assert shown.ask(SLIDER % 30) == pytest.approx(30.0, abs=0.1)
-    later = shown.ask(PIXELS)
+def test_a_flight_is_played_and_moved_through_in_space(view):
+    view.ask("document.querySelector('#flight-rows button').click()")
+    assert view.ask(SLIDER % "null") == 0.0
+    first = view.ask(PIXELS)
+    assert view.ask(SLIDER % 30) == pytest.approx(30.0, abs=0.1)
+    later = view.ask(PIXELS)
     assert later != first
-    shown.ask("document.querySelector('#flight-path canvas').focus()")
-    shown.press("ArrowDown")
-    assert shown.ask(PIXELS) != later
-    shown.ask("document.querySelector('#flight-path button').focus()")
-    shown.press("Enter")
-    shown.wait_for(f"{SLIDER % 'null'} > 32")
-    shown.press("Enter")
-    assert shown.ask("document.querySelector('#flight-path button').textContent") == "Play"
+    view.ask("document.querySelector('#flight-path canvas').focus()")
+    view.press("ArrowDown")
+    assert view.ask(PIXELS) != later
+    view.ask("document.querySelector('#flight-path button').focus()")
+    view.press("Enter")
+    view.wait_for(f"{SLIDER % 'null'} > 32")
+    view.press("Enter")
+    assert view.ask("document.querySelector('#flight-path button').textContent") == "Play"
 
 
 def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, monkeypatch):
-    """It has neither histories nor bands: nothing of the page was drawn."""
+    """Regression: without histories and bands, nothing of the page was drawn."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     run_campaign(Request(dive_campaign(tmp_path / "own"), tmp_path / "out", workers=1))
     results = read_flown(tmp_path / "out")
@@ -248,14 +248,14 @@ def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, mon
         page.ask("document.getElementById('flight-title').textContent")
         == f"{name}, flight {number}: ground"
     )
-    words = page.ask("document.getElementById('flight-words').textContent")
-    assert f"speed {results.samples['speed'][number]:.3g}\N{NO-BREAK SPACE}ft/s" in words
+    dispersions = page.ask("document.getElementById('flight-words').textContent")
+    assert f"speed {results.samples['speed'][number]:.3g}\N{NO-BREAK SPACE}ft/s" in dispersions
     assert page.ask("document.getElementById('flight-plots').hidden")
-    beside = page.ask("document.querySelector('#flight-required tbody td').textContent").replace(
+    cell = page.ask("document.querySelector('#flight-required tbody td').textContent").replace(
         "\N{MINUS SIGN}", "-"
     )
     low = results.flights[name].metrics["altitude_min"][row]
     assert (
-        float(beside.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(low, rel=1e-3)
-        and "missed" in beside
+        float(cell.split("\N{NO-BREAK SPACE}")[0]) == pytest.approx(low, rel=1e-3)
+        and "missed" in cell
     )

@@ -1,4 +1,4 @@
-"""What a reader sees in a real browser: the first screen, the flights behind points and names, paper, accessibility."""
+"""Report in a browser: first screen, links to flights, print and accessibility."""
 
 import base64
 import json
@@ -23,16 +23,16 @@ METRICS = (
 
 @pytest.fixture(scope="module")
 def report_folder(tmp_path_factory):
-    """The default campaign, flown and reported."""
+    """Run the default campaign with its report."""
     folder = tmp_path_factory.mktemp("default") / "s_manoeuvre"
-    words = [sys.executable, "-m", "abhv_mc", "run", "s_manoeuvre", "-o", str(folder)]
-    subprocess.run(words, check=True, capture_output=True)
+    command = [sys.executable, "-m", "abhv_mc", "run", "s_manoeuvre", "-o", str(folder)]
+    subprocess.run(command, check=True, capture_output=True)
     return folder
 
 
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
-    """Eight controllers and twelve requirements, some of which most flights miss."""
+    """Write a report of eight controllers and twelve requirements, some missed by most flights."""
     requirements = [
         f"{{metric: {name}, below: 1.5, probability: 0.9, consumer_risk: 0.1}}" for name in METRICS
     ]
@@ -46,7 +46,7 @@ def crowded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sparse(tmp_path_factory):
-    """One controller, and nothing required."""
+    """Write a report of one controller without requirements."""
     folder = tmp_path_factory.mktemp("sparse") / "c"
     build_report(write_campaign(folder, runs=40, controllers=["tlc"], requirements=[]))
     return folder
@@ -57,7 +57,7 @@ def folder(request):
     return request.getfixturevalue(request.param)
 
 
-# Words beside labels: the judgement.
+# Positions and number of words of the assessment, and texts that are cut off.
 FIRST = """(() => {
   const bottom = (s) => { const e = document.querySelector(s); return e ? e.getBoundingClientRect().bottom : 0; };
   const words = [".sentences", ".sure", ".next"].map((s) => document.querySelector(s)?.innerText ?? "").join(" ");
@@ -72,8 +72,8 @@ FIRST = """(() => {
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_answer_is_on_the_first_screen(page, folder, dark):
     page.show(folder / "report.html", dark=dark)
-    found = page.ask(FIRST)
-    assert max(found["ends"]) < 900 and found["words"] <= 80 and found["cut"] == []
+    screen = page.ask(FIRST)
+    assert max(screen["ends"]) < 900 and screen["words"] <= 80 and screen["cut"] == []
 
 
 SIZE = """(() => {
@@ -85,10 +85,10 @@ SIZE = """(() => {
 
 
 def test_the_default_campaign_is_read_in_few_words(page, report_folder):
-    """Words that are seen: not those of closed lists, nor the rows of the list of flights."""
+    """Visible words count, without those of closed lists and the rows of the flights' list."""
     page.show(report_folder / "report.html")
-    found = page.ask(SIZE)
-    assert found["height"] <= 8000 and found["words"] <= 2800
+    size = page.ask(SIZE)
+    assert size["height"] <= 8000 and size["words"] <= 2800
 
 
 WIDE = """[...document.querySelectorAll("table")].filter((t) => t.clientWidth && t.getBoundingClientRect().width
@@ -111,12 +111,12 @@ def test_axe_finds_nothing(page, name, request):
     page.ask("for (const part of document.querySelectorAll('details')) part.open = true")
     page.ask("document.querySelector('#flight-rows button').click()")
     page.ask(axe.AXE_FILE_PATH.read_text(encoding="utf-8"))
-    found = json.loads(
+    violations = json.loads(
         page.ask("axe.run().then((found) => JSON.stringify(found.violations))", wait=True)
     )
     assert [
         (rule["id"], node["target"], node["failureSummary"])
-        for rule in found
+        for rule in violations
         for node in rule["nodes"]
     ] == []
 
@@ -139,12 +139,12 @@ def test_a_click_on_a_worst_flight_draws_it(page, report_folder, report_json):
     for k, entry in enumerate(listed):
         page.ask(f"document.querySelectorAll('#flights details [data-show]')[{k}].click()")
         name, flight = entry.split()
-        found = page.ask(SHOWN)
-        assert found["title"].startswith(
+        panel = page.ask(SHOWN)
+        assert panel["title"].startswith(
             f"{report_json['provenance']['labels'][name]}, flight {flight}:"
         )
-        assert found["drawn"]
-        assert shlex.split(found["command"])[2:] == [
+        assert panel["drawn"]
+        assert shlex.split(panel["command"])[2:] == [
             ".",
             "--flight",
             flight,
@@ -189,26 +189,24 @@ def test_paper_is_evidence(page, report_folder, report_json, size, tmp_path):
         ["pdftotext", "-layout", target, "-"], capture_output=True, text=True, check=True
     ).stdout
     flat = "".join(text.split())
-    for words in (
+    for fragment in (
         report_json["digest"],
         "seed2014",
         "abhvmc0.1.0",
         "abhv-mcrun",
         *report_json["files"].values(),
     ):
-        assert words in flat, words
+        assert fragment in flat, fragment
     assert 0 < text.count("\f") <= 10
     assert "Prepared Checked Approved Date" in " ".join(text.split())
-    zoom = 3  # with it all sizes below are whole numbers
-    words = ["pdftohtml", "-xml", "-i", "-stdout", "-zoom", str(zoom), target]
-    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    zoom = 3  # makes all sizes whole numbers
+    command = ["pdftohtml", "-xml", "-i", "-stdout", "-zoom", str(zoom), target]
+    xml = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     sizes = {
         number: int(size) / zoom
-        for number, size in re.findall(r'<fontspec id="(\d+)" size="(\d+)"', told)
+        for number, size in re.findall(r'<fontspec id="(\d+)" size="(\d+)"', xml)
     }
-    lines = [
-        (sizes[number], line) for number, line in re.findall(r'font="(\d+)">(.*)</text>', told)
-    ]
+    lines = [(sizes[number], line) for number, line in re.findall(r'font="(\d+)">(.*)</text>', xml)]
     assert min(size for size, _ in lines) >= 8.0
     assert (
         max(size for size, line in lines if line.startswith("PASS: if the true")) >= 9.0

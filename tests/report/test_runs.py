@@ -1,4 +1,4 @@
-"""Campaigns below a folder: found from manifests alone, listed, and compared on their page."""
+"""List of the campaigns below a folder, in the terminal and as a page."""
 
 import json
 import shlex
@@ -13,13 +13,13 @@ from abhv_mc.report.numbers.runs import find_runs
 from abhv_mc.report.pages.build import build_report
 
 
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory):
-    """Three campaigns, one of them deeper; a damaged folder, another program's manifest, and one comparison."""
+    """Write three campaigns, a damaged folder, another program's manifest, and a comparison."""
     root = tmp_path_factory.mktemp("runs") / "reports"
     first = write_campaign(root / "first", runs=12)
     other = write_campaign(root / "deeper/other's one", runs=40, seed=7)
@@ -35,8 +35,8 @@ def reports(tmp_path_factory):
 
 
 def test_every_campaign_is_found_and_a_damaged_one_says_why(reports):
-    found = find_runs(reports, LocalStore(reports))
-    by_folder = {each.folder: each for each in found.runs}
+    campaigns = find_runs(reports, LocalStore(reports))
+    by_folder = {campaign.folder: campaign for campaign in campaigns.runs}
     assert set(by_folder) == {"first", "deeper/other's one", "third", "damaged"}
     assert "damaged manifest" in by_folder["damaged"].problem
     first = by_folder["first"]
@@ -47,16 +47,16 @@ def test_every_campaign_is_found_and_a_damaged_one_says_why(reports):
     assert sum(first.verdicts.values()) == sum(
         "tlc" in entry["controllers"] for entry in report["verdicts"]["requirements"]
     )
-    assert by_folder["third"].answer == ""  # it has no report
+    assert by_folder["third"].answer == ""  # without a report
     other = by_folder["deeper/other's one"]
     pair = f"{first.digest} {other.digest}"
-    assert found.comparisons == {pair: "compared/report.html"}
+    assert campaigns.comparisons == {pair: "compared/report.html"}
 
 
 def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "80")
-    said = run("runs", reports, "-o", tmp_path / "x.html").stdout
-    assert max(map(len, said.splitlines()[:-1])) <= 80 and "Not read" in said
+    output = run("runs", reports, "-o", tmp_path / "x.html").stdout
+    assert max(map(len, output.splitlines()[:-1])) <= 80 and "Not read" in output
     listed = json.loads(run("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
     assert len(listed) == 4
 
@@ -76,9 +76,9 @@ def test_the_page_sorts_filters_and_names_the_comparison(reports, page):
     assert page.ask(names) == ["damaged"]
     for name in ("first", "deeper/other's one"):
         page.ask(f'document.querySelector(`input[data-name="{name}"]`).click()')
-    words = shlex.split(page.ask("document.querySelector('#compare code').textContent"))
-    assert words[:2] == ["abhv-mc", "compare"]
-    assert {*words[2:4]} == {"first", "deeper/other's one"}
+    command = shlex.split(page.ask("document.querySelector('#compare code').textContent"))
+    assert command[:2] == ["abhv-mc", "compare"]
+    assert {*command[2:4]} == {"first", "deeper/other's one"}
     assert page.ask("document.querySelector('#compare a').getAttribute('href')") == (
         "compared/report.html"
     )

@@ -12,7 +12,7 @@ from fake_flight import make_plan
 from scipy.io import loadmat
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.plan_file import flatten, stored_parts, write_plan
+from abhv_mc.folder.plan_file import flatten, stored_arrays, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
@@ -56,7 +56,7 @@ def test_index_arrays_are_never_read(tmp_path):
     plan = make_plan("one")
     assert not [
         name
-        for name, value in stored_parts(plan).items()
+        for name, value in stored_arrays(plan).items()
         if value.ndim and value.dtype.kind in "iu"
     ]
     hostile = {
@@ -64,7 +64,7 @@ def test_index_arrays_are_never_read(tmp_path):
         for name, v in flatten(plan).items()
         if v.ndim and v.dtype.kind in "iu"
     }
-    np.savez(tmp_path / "one.npz", **{**stored_parts(plan), **hostile})
+    np.savez(tmp_path / "one.npz", **{**stored_arrays(plan), **hostile})
     restored = flatten(read(tmp_path / "one.npz", plan))
     assert len(hostile) > 10
     assert all(np.array_equal(restored[name], flatten(plan)[name]) for name in hostile)
@@ -83,7 +83,7 @@ def test_index_arrays_are_never_read(tmp_path):
 )
 def test_arrays_of_another_shape_are_refused(tmp_path, name):
     plan = make_plan("one")
-    parts = stored_parts(plan)
+    parts = stored_arrays(plan)
     changed = parts[name][:, :-1] if parts[name].ndim == 2 else parts[name][:-1]
     np.savez(tmp_path / "one.npz", **{**parts, name: changed})
     with pytest.raises(InputError, match="damaged plan"):

@@ -1,4 +1,4 @@
-"""The search for the paper's vehicle, and what the other studies count and decide, on made-up curves."""
+"""Tests of the search for the paper's vehicle, and of counts and decisions of other studies."""
 
 import json
 import subprocess
@@ -36,22 +36,22 @@ GHAMES = dict.fromkeys(box.FREE, 1.0) | {
 }
 
 
-def coefficients(values: dict[str, float], **at: float) -> Any:
+def coefficients(values: dict[str, float], **conditions: float) -> Any:
     vehicle = box.make_vehicle(values)
-    variables = make_variables(vehicle, mach=4.744, mass=1300.0, **at)
+    variables = make_variables(vehicle, mach=4.744, mass=1300.0, **conditions)
     return evaluate_coefficients(vehicle, variables)[:, 0], evaluate_fixed(vehicle, variables)
 
 
 def test_factors_of_one_are_ghame() -> None:
-    """Except for drag, which is a polar."""
+    """Drag is excepted because it is a polar."""
     ours = box.make_vehicle(GHAMES).tables.data.copy()
     drag = box.cells_of("drag_basic")
     ours[drag] = box.BASE.tables.data[drag]
     np.testing.assert_allclose(ours, box.BASE.tables.data, rtol=1e-6, atol=1e-12)
 
 
-def test_a_heavier_vehicle_with_greater_coefficients_accelerates_as_before() -> None:
-    """The base is `ghame_x` with mass and inertias times a factor, at each mass times the factor."""
+def test_the_base_has_the_inertias_of_ghame_x_times_a_factor() -> None:
+    """The factor applies to the mass and the inertias at each mass."""
     light = load_vehicle(ROOT / "configs/vehicle/ghame_x.yaml")
     ours, theirs = (
         evaluate_fixed(vehicle, make_variables(vehicle, mach=4.744, mass=mass))
@@ -62,7 +62,7 @@ def test_a_heavier_vehicle_with_greater_coefficients_accelerates_as_before() -> 
 
 
 def test_drag_is_a_polar() -> None:
-    """At a node of the Mach number the induced drag is k |CL tan(alpha - alpha_0)|."""
+    """The induced drag at a node of the Mach number is k |CL tan(alpha - alpha_0)|."""
     values = VALUES | {"drag_tilt": 1.5}
     alphas = np.deg2rad([-3.0, 0.0, 3.0, 6.0, 9.0])
     lift, drag = sides.polar(box.make_vehicle(values), 6.0, alphas)[:2]
@@ -70,18 +70,18 @@ def test_drag_is_a_polar() -> None:
     induced = 1.5 * np.abs(lift * np.tan(alphas + offset / slope))
     np.testing.assert_allclose(drag - drag[0], induced - induced[0], rtol=1e-3)
     twice = box.make_vehicle(values | {"drag_zero_lift": 2.0 * values["drag_zero_lift"]})
-    more = (
+    difference = (
         sides.polar(twice, box.MACH, alphas)[1]
         - sides.polar(box.make_vehicle(values), box.MACH, alphas)[1]
     )
-    np.testing.assert_allclose(more, values["drag_zero_lift"], rtol=1e-9)
+    np.testing.assert_allclose(difference, values["drag_zero_lift"], rtol=1e-9)
 
 
-def test_each_factor_changes_its_own_coefficient() -> None:
-    at = {"angle_of_attack": np.deg2rad(5.0), "sideslip": 0.01}
-    plain, _ = coefficients(GHAMES, **at)
+def test_each_factor_changes_only_its_coefficient() -> None:
+    conditions = {"angle_of_attack": np.deg2rad(5.0), "sideslip": 0.01}
+    plain, _ = coefficients(GHAMES, **conditions)
     changed, fixed = coefficients(
-        GHAMES | {"yaw_sideslip": 0.5, "pitch_slope": 0.002, "inertia_xx": 1.5}, **at
+        GHAMES | {"yaw_sideslip": 0.5, "pitch_slope": 0.002, "inertia_xx": 1.5}, **conditions
     )
     assert changed[5] == pytest.approx(0.5 * plain[5])
     assert changed[4] == pytest.approx(plain[4] + 0.004)  # 0.002 (5 - 3)
@@ -103,20 +103,20 @@ def test_ends_of_an_axis() -> None:
     assert sum(2 for axis in flights.AXES if axis.counts) == 20
 
 
-def test_quick_gains_are_the_product_s() -> None:
+def test_quick_gains_equal_those_of_the_package() -> None:
     vehicle, mission = box.make_vehicle(VALUES), box.make_mission(VALUES)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     exact, _ = solve_reference(mission, vehicle, trim_tables, flights.TICK, flights.TICKS)
     quick, trimmed = flights.make_quick_reference(vehicle, mission, trim_tables)
     assert trimmed
-    kept = [i for i, name in enumerate(flights.REFERENCE) if name != "settled"]
-    np.testing.assert_allclose(quick[:, kept], exact[:, kept], rtol=1e-4, atol=2e-4)
+    compared = [i for i, name in enumerate(flights.REFERENCE) if name != "settled"]
+    np.testing.assert_allclose(quick[:, compared], exact[:, compared], rtol=1e-4, atol=2e-4)
     gains = flights.make_quick_lqr_gains(mission, quick, vehicle, trim_tables)
     controller = flights.CONTROLLERS["lqr"]
     theirs = make_lqr_gains(controller, mission, exact, vehicle, trim_tables)  # type: ignore[arg-type]
     for tick in (0, 1000, 6000):
         np.testing.assert_allclose(
-            # The product's trim tables have no node at the steady Mach number: secants differ.
+            # The package's trim tables have no node at the steady Mach number: secants differ.
             gains[tick],
             theirs[tick],
             rtol=1e-2,
@@ -126,17 +126,15 @@ def test_quick_gains_are_the_product_s() -> None:
     traits = dict(
         zip(flights.TRAITS, flights.find_traits(vehicle, trim_tables, quick), strict=True)
     )
-    wanted = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]
-    assert list(traits.values())[:6] == pytest.approx(wanted, rel=1e-3)
+    expected = slopes[3, 6], slopes[5, 7], slopes[4, 8], slopes[5, 1], slopes[4, 0], slopes[4, 4]
+    assert list(traits.values())[:6] == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("amplitude", "cycles", "swings"), [(1.0, 4, 8), (0.2, 9, 0), (0.26, 3, 6)]
 )
-def test_swings_are_counted_where_they_are_large(
-    amplitude: float, cycles: int, swings: int
-) -> None:
-    """Neither chatter nor a drift is a swing."""
+def test_only_large_swings_are_counted(amplitude: float, cycles: int, swings: int) -> None:
+    """Chatter and drift do not count."""
     times = np.linspace(0.0, 1.0, 2001)
     wave = amplitude * np.sin(2.0 * np.pi * cycles * times)
     assert abs(tuning_flights.count_swings(wave.astype(np.float32)) - swings) <= 1
@@ -145,7 +143,7 @@ def test_swings_are_counted_where_they_are_large(
     assert tuning_flights.count_swings(0.4 * times.astype(np.float32)) == 0
 
 
-def test_the_corners_and_the_draws_are_the_papers() -> None:
+def test_corners_and_draws_are_those_of_the_paper() -> None:
     columns = [PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag")]
     corners = corner_parameters()[:, columns]
     assert corners[0].tolist() == [1.0, 1.0, 1.0]
@@ -154,90 +152,90 @@ def test_the_corners_and_the_draws_are_the_papers() -> None:
     np.testing.assert_allclose(np.abs(drawn - 1.0).max(axis=0), (0.10, 0.10, 0.15), rtol=0.01)
 
 
-def test_a_front_is_of_designs_within_limits_that_none_beats() -> None:
+def test_a_front_has_the_pareto_optimal_designs_within_limits() -> None:
     usage = np.tile(np.array([[0.5], [0.6], [0.7], [0.8], [0.4]]), 6)
     limits = np.full((5, fronts.LIMITS), -0.1)
-    limits[4, 1] = 0.1  # broken
+    limits[4, 1] = 0.1  # violated
     tried = fronts.Tried(
         np.zeros((5, 14)), np.tile(np.array([[1.0], [1.1], [0.9], [0.8], [0.5]]), 6), usage, limits
     )
     np.testing.assert_allclose(tried.front.mean_usage, [0.5, 0.7, 0.8])
-    assert [int(np.argmin(tried.kept.within(budget).rank())) for budget in (0.75, 0.3)] == [
+    assert [int(np.argmin(tried.feasible.within(budget).rank())) for budget in (0.75, 0.3)] == [
         2,
         0,
-    ]  # none: the nearest
+    ]  # the nearest if none is within the budget
 
 
 ENSEMBLE = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))["ensemble"]
 
 
 @pytest.mark.parametrize("name", [member["name"] for member in ENSEMBLE])
-def test_a_member_of_the_ensemble_shows_the_figures_and_keeps_its_sides(name: str) -> None:
-    member = next(each for each in ENSEMBLE if each["name"] == name)
+def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name: str) -> None:
+    member = next(entry for entry in ENSEMBLE if entry["name"] == name)
     candidate = flights.fly_candidate(member["values"])
     assert candidate.ends_in == member["ends_in"] >= search.ENDS
     assert candidate.worst == pytest.approx(member["worst"], abs=2e-3)
     assert candidate.keeps_sides
     for other in ENSEMBLE:
         if other is not member:
-            apart = flights.third_trait(candidate.traits, tuple(other["traits"].values()))
-            assert apart >= np.log(search.DIFFERENT) - 1e-3
+            distance = flights.third_trait(candidate.traits, tuple(other["traits"].values()))
+            assert distance >= np.log(search.DIFFERENT) - 1e-3
 
 
 def test_the_ensemble_has_eight_members() -> None:
     assert len(ENSEMBLE) >= 8
 
 
-def test_the_largest_set_is_of_vehicles_apart_and_the_best_of_its_size() -> None:
-    """Of five in a ring, each apart from its neighbours but one, no three are; 1 and 2 are the best two."""
-    apart = np.zeros((5, 5), dtype=bool)
+def test_the_largest_set_has_different_vehicles_with_the_best_ranks() -> None:
+    """In a ring of five, neighbours differ, so that sets have two vehicles; 1 and 2 are best."""
+    is_different = np.zeros((5, 5), dtype=bool)
     for i in range(5):
-        apart[i, (i + 1) % 5] = apart[(i + 1) % 5, i] = True
+        is_different[i, (i + 1) % 5] = is_different[(i + 1) % 5, i] = True
     ranks = np.array([9.0, 1.0, 2.0, 5.0, 4.0])
     chosen = ensemble.largest_set(
-        apart, np.ones(5, dtype=bool), ranks, np.random.default_rng(1), 100
+        is_different, np.ones(5, dtype=bool), ranks, np.random.default_rng(1), 100
     )
     assert sorted(chosen) == [1, 2]
 
 
 def test_a_search_aims_where_a_vehicle_would_enlarge_the_ensemble() -> None:
-    """Without a member the aim is apart from so many of the others that they are as many with it."""
-    found = {
+    """If a member is removed, the set with the aim is as large as before."""
+    vehicles = {
         member["name"]: search.Found(
             member["worst"], member["values"], tuple(member["traits"].values())
         )
         for member in ENSEMBLE
     }
-    assert set(ensemble.choose_members(found)) == set(found)
-    del found[ENSEMBLE[-1]["name"]]
-    aimed = ensemble.aim_search(1, found)
-    assert aimed.start in [each.values for each in found.values()]
-    assert found[ensemble.SHIPPED].traits in aimed.others
-    assert len(aimed.others) >= len(found) - 1
-    (start,) = (each for each in found.values() if each.values == aimed.start)
+    assert set(ensemble.choose_members(vehicles)) == set(vehicles)
+    del vehicles[ENSEMBLE[-1]["name"]]
+    aimed_search = ensemble.aim_search(1, vehicles)
+    assert aimed_search.start in [vehicle.values for vehicle in vehicles.values()]
+    assert vehicles[ensemble.SHIPPED].traits in aimed_search.members
+    assert len(aimed_search.members) >= len(vehicles) - 1
+    (start,) = (vehicle for vehicle in vehicles.values() if vehicle.values == aimed_search.start)
     signs = np.sign(start.traits)
-    assert aimed.is_apart((*(signs[:6] * np.array(aimed.aim)), *start.traits[6:]))
+    assert aimed_search.is_different((*(signs[:6] * np.array(aimed_search.aim)), *start.traits[6:]))
 
 
 def test_a_search_is_pulled_to_its_aim_and_away_from_others() -> None:
     traits = (117.0, -19.9, -2.0, 10.9, -3.4, -0.55, 0.55, 0.2)
     free = search.Search("one", 1)
     assert free.pulls(traits) == []
-    assert free.is_apart(traits)
-    there = search.Search("two", 1, aim=traits[:6], others=(traits,))
-    near, away = np.split(np.array(there.pulls(traits)), [6])
+    assert free.is_different(traits)
+    aimed = search.Search("two", 1, aim=traits[:6], members=(traits,))
+    near, away = np.split(np.array(aimed.pulls(traits)), [6])
     np.testing.assert_allclose(near, 0.0)
     assert away[0] > 0.0
-    assert not there.is_apart(traits)
+    assert not aimed.is_different(traits)
     differs = tuple(1.6 * trait for trait in traits)
-    assert there.is_apart(differs)
-    near, away = np.split(np.array(there.pulls(differs)), [6])
+    assert aimed.is_different(differs)
+    near, away = np.split(np.array(aimed.pulls(differs)), [6])
     assert (near > 0.0).all()
     assert away[0] == 0.0
 
 
-def test_the_shipped_vehicle_is_the_member_that_its_file_names(tmp_path: Path) -> None:
-    """Also the files are what the export writes."""
+def test_the_shipped_vehicle_is_a_member(tmp_path: Path) -> None:
+    """The files are those that the export writes."""
     export.write_files(export.ABHV, ROOT / "studies/paper_vehicle.json", tmp_path)
     for file in tmp_path.rglob("*.*"):
         shipped = ROOT / "configs" / file.relative_to(tmp_path)

@@ -42,7 +42,7 @@ def compared(results, errors):
 
 @pytest.mark.parametrize(("count", "winner"), [(120, None), (130, "tlc")])
 def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, count, winner):
-    """With its own 95 % each, some winner was named in 29 to 34 % of campaigns without any difference.
+    """With separate 95 % tests, a winner was named in 29 to 34 % of campaigns without a difference.
 
     120 of 200 are evidence of 8 against a fair coin, 130 of 1400; either may win in five metrics: 200 are asked for.
     """
@@ -77,7 +77,7 @@ def test_with_unknowns_a_winner_is_one_at_every_value(unknown, worse_at_second, 
 
 @pytest.mark.parametrize(("step", "losing"), [(2, ""), (1, "b")])
 def test_with_unknowns_more_lost_flights_are_more_at_every_value(unknown, step, losing):
-    """80 of 100 flights lost at one of two values are no evidence for the other value."""
+    """Lost flights at one value of an unknown are no evidence for the other value."""
     outcome = np.zeros(200, int)
     outcome[step - 1 : 160 : step] = 3
     flights = {
@@ -122,7 +122,7 @@ def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models
     )[0]
     assert first.startswith("Mixed: ")
     assert (
-        "undecided in max sideslip (TLC is closer on more flights but has more flights lost)"
+        "undecided in max sideslip (TLC is better on more flights but has more flights lost)"
         in first
     )
     assert "no difference is shown in max altitude error" in first

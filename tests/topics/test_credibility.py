@@ -1,4 +1,4 @@
-"""The credibility table has the factors of NASA-STD-7009 and evidence of the folder."""
+"""Credibility table with the factors of NASA-STD-7009 and evidence of the folder."""
 
 from abhv_mc.topics.credibility import credibility_fold
 from abhv_mc.topics.names import names_of

@@ -1,4 +1,4 @@
-"""What drives an error in a report, beyond what moves it steadily up or down."""
+"""Drivers of errors in a report, monotonic and not."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def results(flown):
 
 
 def changed_drivers(results, error):
-    """Drivers of TLC whose altitude error is a function of these samples."""
+    """Return drivers of TLC for an altitude error that is a function of the samples."""
     values = {name: (column - 1.0) / 0.1 for name, column in results.samples.items()}
     flights = results.flights["tlc"]
     metrics = {name: flights.metrics[name] for name in results.metrics} | {METRIC: error(values)}
@@ -40,46 +40,54 @@ def changed_drivers(results, error):
     return compute_drivers(changed)
 
 
-def told_of(results, error):
-    """Names of the drivers of the regression, and what is named besides."""
+def driver_names(results, error):
+    """Return names of the drivers of the regression and of the residual."""
     entry = changed_drivers(results, error).controllers["tlc"].metrics[METRIC]
     return [e.parameter for e in entry.parameters if e.driver], otherwise_words(entry.otherwise)
 
 
 def test_a_wave_and_a_product_are_told(results):
-    """sin(6x) and x0 x2 were 'no single parameter'; the first falls a little with x, which is not all."""
-    wave = told_of(results, lambda x: 2.0 + np.sin(6.0 * x["aero.lift"]))
+    """Regression: sin(6x) and x0 x2 were reported as 'no single parameter'."""
+    wave = driver_names(results, lambda x: 2.0 + np.sin(6.0 * x["aero.lift"]))
     assert wave == (["aero.lift"], ["lift"])
-    found, words = told_of(results, lambda x: 2.0 + x["atmosphere.density"] * x["aero.drag"])
-    assert found == [] and words in (["density together with drag"], ["drag together with density"])
+    parameters, names = driver_names(
+        results, lambda x: 2.0 + x["atmosphere.density"] * x["aero.drag"]
+    )
+    assert parameters == [] and names in (
+        ["density together with drag"],
+        ["drag together with density"],
+    )
 
 
 def test_what_the_regression_tells_is_not_told_twice(results):
-    assert told_of(results, lambda x: np.exp(x["aero.lift"])) == (["aero.lift"], [])
+    assert driver_names(results, lambda x: np.exp(x["aero.lift"])) == (["aero.lift"], [])
 
 
 def test_signs_are_those_of_the_metric_if_small_values_are_bad(results):
-    """A longer range at more speed was listed as a negative coefficient, that of a severity."""
+    """Regression: the sign was that of the severity, not of the metric."""
     flights = results.flights["tlc"]
     records = {**flights.records, METRIC: replace(flights.records[METRIC], bad="low")}
     changed = replace(flights, records=records)
     low = replace(results, flights={**results.flights, "tlc": changed})
     entry = changed_drivers(low, lambda x: x["aero.lift"]).controllers["tlc"].metrics[METRIC]
-    (lift,) = (each for each in entry.parameters if each.driver)
+    (lift,) = (driver for driver in entry.parameters if driver.driver)
     assert lift.parameter == "aero.lift" and 0.9 < lift.srrc[1] <= lift.srrc[0] <= lift.srrc[2]
 
 
 def test_a_driver_has_its_sign_and_a_product_remains_beside_it(results):
-    """Regression and residual each name their own, and the table keeps a column for both."""
+    """Regression and residual each have their drivers, in one column of the table."""
 
     def error(x):
         product = x["atmosphere.density"] * x["aero.drag"]
         return 4.0 - 0.8 * x["aero.lift"] + product
 
-    assert told_of(results, error)[0] == ["aero.lift"]
-    assert sorted(told_of(results, error)[1][0].split(" together with ")) == ["density", "drag"]
+    assert driver_names(results, error)[0] == ["aero.lift"]
+    assert sorted(driver_names(results, error)[1][0].split(" together with ")) == [
+        "density",
+        "drag",
+    ]
     section = driver_section(changed_drivers(results, error), Models(results).names)
-    (table,) = [part for part in section.items[1].items if isinstance(part, Table)]
+    (table,) = [item for item in section.items[1].items if isinstance(item, Table)]
     rows = [row for row in table.plain_rows() if row[0] == "TLC" and row[1].startswith("Altitude")]
     assert rows[0][3].split(" (")[0] == "lift"
     assert all("of the variance" in row[4] for row in rows[1:]) and len(rows) == 3
@@ -91,7 +99,7 @@ def test_designs_that_are_no_random_draws_have_no_such_indices(results):
     model = results.campaign.model.model_copy(update={"sampling": Sampling(design="corners")})
     facts = replace(results.campaign, model=model)
     error = replace(results, campaign=facts), lambda x: 2.0 + np.sin(6.0 * x["aero.lift"])
-    assert told_of(*error)[1] == []
+    assert driver_names(*error)[1] == []
 
 
 def test_each_parameter_is_named_once():
@@ -112,7 +120,7 @@ def test_each_parameter_is_named_once():
 
 
 def test_a_swing_is_of_the_tenths_of_the_flights_with_the_lowest_and_highest_values(results):
-    """A parabola has both ends on one side of the median; the middle of a tenth lies at 5 and 95 %."""
+    """A parabola has both ends on one side of the median; a tenth's median is at 5 and 95 %."""
     drivers = changed_drivers(results, lambda x: 2.0 + x["aero.lift"] ** 2 + 0.5 * x["aero.drag"])
     entry = drivers.controllers["tlc"].metrics[METRIC]
     swings = {swing.parameter: swing for swing in entry.swings}
@@ -120,12 +128,12 @@ def test_a_swing_is_of_the_tenths_of_the_flights_with_the_lowest_and_highest_val
     drag = (results.samples["aero.drag"] - 1.0) / 0.1
     values = 2.0 + lift**2 + 0.5 * drag
     ends = np.quantile(lift, [0.1, 0.9])
-    for found, chosen in (
+    for median, chosen in (
         (swings["aero.lift"].lowest, lift <= ends[0]),
         (swings["aero.lift"].highest, lift >= ends[1]),
     ):
-        assert found == pytest.approx(np.median(values[chosen]), abs=0.02)
-        assert found > entry.median
+        assert median == pytest.approx(np.median(values[chosen]), abs=0.02)
+        assert median > entry.median
     assert entry.median == pytest.approx(np.median(values), abs=0.02)
     assert swings["aero.drag"].lowest < entry.median < swings["aero.drag"].highest
 

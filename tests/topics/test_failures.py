@@ -1,4 +1,4 @@
-"""Rules of failures in words, for planted failures."""
+"""Rules in words for planted failures."""
 
 from dataclasses import replace
 

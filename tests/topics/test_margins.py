@@ -31,7 +31,7 @@ def _all(stable=True, **fields):
 
 
 def _steady():
-    """TLC is weak in its rudder loop, LQR is unstable, the third one is stable."""
+    """Return margins with a weak rudder loop of TLC, an unstable LQR, and a stable LQR retuned."""
     weak = [_row(loop, -20.0, 0.82 if loop == "rudder" else 12.0, 40.0, 50.0) for loop in LOOPS]
     sound = [_row(loop, None, 12.0, 50.0, 60.0) for loop in LOOPS]
     sound.append(_row("left_elevon", None, 3.0, 20.0, 30.0) | {"counts": False})

@@ -19,7 +19,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema
-from abhv_mc.report.pages.first_screen import LIMIT_PLACE, chart_rows
+from abhv_mc.report.pages.first_screen import LIMIT_POSITION, chart_rows
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 from abhv_mc.statistics import judge
 from abhv_mc.topics import Topic, register
@@ -27,9 +27,9 @@ from abhv_mc.topics.failure_cases.figures import still_flying
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import worst_channels
 from abhv_mc.topics.flights.model import ended_words, worst_flights
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.section import Cell, Table
 from abhv_mc.topics.topic import REGISTERED, Models
 from abhv_mc.topics.verdicts import VERDICTS
@@ -74,7 +74,7 @@ def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
         [replace(Models(failing)[VERDICTS].glance[2], cells=cells)], names, names
     )
     assert [bar.edge for bar in bars] == [
-        "0.650 deg, 7.1\u202f% to spare",
+        "0.650 deg, 7.1\u202f% margin",
         "1.57 deg, 124\u202f% over",
         "lost",
     ]
@@ -108,7 +108,7 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
 def test_dependent_designs_get_estimates(tmp_path):
     models = Models(read_flown(write_campaign(tmp_path / "c", runs=16, sampling="lhs")))
     assert {models[VERDICTS].statuses(name)[0] for name in models.names.controllers} == {"ESTIMATE"}
-    assert plain(models[FLIGHTS].counts["tlc"].failure_share) == {
+    assert json_data(models[FLIGHTS].counts["tlc"].failure_share) == {
         "value": 0.0,
         "low": None,
         "high": None,
@@ -214,7 +214,7 @@ def test_columns_of_one_text_move_into_the_caption():
     rows = tuple((Cell(str(k), head=True), Cell("same"), Cell(f"{k} m")) for k in range(3))
     table = Table("Flights", ("Flight", "Outcome", "Error"), (rows,)).without_constant()
     assert table.heads == ("Flight", "Error") and table.plain_rows()[2] == ["2", "2 m"]
-    assert table.caption == "Flights. Of all rows: Outcome: same"
+    assert table.caption == "Flights. In all rows: Outcome: same"
     alone = Table("Flights", ("Flight", "Outcome", "Error"), (rows[:1],))
     assert alone.without_constant() == alone
 
@@ -238,7 +238,7 @@ def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
     models = Models(read_flown(write_campaign(tmp_path / "c", runs=40, requirements=())))
     names = models.names.controllers
     for _, bars in chart_rows(models[VERDICTS].glance, names, names):
-        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_PLACE)
+        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_POSITION)
         assert all(bar.low >= 0.0 and not bar.beyond for bar in bars)
         assert all(bar.edge.startswith("median ") for bar in bars)
 

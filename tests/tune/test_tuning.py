@@ -14,7 +14,7 @@ from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc_tune import tuning as module
 from abhv_mc_tune.candidates import check_free_numbers
-from abhv_mc_tune.method import Scores, pareto_front, tune
+from abhv_mc_tune.constrained_search import Scores, pareto_front, tune
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller
 
@@ -26,38 +26,38 @@ def request_(tmp_path):
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    """A tuning that nothing disturbed: its request and what it found."""
+    """Return the request and the result of a tuning without interruptions."""
     request = write_tuned(tmp_path_factory.mktemp("tuned"))
     return request, tune_controller(request, TUNED)
 
 
 def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
-    request, found = tuned
+    request, result = tuned
     law = read_controller(request.output)
     assert law.altitude.damping == pytest.approx(3.0, rel=0.05)
     assert law.altitude.bandwidth == pytest.approx(0.045, rel=0.02)  # 1.5 times the start's travel
     assert law.altitude.bandwidth <= 0.045
-    assert found.shown and found.validation.high < 0.0
+    assert result.shown and result.validation.high < 0.0
     text = request.output.read_text(encoding="utf-8")
     assert text.startswith("# Made by `abhv-mc tune ") and "95 % interval" in text
-    numbers = found.as_json()
+    numbers = result.as_json()
     assert numbers["shown_better"] and len(numbers["front"]) > 1
 
 
-def test_goes_on_where_it_was_interrupted_with_the_same_result(request_, tmp_path, tuned):
+def test_an_interrupted_tuning_resumes_with_the_same_result(request_, tmp_path, tuned):
     with pytest.raises(KeyboardInterrupt):
         tune_controller(request_, interrupted_after(60, TUNED))
     assert not request_.output.exists()
     stored = len(list((tmp_path / "new.tuning").glob("*.npy")))
     assert stored >= 50
-    found = tune_controller(
+    result = tune_controller(
         replace(request_, workers=2), interrupted_after(113 - stored + 10, TUNED)
     )
-    assert found.as_json() == tuned[1].as_json()
+    assert result.as_json() == tuned[1].as_json()
 
 
-def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tuned):
-    """The inputs are read once: candidates of two vehicles are never compared."""
+def test_an_edited_file_has_no_effect(request_, tmp_path, tuned):
+    """Inputs are read once, so that candidates of different vehicles are never compared."""
     file = tmp_path / "files" / "tables/cl.csv"
     calls = 0
 
@@ -77,54 +77,54 @@ def test_a_file_that_is_edited_meanwhile_changes_nothing(request_, tmp_path, tun
     assert calls > 40
 
 
-def test_what_is_kept_and_damaged_is_flown_again(tuned, tmp_path):
-    request, found = tuned
+def test_damaged_results_are_computed_again(tuned, tmp_path):
+    request, result = tuned
     shutil.copytree(request.output.parent, tmp_path, dirs_exist_ok=True)
     request = replace(request, output=tmp_path / request.output.name)
-    kept = sorted((tmp_path / "new.tuning").glob("*.npy"))
-    for file, place in zip(kept, (0, 7, 60, 200, -1), strict=False):
+    files = sorted((tmp_path / "new.tuning").glob("*.npy"))
+    for file, offset in zip(files, (0, 7, 60, 200, -1), strict=False):
         content = bytearray(file.read_bytes())
-        content[place] ^= 8
+        content[offset] ^= 8
         file.write_bytes(content)
-    kept[-1].write_bytes(kept[-1].read_bytes()[:50])
-    kept[-2].write_bytes(b"")
+    files[-1].write_bytes(files[-1].read_bytes()[:50])
+    files[-2].write_bytes(b"")
     for i, other in enumerate(
         [np.zeros((2, 2)), np.zeros(0), np.array([["a"]]), np.zeros((64, 3), np.int64)]
     ):
-        write_array(kept[-3 - i], other)  # whole, but nothing that tuning writes
+        write_array(files[-3 - i], other)  # undamaged, but not written by tuning
     request.output.unlink()
-    assert tune_controller(request, TUNED).as_json() == found.as_json()
+    assert tune_controller(request, TUNED).as_json() == result.as_json()
 
 
-def test_what_is_no_better_is_not_written(request_, tmp_path):
-    """The start is the best there is."""
+def test_no_file_is_written_without_an_improvement(request_, tmp_path):
+    """The start is already the best candidate."""
     (tmp_path / "files/one.yaml").write_text(
         CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"),
         encoding="utf-8",
     )
-    found = tune_controller(request_, TUNED)
-    assert not found.shown
+    result = tune_controller(request_, TUNED)
+    assert not result.shown
     assert not request_.output.exists()
 
 
-def test_a_candidate_that_keeps_no_limit_is_kept_as_rejected_with_its_margins(request_, tmp_path):
-    """Twenty seconds of work left nothing but '-inf .. inf, no file is written'."""
+def test_the_best_candidate_outside_the_limits_is_written_as_rejected(request_, tmp_path):
+    """If no candidate meets the limits, the best one is kept as rejected."""
     text = BLOCK.replace("below_start_times: 1.5", "below: 0.01")
     request_.block.write_text(text, encoding="utf-8")
-    found = tune_controller(request_, TUNED)
-    assert not found.shown and not request_.output.exists()
-    kept = module.rejected_file(request_.output)
-    assert kept == tmp_path / "new.rejected.yaml"
-    assert kept.read_text(encoding="utf-8").startswith("# REJECTED: ")
-    values = found.numbers.values(found.tuning.place)
-    assert read_controller(kept).altitude.bandwidth == pytest.approx(
+    result = tune_controller(request_, TUNED)
+    assert not result.shown and not request_.output.exists()
+    rejected = module.rejected_file(request_.output)
+    assert rejected == tmp_path / "new.rejected.yaml"
+    assert rejected.read_text(encoding="utf-8").startswith("# REJECTED: ")
+    values = result.numbers.values(result.tuning.best_point)
+    assert read_controller(rejected).altitude.bandwidth == pytest.approx(
         float(str(values["altitude.bandwidth"]).split()[0])
     )
-    assert [side.metric for side in found.sides[-4:]] == list(MARGIN_NAMES)
+    assert [item.metric for item in result.comparisons[-4:]] == list(MARGIN_NAMES)
 
 
 def test_validate_checks_the_names_of_free_numbers(tmp_path):
-    """`validate` called a campaign valid whose block `tune` named a number that no controller has."""
+    """`validate` rejects a block `tune` with a number that no controller has."""
 
     def read(block):
         lines = "".join(f"  {line}\n" for line in block.splitlines())
@@ -141,7 +141,7 @@ def test_validate_checks_the_names_of_free_numbers(tmp_path):
 def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     request_, monkeypatch
 ):
-    """The fake margin falls with the bandwidth, and with the lift's distance from nominal."""
+    """The fake margin decreases with bandwidth and with the lift's distance from nominal."""
     seen = []
 
     def margins_of(self, candidate):
@@ -153,31 +153,31 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     monkeypatch.setattr("abhv_mc_tune.trials.Trials.margins_of", margins_of)
     text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 161\n"
     start = BLOCK[: BLOCK.index("limits:")]
-    for vehicles, vehicle_count, wanted in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
+    for vehicles, vehicle_count, expected in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
         request_.block.write_text(start + text % vehicles, encoding="utf-8")
         out = request_.output.with_name(f"new{vehicle_count}.yaml")
-        found = tune_controller(
+        result = tune_controller(
             TuneRequest(request_.campaign, out, block=request_.block, workers=2), TUNED
         )
         assert set(seen) == {(vehicle_count, ("trim", 1.0))}
         seen.clear()
-        assert read_controller(found.numbers.document.path).altitude.bandwidth == 0.03
-        values = found.numbers.values(found.tuning.place)
+        assert read_controller(result.numbers.document.path).altitude.bandwidth == 0.03
+        values = result.numbers.values(result.tuning.best_point)
         assert float(str(values["altitude.bandwidth"]).split()[0]) == pytest.approx(
-            wanted, rel=0.05
+            expected, rel=0.05
         )
-        margin = found.sides[1]
+        margin = result.comparisons[1]
         assert (
             margin.best == pytest.approx(7.0, abs=0.3)
             and margin.best >= 7.0
             and margin.quantile is None
         )
-        assert found.as_json()["fresh"][1]["vehicles"] == (
+        assert result.as_json()["fresh"][1]["vehicles"] == (
             vehicles.split()[-1] if vehicles else "nominal"
         )
 
 
-def test_numbers_that_make_no_controller_are_passed_over(request_):
+def test_invalid_controllers_are_skipped(request_):
     def prepare_some(vehicle, mission, controller, name):
         if read_controller(controller).altitude.damping > 3.5:
             raise InputError(controller, "too much", "less")
@@ -186,7 +186,7 @@ def test_numbers_that_make_no_controller_are_passed_over(request_):
     assert tune_controller(request_, Engine(prepare_some, fly_tuned, "some")).shown
 
 
-def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path):
+def test_the_block_may_be_in_the_campaign_or_below_its_key(request_, tmp_path):
     wrapped = tmp_path / "wrapped.yaml"
     wrapped.write_text(
         "tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8"
@@ -216,7 +216,7 @@ def test_the_block_may_stand_in_the_campaign_or_below_its_key(request_, tmp_path
         ),
     ],
 )
-def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, match):
+def test_a_wrong_block_is_rejected_with_its_location(request_, old, new, match):
     request_.block.write_text(BLOCK.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=match):
         tune_controller(request_, TUNED)
@@ -225,12 +225,12 @@ def test_a_block_that_is_wrong_is_refused_with_its_place(request_, old, new, mat
 
 
 @pytest.mark.parametrize(
-    ("name", "found"),
-    [("new.tuning", "tuning'"), ("new.html", "html'"), ("block.yaml", "there already")],
+    ("name", "pattern"),
+    [("new.tuning", "tuning'"), ("new.html", "html'"), ("block.yaml", "exists already")],
 )
-def test_a_name_that_is_taken_is_refused(request_, tmp_path, name, found):
-    """The candidates' folder was in the result's way when all was flown, and the page was written over the result."""
-    with pytest.raises(InputError, match=found):
+def test_an_existing_or_reserved_name_is_rejected(request_, tmp_path, name, pattern):
+    """Names of the candidates' folder, of the page and of existing files are rejected."""
+    with pytest.raises(InputError, match=pattern):
         tune_controller(replace(request_, output=tmp_path / name), TUNED)
     assert not list(tmp_path.glob("new.*")) and request_.block.read_text(encoding="utf-8") == BLOCK
 
@@ -239,7 +239,7 @@ SHIFTS = np.random.default_rng(5).normal(0.0, 0.3, (200, 1, 4))
 
 
 def noisy_quadratic(shifts, points):
-    """Mean over common random shifts of the squared distance to (0.5, -0.3, 0.2, 0)."""
+    """Return the squared distances [shift, point] to (0.5, -0.3, 0.2, 0) after random shifts."""
     target = np.array([0.5, -0.3, 0.2, 0.0])
     return ((points + shifts - target) ** 2).sum(axis=2)
 
@@ -250,23 +250,23 @@ def measure(points):
     return Scores(objective, (points[:, :1] - 0.2), usage)
 
 
-def test_finds_the_best_place_that_the_limit_allows():
-    found = tune(measure, np.full(4, -0.5), 800, seed=3)
+def test_finds_the_best_point_within_the_limit():
+    tuning = tune(measure, np.full(4, -0.5), 800, seed=3)
     centre = np.array([0.5, -0.3, 0.2, 0.0]) - SHIFTS.mean(axis=(0, 1))
-    assert found.place[0] == pytest.approx(0.2, abs=0.01)
-    np.testing.assert_allclose(found.place[1:], centre[1:], atol=0.05)
-    assert found.scores.allowed[found.best] and found.scores.allowed[found.front].all()
-    assert len(found.points) <= 800
+    assert tuning.best_point[0] == pytest.approx(0.2, abs=0.01)
+    np.testing.assert_allclose(tuning.best_point[1:], centre[1:], atol=0.05)
+    assert tuning.scores.allowed[tuning.best] and tuning.scores.allowed[tuning.front].all()
+    assert len(tuning.points) <= 800
 
 
 def test_one_free_parameter():
     def line(points):
         return Scores((points[:, 0] - 0.7) ** 2, np.zeros((len(points), 0)), points[:, 0])
 
-    assert tune(line, np.zeros(1), 300).place[0] == pytest.approx(0.7, abs=1e-3)
+    assert tune(line, np.zeros(1), 300).best_point[0] == pytest.approx(0.7, abs=1e-3)
 
 
-def test_broken_limits_come_after_all_that_keep_them_and_lost_flights_last():
+def test_feasible_candidates_rank_first_and_lost_flights_last():
     scores = Scores(
         np.array([5.0, 1.0, 0.5, np.inf, 4.0]),
         np.array([[0.0, -1.0], [0.1, 0.0], [0.3, 0.2], [-1.0, -1.0], [-2.0, 0.0]]),
@@ -276,7 +276,7 @@ def test_broken_limits_come_after_all_that_keep_them_and_lost_flights_last():
     assert scores.allowed.tolist() == [True, False, False, False, True]
 
 
-def test_front_holds_what_nothing_beats():
+def test_the_front_has_the_non_dominated_candidates():
     costs = np.array([[1.0, 5.0], [2.0, 3.0], [2.0, 4.0], [3.0, 3.0], [4.0, 1.0], [0.5, 9.0]])
     assert pareto_front(costs).tolist() == [5, 0, 1, 4]
     assert len(pareto_front(np.empty((0, 2)))) == 0

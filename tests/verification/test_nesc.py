@@ -10,7 +10,7 @@ import pytest
 from verification.independent import FT, World, fly_sphere, write_case
 from verification.shown import check
 
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc_verification.check_rows import Row, all_ok, rows_record
 from abhv_mc_verification.everything import verify_paper
 from abhv_mc_verification.fly_recording import at_times, make_motion
@@ -195,5 +195,5 @@ def test_the_papers_numbers() -> None:
 def test_a_row_that_is_no_number_is_not_ok() -> None:
     good, bad = Row("a", "b", "c", "m", 1.0, 1.0), Row("a", "b", "d", "m", float("nan"), 1.0)
     assert good.ok and not bad.ok and not all_ok([])
-    record = plain(rows_record([good, bad]))
+    record = json_data(rows_record([good, bad]))
     assert record["ok"] is False and record["rows"][1]["difference"] is None

@@ -1,6 +1,6 @@
-"""AeroBench's F-16 and its ground collision avoidance, from the start of PSY-TaLiRo's example of it.
+"""Simulator of AeroBench's F-16 with ground collision avoidance, from PSY-TaLiRo's example.
 
-AeroBenchVVPython is no package: its folder `code` has to stand in PYTHONPATH.
+AeroBenchVVPython is not a package: add its folder `code` to PYTHONPATH.
 """
 
 from math import radians
@@ -10,7 +10,7 @@ from aerobench.run_f16_sim import run_f16_sim
 
 
 def fly(inputs, settings):
-    """15 s, or to the ground."""
+    """Simulate 15 s, or until ground impact."""
     angles = [radians(inputs[name]) for name in ("roll", "pitch", "yaw")]
     start = [
         540.0,

@@ -132,7 +132,7 @@ def map_failures(
     ) as executor:
         for name, flights in failed.items():
             controllers[name] = _map_controller(
-                folder, campaign, name, flights, executor.fly_side_by_side
+                folder, campaign, name, flights, executor.fly_parallel
             )
     return FailureMap(str(read_manifest(folder.manifest).digest), controllers)
 

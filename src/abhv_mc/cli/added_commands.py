@@ -1,8 +1,9 @@
 """Commands that packages add, by entry points of the group ``abhv_mc.commands``.
 
-The name of an entry point is that of the command, after its group's and a dot where it has one: ``explore``,
-``verify.nesc``. Its object is a function, annotated as typer wants it, or a ``typer.Typer``. A package is imported when
-one of its commands is run or listed; one that cannot be imported costs a warning and its own commands.
+The name of an entry point is the name of the command, with the name of its group and a dot for a
+subcommand: ``explore``, ``verify.nesc``. Its object is a function with annotations for typer, or a
+``typer.Typer``. A package is imported when one of its commands is run or listed. If the import
+fails, a warning is printed and the commands of the package are left out.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
@@ -15,7 +16,7 @@ from abhv_mc.entry_points import COMMANDS, find_entry_points
 
 
 class Commands(MutableMapping[str, Any]):
-    """The commands of a group: its own, and those that packages add to it."""
+    """Commands of a group, including those that packages add."""
 
     def __init__(
         self,
@@ -26,7 +27,7 @@ class Commands(MutableMapping[str, Any]):
     ) -> None:
         self._commands, self._family, self._make = dict(own), family, make
         self._order = {name: k for k, name in enumerate(order)}
-        self._unusable: set[str] = set()  # packages
+        self._unusable: set[str] = set()  # packages that cannot be imported
 
     @cached_property
     def _added(self) -> dict[str, EntryPoint]:

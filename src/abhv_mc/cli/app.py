@@ -1,8 +1,8 @@
-"""The command line's frame: which commands there are, and how an error leaves.
+"""Command line application: its commands, their order in the help, and exit codes.
 
-A command is a function, or a ``typer.Typer`` where it has commands of its own; commands of one kind share a file.
-Python takes all of the core's in at every start: what is heavy is imported inside a command's function. Those that
-packages add (:mod:`abhv_mc.cli.added_commands`) stand in the panels by name.
+A command is a function, or a ``typer.Typer`` if it has subcommands; commands of one kind share a
+file. All files are imported at every start, so that slow imports are made inside the functions.
+Commands of packages (:mod:`abhv_mc.cli.added_commands`) are listed in the panels by name.
 """
 
 import gc
@@ -27,7 +27,7 @@ from abhv_mc.cli import (
     starting,
 )
 from abhv_mc.cli.added_commands import Commands
-from abhv_mc.cli.errors import exit_code_of, open_streams, settle_output
+from abhv_mc.cli.errors import exit_code_of, flush_output, open_streams
 from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
@@ -37,56 +37,77 @@ _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
-    """Help with short names of types, and none beside a flag."""
+    """Help with short type names for options, and none for flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """The parameters, an option's type by ``_SHORT``."""
+        """Return the parameters; the types of options have names from ``_SHORT``."""
         base: Any = super()
         parameters: list[Any] = base.get_params(ctx)
-        for each in parameters:
+        for parameter in parameters:
             if (
-                each.param_type_name == "option"
-                and each.metavar is None
-                and not each.type_descriptor.is_choice
+                parameter.param_type_name == "option"
+                and parameter.metavar is None
+                and not parameter.type_descriptor.is_choice
             ):
-                each.metavar = _SHORT.get(each.bare_type())
-                each._get_number_range_help_str = lambda: (
-                    None
-                )  # beside it an option's own name was cut
+                parameter.metavar = _SHORT.get(parameter.bare_type())
+                # A range in the help would shorten the name of the option.
+                parameter._get_number_range_help_str = lambda: None
         return parameters
 
 
 class Command(_Short, TyperCommand):
-    """A command, its help in paragraphs without line ends inside."""
+    """Command whose help is wrapped by paragraph."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        parts = cleandoc(options.get("help") or "").split("\n\n")
-        flowed = "\n\n".join(" ".join(part.split()) for part in parts)
-        super().__init__(
-            *args, **options | {"help": flowed.replace("[", r"\[")}
-        )  # no markup: units stand in brackets
+        paragraphs = cleandoc(options.get("help") or "").split("\n\n")
+        text = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+        text = text.replace("[", r"\[")  # units in brackets are not markup
+        super().__init__(*args, **options | {"help": text})
 
 
-_PANELS: dict[str, tuple[Any, ...]] = {  # by name: added by a package
+_EXAMPLES = {  # printed after the options
+    "new": ("abhv-mc new study", "abhv-mc new study --from wide", "abhv-mc new study --law c"),
+    "validate": (
+        "abhv-mc validate study/campaign.yaml",
+        "abhv-mc validate study/campaign.yaml --dry-run",
+        "abhv-mc validate study/campaign.yaml --samples inputs.csv",
+    ),
+    "run": (
+        "abhv-mc run study/campaign.yaml -o reports/first",
+        "abhv-mc run failures --runs 500 --seed 7 --workers 4",
+        "abhv-mc run study/campaign.yaml -o reports/changed --baseline reports/first",
+    ),
+    "report": (
+        "abhv-mc report reports/first",
+        "abhv-mc report reports/first --brief",
+        "abhv-mc report reports/first --requirements stricter.csv -o reports/stricter",
+    ),
+    "compare": (
+        "abhv-mc compare reports/first reports/changed",
+        "abhv-mc compare reports/first reports/changed --fail-if-worse altitude_error_max_m=5%",
+    ),
+    "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
+}
+_PANELS: dict[str, tuple[Any, ...]] = {  # a command of a package is given by its name
     "First day": (
         *(starting.new, starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
     ),
     "Run": (starting.imports, running.merge, flying.fly, replaying.replay),
     "Search": (searching.worst, searching.rare, "tune"),
-    "Look": (
+    "Results": (
         *(reporting.show, "explore", replaying.explain, reporting.whatif),
         *(reporting.place, querying.query, querying.lists),
     ),
     "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
-    "Prove": (proving.verify,),
+    "Verify": (proving.verify,),
 }
-_HIDDEN: dict[str, Any] = {  # other names of commands, for scripts; --help does not list them
+_HIDDEN: dict[str, Any] = {  # former names of commands, which --help does not list
     "adopt": running.flights,
     "samples": starting.samples,
     "status": reporting.runs,
 }
-_OTHERS = "Extensions"  # the panel of other packages' commands
+_EXTENSIONS = "Extensions"  # panel of commands that packages add
 _PROGRAM = "abhv-mc"
 
 
@@ -100,7 +121,7 @@ _PANEL_OF = {_name(command): panel for panel, commands in _PANELS.items() for co
 
 
 class Group(_Short, TyperGroup):
-    """A group of commands, those that packages add to it among them."""
+    """Group of commands, including those that packages add."""
 
     def __init__(self, *, name: str | None = None, commands: Any = None, **options: Any) -> None:
         first = name == _PROGRAM
@@ -109,13 +130,13 @@ class Group(_Short, TyperGroup):
             family="" if first else f"{name}.",
             order=_PANEL_OF if first else (),
             make=lambda name, command: _make_command(
-                name, command, _PANEL_OF.get(name, _OTHERS) if first else None
+                name, command, _PANEL_OF.get(name, _EXTENSIONS) if first else None
             ),
         )
         super().__init__(name=name, commands=added, **options)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names, in their order; of some of them there may turn out to be no command."""
+        """Return the names in the order of the help; a package's command may fail to load."""
         return list(self.commands)
 
 
@@ -127,11 +148,15 @@ def _add_command(
             inner.cls = Command
         parent.add_typer(command, name=name, cls=Group, rich_help_panel=panel)
     else:
-        parent.command(name, cls=Command, rich_help_panel=panel, hidden=hidden)(command)
+        examples = _EXAMPLES.get(name) if panel else None
+        epilog = "\n\n".join(("Examples:", *examples)) if examples else None
+        parent.command(name, cls=Command, rich_help_panel=panel, hidden=hidden, epilog=epilog)(
+            command
+        )
 
 
 def _make_command(name: str, command: Any, panel: str | None) -> Any:
-    """What a package's function is on the command line."""
+    """Return the command made from a function of a package."""
     parent = typer.Typer(cls=TyperGroup)
     _add_command(parent, name, command, panel)
     return typer.main.get_group(parent).commands[name]
@@ -152,9 +177,10 @@ _LIBRARIES = (
 app = typer.Typer(
     name=_PROGRAM,
     cls=Group,
-    help="Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic vehicle.",
-    epilog="Exit codes: 0 done; 1 done, but a requirement or a verification failed; 2 bad input; "
-    "3 interrupted or incomplete, and the same command resumes.",
+    help="Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic "
+    "vehicle.",
+    epilog="Exit codes: 0 success; 1 a requirement or a verification failed; 2 bad input; "
+    "3 interrupted or incomplete (run the same command to resume).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -162,7 +188,7 @@ app = typer.Typer(
 
 
 def _print_versions(expected: bool) -> None:
-    """The program's version, and what a problem report needs beside it."""
+    """Print the versions that a problem report needs, and exit."""
     if expected:
         import platform
         from importlib.metadata import version
@@ -177,7 +203,7 @@ def _print_versions(expected: bool) -> None:
         say(f"kernels {find_level(choose_interface())[1]}")
         for package in PACKAGES:
             if find_spec(package) is None:
-                say(f"{package} is missing, and its commands with it")
+                say(f"{package} is not installed; its commands are not available")
         raise typer.Exit
 
 
@@ -188,7 +214,7 @@ def _options(
         "--version",
         callback=_print_versions,
         is_eager=True,
-        help="Print the versions and exit.",
+        help="Print the versions of abhv-mc and its libraries and exit.",
     ),
 ) -> None:
     pass
@@ -198,28 +224,24 @@ for _panel, _commands in _PANELS.items():
     for _command in _commands:
         if not isinstance(_command, str):
             _add_command(app, _name(_command), _command, _panel)
-for _short, _former in _HIDDEN.items():
-    _add_command(app, _short, _former, None, hidden=True)
+for _hidden_name, _command in _HIDDEN.items():
+    _add_command(app, _hidden_name, _command, None, hidden=True)
 
 
 def main() -> None:
-    """Run the command line and exit with its code."""
-    # Before numpy is loaded, here and in the processes started from here: further threads spin on matrices of 9 x 9.
+    """Run the command line and exit with its exit code."""
+    # Set before numpy is loaded, also for child processes: further threads only slow down
+    # operations on matrices of 9 x 9.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(
-        100_000, 10, 10
-    )  # libraries being loaded are no garbage: a tenth of a cached start
+    # Fewer garbage collections while libraries are loaded save a tenth of a cached start.
+    gc.set_threshold(100_000, 10, 10)
     sys.argv[1:] = map(hide_key, sys.argv[1:])
     open_streams()
     with sigterm_as_interrupt():
         try:
-            app(prog_name="abhv-mc")  # so that completion knows it, however it was started
-        except (
-            BaseException
-        ) as error:  # every way out passes here, so that each has the promised code
-            code = settle_output(exit_code_of(error))
-            if (
-                "duckdb" not in sys.modules
-            ):  # it takes what is left at the end for a leak, and says so
-                gc.freeze()  # what goes with the process is not searched for garbage again: a fifth of a start
+            app(prog_name="abhv-mc")  # the name that shell completion expects
+        except BaseException as error:  # also SystemExit, so that every exit has a documented code
+            code = flush_output(exit_code_of(error))
+            if "duckdb" not in sys.modules:  # duckdb reports frozen objects as leaks
+                gc.freeze()  # omits the last garbage collection, a fifth of a start
             sys.exit(code)

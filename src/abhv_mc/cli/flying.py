@@ -1,4 +1,4 @@
-"""``fly``, ``trim``: one nominal flight, and the controls of steady flight."""
+"""Commands ``fly`` and ``trim``: a nominal flight, and the controls of steady flight."""
 
 import math
 from pathlib import Path
@@ -19,11 +19,11 @@ from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
-    answer,
-    beside,
     new_table,
     print_table,
     say,
+    show_result,
+    text_stream,
 )
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
@@ -38,42 +38,46 @@ def fly(
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
     out: Annotated[
-        Path | None, output(output_folder, "DIR", "Write history and figures here.")
+        Path | None, output(output_folder, "DIR", "Folder for the histories and figures.")
     ] = None,
     json: Json = None,
 ) -> None:
-    """Fly a mission once with each controller, nothing dispersed, and print how it went."""
+    """Run the nominal flight of a mission with each controller, and print its metrics."""
     from functools import partial
 
     from abhv_mc.one_flight.fly_once import fly_once
 
     files = find_controllers(controllers)
-    craft = vehicle or find_input(DEFAULT_VEHICLE, "vehicle")
+    vehicle_file = vehicle or find_input(DEFAULT_VEHICLE, "vehicle")
     announce_compiling()
     flights = {
-        name: run_in_thread(partial(fly_once, mission, craft, file)) for name, file in files.items()
+        name: run_in_thread(partial(fly_once, mission, vehicle_file, file))
+        for name, file in files.items()
     }
     announce_warnings(
         warning for flight in flights.values() for warning in flight.plan.warnings.tolist()
     )
     if out is not None and len({flight.plan.timing.tick for flight in flights.values()}) > 1:
-        raise InputError("--output", "controllers of different rates", "one folder for each rate")
-    figures = {
+        raise InputError(
+            "--output",
+            "the controllers have different sampling rates",
+            "a run and a folder for each rate",
+        )
+    numbers = {
         name: {"outcome": flight.outcome, "end_time_s": flight.end_time, "metrics": flight.metrics}
         for name, flight in flights.items()
     }
-    about = {"mission": mission.stem, "vehicle": craft.stem, "controllers": figures}
-    answer(
-        about, json, lambda: _print_flights(f"{mission.stem} with {craft.stem}, nominal", flights)
-    )
+    result = {"mission": mission.stem, "vehicle": vehicle_file.stem, "controllers": numbers}
+    title = f"{mission.stem} with {vehicle_file.stem}, nominal"
+    show_result(result, json, lambda: _print_flights(title, flights))
     if out is not None:
         from abhv_mc.report.pages.single_flights import write_nominal_report
 
         plans = {name: flight.plan for name, flight in flights.items()}
         for path in write_nominal_report(
-            out, plans, {name: one.block.history[0] for name, one in flights.items()}
+            out, plans, {name: flight.block.history[0] for name, flight in flights.items()}
         ):
-            say(path, file=beside(json))
+            say(path, file=text_stream(json))
 
 
 def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
@@ -89,7 +93,7 @@ def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
         say(f"{name}: {flight.sentence}")
 
 
-# Rows of the table: key of the JSON, words, unit, divisor, digits.
+# Rows of the table: key in JSON, label, unit, divisor, digits.
 _TRIM_ROWS = (
     ("angle_of_attack_deg", "angle of attack", "deg", 1.0, 3),
     ("flight_path_angle_deg", "flight path angle", "deg", 1.0, 3),
@@ -117,46 +121,48 @@ _TRIM_ROWS = (
 )
 
 
-_START = "as the mission starts"
+_START = "start of the mission"
 
 
 def trim(
-    flown: FlownFile,
+    start_file: FlownFile,
     vehicle: Vehicle = None,
     altitude: Annotated[
         str | None,
-        typer.Option(help="Geodetic altitude, m or with a unit.", show_default=_START),
+        typer.Option(help="Geodetic altitude in m or with a unit.", show_default=_START),
     ] = None,
     speed: Annotated[
-        str | None, typer.Option(help="Speed, m/s or with a unit.", show_default=_START)
+        str | None, typer.Option(help="Speed in m/s or with a unit.", show_default=_START)
     ] = None,
-    bank: Annotated[str, typer.Option(help="Bank angles, deg, separated by commas.")] = "0",
+    bank: Annotated[str, typer.Option(help="Bank angles in deg, separated by commas.")] = "0",
     flight_path_angle: Annotated[
-        str | None, typer.Option(help="Climb angle, deg.", show_default=_START)
+        str | None, typer.Option(help="Flight path angle in deg.", show_default=_START)
     ] = None,
     mass: Annotated[
-        str | None, typer.Option(help="Mass, kg or with a unit.", show_default="at the start")
+        str | None, typer.Option(help="Mass in kg or with a unit.", show_default="at the start")
     ] = None,
     latitude: Annotated[
-        str | None, typer.Option(help="Geodetic latitude, deg.", show_default=_START)
+        str | None, typer.Option(help="Geodetic latitude in deg.", show_default=_START)
     ] = None,
     heading: Annotated[
         str | None,
-        typer.Option(help="Heading clockwise from north, deg.", show_default=_START),
+        typer.Option(help="Heading in deg, clockwise from north.", show_default=_START),
     ] = None,
-    rotating: Annotated[bool, typer.Option("--rotating", help="Let the Earth turn.")] = False,
+    rotating: Annotated[
+        bool, typer.Option("--rotating", help="Include the rotation of the Earth.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Print controls, forces and flying qualities of steady flight at each bank angle.
 
-    Where and how fast: at the start of the mission or of the campaign's; of a vehicle at 20 km, 1400 m/s, heading 90
-    deg and latitude 29.3 deg. No sideslip, aileron or rudder; Earth at rest unless told. Exit code 1 where a bank
-    angle has no trim.
+    The default flight condition is the start of the mission, or of the campaign's mission; for a
+    vehicle file it is 20 km, 1400 m/s, heading 90 deg and latitude 29.3 deg. Sideslip, aileron and
+    rudder are zero. The exit code is 1 if a bank angle has no trim.
     """
     from abhv_mc.api import trim
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
 
-    vehicle, start = _find_start(flown, vehicle)
+    vehicle, start = _find_start(start_file, vehicle)
 
     def read(name: str, text: str | None, dimension: Any, unit: str) -> float:
         return (
@@ -165,11 +171,14 @@ def trim(
             else parse_option(f"--{name.replace('_', '-')}", text, dimension, unit)
         )
 
-    height, pace = read("altitude", altitude, LENGTH, "m"), read("speed", speed, SPEED, "m/s")
+    start_altitude, start_speed = (
+        read("altitude", altitude, LENGTH, "m"),
+        read("speed", speed, SPEED, "m/s"),
+    )
     table = trim(
         vehicle,
-        height,
-        pace,
+        start_altitude,
+        start_speed,
         [parse_option("--bank", text, ANGLE, "deg") for text in bank.split(",")],
         flight_path_angle=read("flight_path_angle", flight_path_angle, ANGLE, "deg"),
         latitude=read("latitude", latitude, ANGLE, "deg"),
@@ -179,13 +188,17 @@ def trim(
     )
     announce_warnings(table.attrs["warnings"])
     points = table.reset_index().to_dict("records")
-    head = {
+    result = {
         "vehicle": str(vehicle),
-        "altitude_m": height,
-        "speed_mps": pace,
+        "altitude_m": start_altitude,
+        "speed_mps": start_speed,
         "mass_kg": table.attrs["mass_kg"],
     }
-    answer(head | {"points": points}, json, lambda: _print_trims(vehicle, height, pace, points))
+    show_result(
+        result | {"points": points},
+        json,
+        lambda: _print_trims(vehicle, start_altitude, start_speed, points),
+    )
     if not table["trimmed"].all():
         raise typer.Exit(1)
 
@@ -194,23 +207,26 @@ _LEVEL = {"altitude": 20e3, "speed": 1400.0, "flight_path_angle": 0.0}
 _LEVEL |= {"latitude": math.radians(29.3), "heading": math.radians(90.0)}
 
 
-def _find_start(flown: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
-    """Return the vehicle, and the start of the mission or of the campaign's (SI); of a vehicle alone level flight."""
+def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
+    """Return the vehicle and the flight condition (SI) at the start of a mission or campaign.
+
+    For a vehicle file the condition is level flight.
+    """
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.control.mission import read_mission
 
-    kind = find_kind(flown)
+    kind = find_kind(start_file)
     if kind == "vehicle":
-        return vehicle or flown, _LEVEL
+        return vehicle or start_file, _LEVEL
     if kind == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
 
-        campaign = read_campaign(flown)
+        campaign = read_campaign(start_file)
         campaign.simulator.check("a trim")
-        vehicle, flown = vehicle or Path(campaign.model.vehicle), Path(campaign.model.mission)
+        vehicle, start_file = vehicle or Path(campaign.model.vehicle), Path(campaign.model.mission)
     elif kind != "mission":
-        raise InputError(flown, f"a {kind} file", "a mission, campaign or vehicle file")
-    start = read_mission(flown).start
+        raise InputError(start_file, f"a {kind} file", "a mission, campaign or vehicle file")
+    start = read_mission(start_file).start
     return (
         vehicle or find_input(DEFAULT_VEHICLE, "vehicle"),
         {name: float(getattr(start, name)) for name in _LEVEL},
@@ -221,17 +237,18 @@ def _print_trims(
     vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]
 ) -> None:
     mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
-    title = f"{vehicle.stem}: {altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
+    condition = f"{altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
+    title = f"{vehicle.stem}: {condition}"
     banks = [f"{point['bank_deg']:g} deg" for point in points]
-    table = new_table(("at a bank of", ""), banks, title, padding=(0, 1, 0, 0))
-    for name, words, unit, divisor, digits in _TRIM_ROWS:
+    table = new_table(("bank angle", ""), banks, title, padding=(0, 1, 0, 0))
+    for name, label, unit, divisor, digits in _TRIM_ROWS:
         values = [point[name] / divisor for point in points]
         table.add_row(
-            words,
+            label,
             unit.replace("-", ""),
             *(f"{value:.{digits}f}" if math.isfinite(value) else "-" for value in values),
         )
     print_table(table)
     for point in points:
         if point["fault"]:
-            say(f"no trim at {point['bank_deg']:g} deg of bank: {point['fault']}")
+            say(f"no trim at {point['bank_deg']:g} deg bank: {point['fault']}")

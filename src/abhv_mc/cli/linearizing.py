@@ -1,4 +1,4 @@
-"""``margins``, ``linearize``: stability margins and linear models."""
+"""Commands ``margins`` and ``linearize``: stability margins and linear models."""
 
 from itertools import product
 from pathlib import Path
@@ -21,10 +21,10 @@ from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
-    answer,
     new_table,
     print_table,
     say,
+    show_result,
 )
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from abhv_mc.one_flight.linear_models import Place
     from abhv_mc.stability.analysis import Stability, Time
 
-_NAMED = 6  # dispersions of a worst margin
+_LISTED = 6  # dispersions that are printed for a smallest margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
     ("gain_margin_high_db", "gain up\ndB", 2),
@@ -48,53 +48,62 @@ def margins(
     mission: MissionOrCampaign,
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
-    at: Annotated[
+    instants: Annotated[
         str,
         typer.Option(
-            metavar="POINTS", help="trim, or times of the nominal flight such as 0s,30s,48s."
+            "--at",
+            metavar="POINTS",
+            help="Operating points: trim, or times of the nominal flight such as 0s,30s,48s.",
         ),
     ] = "trim",
     bank: Annotated[
-        str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")
+        str, typer.Option(help="Bank angle of the trimmed steady turn, in deg or with a unit.")
     ] = "0",
     json: Json = None,
     out: Annotated[
-        Path | None, output(output_folder, "DIR", "Write Bode and Nichols figures here.")
+        Path | None, output(output_folder, "DIR", "Folder for Bode and Nichols figures.")
     ] = None,
     worst: Annotated[
         bool,
         typer.Option(
-            "--worst", help="Search the box of a campaign's dispersions for the least margins."
+            "--worst", help="Search a campaign's dispersions for the smallest margins at the trim."
         ),
     ] = False,
     trust_code: TrustCode = False,
 ) -> None:
-    """Print gain, phase and delay margins of each loop (broken at its actuator, the others closed) and of all at once.
+    """Print gain, phase and delay margins of each loop, and the disk margin of all loops.
 
-    At a time of the flight the reference is frozen: such margins are indicative. With --worst, the least margins at the
-    trim that a search over a campaign's dispersions finds: what is found, never what is proved.
+    A loop is broken at its actuator while the others are closed; the disk margin is for
+    simultaneous perturbations of all loops. Margins at a time of the flight use a frozen reference
+    and are indicative. With --worst the margins are the smallest that a search finds; smaller ones
+    may exist.
     """
     if worst:
-        if vehicle is not None or at != "trim" or bank != "0" or out is not None:
+        if vehicle is not None or instants != "trim" or bank != "0" or out is not None:
             raise InputError(
-                "--worst", "with --vehicle, --at, --bank or --output", "a campaign alone"
+                "--worst",
+                "the option excludes --vehicle, --at, --bank and --output",
+                "a campaign and --worst",
             )
         _show_worst(mission, controllers, json, trust_code)
         return
     from abhv_mc.one_flight.linear_models import analyse_place
     from abhv_mc.stability.analysis import make_rows
 
-    times = _read_times(at)
-    craft, flight, files = _find_flown(vehicle, mission, controllers, trust_code)
+    times = _read_times(instants)
+    vehicle_file, mission_file, files = _find_flown(vehicle, mission, controllers, trust_code)
     rows: list[dict[str, Any]] = []
-    shown: list[tuple[str, list[dict[str, Any]], Stability]] = []
+    tables: list[tuple[str, list[dict[str, Any]], Stability]] = []
     figures: list[Path] = []
     for (name, file), time in product(files.items(), times):
-        linear, stability = analyse_place(_take(flight, craft, file, time, bank, times))
-        here = make_rows(name, None if time == "trim" else time, stability)
-        words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
-        shown.append((f"{name}, {craft.stem}, {flight.stem}, {words}", here, stability))
-        rows += here
+        linear, stability = analyse_place(
+            _take(mission_file, vehicle_file, file, time, bank, times)
+        )
+        table_rows = make_rows(name, None if time == "trim" else time, stability)
+        description = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
+        title = f"{name}, {vehicle_file.stem}, {mission_file.stem}, {description}"
+        tables.append((title, table_rows, stability))
+        rows += table_rows
         if out is not None:
             from abhv_mc.report.figures.loops import write_loop_figures
 
@@ -102,69 +111,77 @@ def margins(
                 out, f"{name}_{time if time == 'trim' else f'{time:g}s'}", linear
             )
 
-    def in_words() -> None:
-        for part in shown:
-            _print_rows(*part)
+    def print_text() -> None:
+        for table in tables:
+            _print_rows(*table)
         say(*figures, sep="\n", end="\n" * bool(figures))
 
-    answer({"vehicle": craft.stem, "mission": flight.stem, "rows": rows}, json, in_words)
+    result = {"vehicle": vehicle_file.stem, "mission": mission_file.stem, "rows": rows}
+    show_result(result, json, print_text)
 
 
 def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_code: bool) -> None:
     from abhv_mc.campaign.file.check import read_campaign
     from abhv_mc.flight.metrics import BUILT_IN
     from abhv_mc.search.worst import MARGIN_EVALUATIONS, find_worst_margins
-    from abhv_mc.topics.words import shown_value, spoken_name
+    from abhv_mc.topics.formatting import shown_value, spoken_name
 
     _, _, files = _find_flown(None, file, controllers, trust_code)
     campaign = read_campaign(file)
-    found, known = find_worst_margins(campaign, tuple(files)), campaign.parameters
+    results, parameters = find_worst_margins(campaign, tuple(files)), campaign.parameters
 
-    def in_words() -> None:
-        table = new_table(("controller", "margin"), ("nominal", "least found"), None)
+    def print_text() -> None:
+        table = new_table(("controller", "margin"), ("nominal", "smallest found"), None)
         table.add_column("at")
-        for one in found:
-            metric = BUILT_IN[one.metric]
-            at = [
-                f"{spoken_name(name)} {shown_value(name, one.parameters[name], known)}"
-                for name in one.moved
+        for result in results:
+            metric = BUILT_IN[result.metric]
+            settings = [
+                f"{spoken_name(name)} {shown_value(name, result.parameters[name], parameters)}"
+                for name in result.moved
             ]
-            more = [f"and {len(at) - _NAMED} more"] if len(at) > _NAMED else []
-            where = ", ".join(at[:_NAMED] + more) or "the nominal vehicle"
+            further = [f"and {len(settings) - _LISTED} more"] if len(settings) > _LISTED else []
+            location = ", ".join(settings[:_LISTED] + further) or "the nominal vehicle"
             values = (
                 f"{value:.3g} {metric.unit}".removesuffix(" -")
-                for value in (one.nominal, one.found)
+                for value in (result.nominal, result.found)
             )
             table.add_row(
-                one.controller,
+                result.controller,
                 metric.label,
                 *values,
-                f"{one.fault}: {where}" if one.fault else where,
+                f"{result.fault}: {location}" if result.fault else location,
             )
         print_table(table)
-        points = f"{MARGIN_EVALUATIONS} points a margin"
-        say(f"Found by the linear analysis at the trim, {points}: the true least is no greater.")
+        say(
+            f"Linear analysis at the trim with {MARGIN_EVALUATIONS} points per margin; the true "
+            "minimum may be smaller."
+        )
 
-    answer({"rows": found}, json, in_words)
+    show_result({"rows": results}, json, print_text)
 
 
-MOST_TIMES = 10_000
+MOST_TIMES = 10_000  # of the option --at
 
 
-def _read_times(at: str) -> "list[Time]":
-    """Times (s, or the trim) of the option, first:last:step among them. Raises InputError."""
+def _read_times(text: str) -> "list[Time]":
+    """Return the operating points of the option --at: times in s, or "trim".
+
+    Times may be given as first:last:step. Raise InputError if the option is invalid.
+    """
     from abhv_mc.io.units import TIME
 
     times: list[Time] = []
-    for each in at.split(","):
-        if each.strip() == "trim":
+    for item in text.split(","):
+        if item.strip() == "trim":
             times.append("trim")
             continue
-        parts = [parse_option("--at", part, TIME, "s") for part in each.split(":")]
-        first, last, step = (*parts, 0.0)[:3] if len(parts) > 1 else (parts[0], parts[0], 1.0)
-        if len(parts) > 3 or step <= 0.0 or last < first or last - first > MOST_TIMES * step:
+        numbers = [parse_option("--at", number, TIME, "s") for number in item.split(":")]
+        first, last, step = (
+            (*numbers, 0.0)[:3] if len(numbers) > 1 else (numbers[0], numbers[0], 1.0)
+        )
+        if len(numbers) > 3 or step <= 0.0 or last < first or last - first > MOST_TIMES * step:
             raise InputError(
-                "--at", f"'{each}'", f"at most {MOST_TIMES} rising times such as 0s:60s:1s"
+                "--at", f"'{item}'", f"at most {MOST_TIMES} ascending times such as 0s:60s:1s"
             )
         times += [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
     return times
@@ -173,21 +190,27 @@ def _read_times(at: str) -> "list[Time]":
 def _take(
     mission: Path, vehicle: Path, controller: Path, time: "Time", bank: str, times: "list[Time]"
 ) -> "Place":
-    """The point of the nominal flight; a warning where it is doubtful. A bank belongs to the trim alone."""
+    """Return an operating point of the nominal flight, and print its warnings.
+
+    The bank angle applies to the trim; at a time of the flight it is that of the flight.
+    """
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point
 
     angle = parse_option("--bank", bank, ANGLE, "deg")
     turn = angle if time == "trim" or "trim" not in times else 0.0
-    place = take_point(mission, vehicle, controller, time, turn)
-    announce_warnings(place.warnings)
-    return place
+    operating_point = take_point(mission, vehicle, controller, time, turn)
+    announce_warnings(operating_point.warnings)
+    return operating_point
 
 
 def _find_flown(
     vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool
 ) -> tuple[Path, Path, dict[str, Path]]:
-    """Vehicle, mission and controllers, user laws among them trusted; ``mission`` may be a campaign's file."""
+    """Return the files of vehicle, mission and controllers; ``mission`` may be a campaign file.
+
+    Raise InputError if a custom control law is not trusted.
+    """
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.simulators.campaign_code import check_user_code, check_user_law
@@ -199,11 +222,13 @@ def _find_flown(
         campaign.simulator.check("linearization")
         check_user_code(campaign, trust_code)
         model = campaign.model
-        known = {name: Path(file) for name, file in model.controllers.items()}
+        controller_files = {name: Path(file) for name, file in model.controllers.items()}
         for name in parse_names(controllers) or ():
-            if name not in known:
-                raise InputError("--controllers", f"'{name}'", one_of(known, name))
-        files = {name: known[name] for name in parse_names(controllers) or known}
+            if name not in controller_files:
+                raise InputError("--controllers", f"'{name}'", one_of(controller_files, name))
+        files = {
+            name: controller_files[name] for name in parse_names(controllers) or controller_files
+        }
         vehicle, mission = vehicle or Path(model.vehicle), Path(model.mission)
     else:
         files = find_controllers(controllers)
@@ -218,14 +243,14 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
     from abhv_mc.topics.margins.model import loop_name
 
     if not stability.poles[0].size:
-        say(f"{title}: no margins: {NO_SLOPES}")
+        say(f"{title}: no margins ({NO_SLOPES})")
         return
     poles = [pole for pole in stability.poles[0] if pole.imag >= 0.0]
     if not rows[0]["stable"]:
         growing = ", ".join(
             f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0
         )
-        say(f"{title}: unstable, no margins; poles {growing} per second")
+        say(f"{title}: unstable, no margins; unstable poles {growing} 1/s")
         return
     table = new_table(
         ("loop",), (heading for _, heading, _ in _COLUMNS), title, padding=(0, 1, 0, 0)
@@ -246,32 +271,38 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
         else f"{everything['delay_margin_ms']:.1f} ms"
     )
     say(
-        f"all loops at once: disk margin {everything['disk_margin']:.4f} (gain {gain} up and down or phase "
-        f"{everything['disk_phase_deg']:.1f} deg in each at the same time), the same delay in all {delay}"
+        f"all loops simultaneously: disk margin {everything['disk_margin']:.4f} (gain +-{gain} or "
+        f"phase {everything['disk_phase_deg']:.1f} deg in each loop), delay margin {delay}"
     )
     damped = min(
         (p for p in poles if p.imag > 0.0), key=lambda p: abs(p.real) / abs(p), default=None
     )
     if damped is not None:
-        say(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j per second")
+        say(f"least damped pole {damped.real:.3f} +- {damped.imag:.2f}j 1/s")
 
 
 def linearize(
     mission: MissionOrCampaign,
     out: Annotated[
         Path | None,
-        output(output_file, "FILE", "Required; ends in .npz, .mat or .json.", default=False),
+        output(
+            output_file, "FILE", "File for the model; ends in .npz, .mat or .json.", default=False
+        ),
     ] = None,
     vehicle: Vehicle = None,
-    controller: Annotated[str, controller_option("Controller file or shipped name.")] = "tlc",
-    at: Annotated[
+    controller: Annotated[
+        str, controller_option("Controller to linearize: file or shipped name.")
+    ] = "tlc",
+    instants: Annotated[
         str,
         typer.Option(
-            metavar="POINT", help="trim, a time of the nominal flight such as 30s, or 0s:60s:1s."
+            "--at",
+            metavar="POINT",
+            help="Operating point: trim, a time of the nominal flight such as 30s, or 0s:60s:1s.",
         ),
     ] = "trim",
     bank: Annotated[
-        str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")
+        str, typer.Option(help="Bank angle of the trimmed steady turn, in deg or with a unit.")
     ] = "0",
     gains: Annotated[
         Path | None,
@@ -279,25 +310,26 @@ def linearize(
             "--gains",
             callback=output_file,
             metavar="FILE",
-            help="Write the controller's gains over time; ends in .mat, .csv or .h.",
+            help="File for the controller's gains over time; ends in .mat, .csv or .h.",
         ),
     ] = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Write plant, law, open and closed loop about the trim or a time of the nominal flight; or a controller's gains.
+    """Write linear models of the plant, the controller, the open and the closed loop, or gains.
 
-    Path coordinates, second-order actuators, exact zero-order hold; names and units are in the file. Over several times
-    (first:last:step) each matrix is an array [time, row, column], with time_s.
+    The models use path coordinates, second-order actuators and an exact zero-order hold; names and
+    units are in the file. For several times (first:last:step) each matrix is an array [time, row,
+    column], with time_s.
     """
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import check_format, make_model, stack_models, write_model
 
     if out is not None:
         check_format(out)
-    times = _read_times(at)
+    times = _read_times(instants)
     if len(times) > 1 and "trim" in times:
-        raise InputError("--at", f"'{at}'", "one point, or times such as 0s:60s:1s")
-    craft, flight, files = _find_flown(vehicle, mission, controller, trust_code)
+        raise InputError("--at", f"'{instants}'", "one point, or times such as 0s:60s:1s")
+    vehicle_file, mission_file, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
         raise InputError("--controller", ", ".join(files), "one controller")
     (file,) = files.values()
@@ -306,17 +338,17 @@ def linearize(
         from abhv_mc.simulators.export_gains import check_gain_format, write_gains
 
         check_gain_format(gains)
-        write_gains(gains, make_flight_plan(flight, craft, file))
+        write_gains(gains, make_flight_plan(mission_file, vehicle_file, file))
         say(gains)
         if out is None:
             return
     if out is None:
         raise InputError(
-            "--output", "no file", "one that ends in .npz, .mat or .json (-o FILE), or --gains FILE"
+            "--output", "no file", "-o FILE that ends in .npz, .mat or .json, or --gains FILE"
         )
     models = []
     for time in times:
-        plan, points, _ = _take(flight, craft, file, time, bank, times)
+        plan, points, _ = _take(mission_file, vehicle_file, file, time, bank, times)
         models.append(make_model(plan, points, linearize(plan, points)))
     write_model(
         out,

@@ -1,6 +1,6 @@
-"""The arguments and options that commands share: one grammar for all of them.
+"""Arguments and options that several commands share.
 
-A campaign, mission, vehicle or controller is a path or the name of a shipped one.
+A campaign, mission, vehicle or controller is a path or the name of a shipped file.
 """
 
 from pathlib import Path
@@ -14,7 +14,10 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
 def _of_kinds(*kinds: str) -> dict[str, Any]:
-    """How a file of these kinds is found, and what a shell offers: shipped names, without one its own files."""
+    """Return the parser, completion and help of an argument for a file of these kinds.
+
+    Shells complete the names of shipped files, otherwise paths.
+    """
 
     def complete(incomplete: str) -> list[str]:
         return [
@@ -29,46 +32,48 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
             require_kind(path, kinds[0])
         return path
 
-    words = f"{', '.join(kinds[:-1])}{' or ' * (len(kinds) > 1)}{kinds[-1]}".capitalize()
-    words = f"{words} file, or the name of a shipped one."
-    return {"parser": find, "autocompletion": complete, "help": words}
+    text = f"{', '.join(kinds[:-1])}{' or ' * (len(kinds) > 1)}{kinds[-1]}".capitalize()
+    text = f"{text} file, or the name of a shipped one."
+    return {"parser": find, "autocompletion": complete, "help": text}
 
 
 def _complete_folder(incomplete: str) -> list[str]:
-    """Campaigns' folders in `reports`."""
-    flown = [path.parent.as_posix() for path in sorted(Path("reports").glob("*/manifest.json"))]
-    return [name for name in flown if name.startswith(incomplete)]
+    """Return the folders of campaigns in `reports`."""
+    folders = [path.parent.as_posix() for path in sorted(Path("reports").glob("*/manifest.json"))]
+    return [name for name in folders if name.startswith(incomplete)]
 
 
 def _complete_metric(incomplete: str) -> list[str]:
-    """Names of the built-in metrics."""
+    """Return the names of built-in metrics."""
     from abhv_mc.flight.metrics import BUILT_IN
 
     return [name for name in BUILT_IN if name.startswith(incomplete)]
 
 
 def _complete_controllers(incomplete: str) -> list[str]:
-    """Names of the shipped controllers, after those that stand already before a comma."""
-    before, comma, last = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in shipped_files("control") if name.startswith(last)]
+    """Return the names of shipped controllers for the last item of a comma-separated list."""
+    previous, comma, last = incomplete.rpartition(",")
+    return [
+        f"{previous}{comma}{name}" for name in shipped_files("control") if name.startswith(last)
+    ]
 
 
-def controllers_option(words: str, **options: Any) -> Any:
-    """An option that names several controllers."""
+def controllers_option(purpose: str, **options: Any) -> Any:
+    """Return an option for the names of several controllers."""
     names = "--controllers", "--controller"
     return typer.Option(
-        *names, metavar="A,B", help=words, autocompletion=_complete_controllers, **options
+        *names, metavar="A,B", help=purpose, autocompletion=_complete_controllers, **options
     )
 
 
-def metric_option(words: str, **options: Any) -> Any:
-    """An option that names a metric."""
-    return typer.Option(metavar="METRIC", help=words, autocompletion=_complete_metric, **options)
+def metric_option(purpose: str, **options: Any) -> Any:
+    """Return an option for the name of a metric."""
+    return typer.Option(metavar="METRIC", help=purpose, autocompletion=_complete_metric, **options)
 
 
-def controller_option(words: str, metavar: str = "C", **options: Any) -> Any:
-    """An option that names one controller."""
-    return typer.Option("--controller", "--controllers", metavar=metavar, help=words, **options)
+def controller_option(purpose: str, metavar: str = "C", **options: Any) -> Any:
+    """Return an option for the name of one controller."""
+    return typer.Option("--controller", "--controllers", metavar=metavar, help=purpose, **options)
 
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", **_of_kinds("campaign"))]
@@ -90,40 +95,45 @@ NewVehicle = Annotated[
 ControllerFiles = Annotated[
     str | None,
     controllers_option(
-        "Controller files or shipped names.", show_default="tlc,lqr, or the campaign's"
+        "Controllers to simulate: files or shipped names.",
+        show_default="tlc,lqr, or the campaign's",
     ),
 ]
 Controller = Annotated[
-    str | None, controller_option("Controller.", "NAME", show_default="the first")
+    str | None, controller_option("Controller to use.", "NAME", show_default="the first")
 ]
 
 
-def folder_argument(words: str = "A campaign's folder.", metavar: str = "DIR") -> Any:
-    """An argument that names the folder of a campaign."""
-    return typer.Argument(metavar=metavar, help=words, autocompletion=_complete_folder)
+def folder_argument(purpose: str = "Results folder of a campaign.", metavar: str = "DIR") -> Any:
+    """Return an argument for the folder of a campaign."""
+    return typer.Argument(metavar=metavar, help=purpose, autocompletion=_complete_folder)
 
 
 Folder = Annotated[Path, folder_argument()]
 Runs = Annotated[
     int | None,
-    typer.Option(min=1, help="Flights of each controller.", show_default="the campaign's"),
+    typer.Option(
+        min=1, help="Number of flights of each controller.", show_default="the campaign's"
+    ),
 ]
 Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Delete what the folder holds of a campaign first.")
+    bool, typer.Option("--fresh", help="Delete the campaign in the folder first, and start again.")
 ]
 Baseline = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="Campaign flown before on the same samples; the report says what changed.",
+        help="Results folder of an earlier campaign with the same samples; the report lists the "
+        "changes.",
         autocompletion=_complete_folder,
     ),
 ]
-NoReport = Annotated[bool, typer.Option("--no-report", help="Make no report.")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Omit the report.")]
 TrustCode = Annotated[
     bool,
     typer.Option(
-        "--trust-code", help="Run Python code of a campaign's folder that you have not flown."
+        "--trust-code",
+        help="Allow Python code of the campaign to run that has not been run here before.",
     ),
 ]
 Json = Annotated[
@@ -132,7 +142,7 @@ Json = Annotated[
         "--json",
         callback=json_file,
         metavar="FILE",
-        help="Write the figures as JSON; - for standard output.",
+        help="Write the results as JSON; - for standard output.",
     ),
 ]
 
@@ -141,40 +151,51 @@ Requirements = Annotated[
     typer.Option(
         "--requirements",
         metavar="FILE",
-        help="Judge by these: a campaign file, a file with 'requirements', or a CSV file.",
+        help="Requirements to judge by: a campaign file, a file with 'requirements', or a CSV "
+        "file.",
         show_default="the folder's",
     ),
 ]
 Junit = Annotated[
     Path | None,
     typer.Option(
-        "--junit", callback=output_file, metavar="FILE.xml", help="Write the verdicts as JUnit XML."
+        "--junit",
+        callback=output_file,
+        metavar="FILE.xml",
+        help="Write the verdicts as JUnit XML, for continuous integration.",
     ),
 ]
 
 
 def parse_names(text: str | None) -> tuple[str, ...] | None:
-    """Names with commas between them; None without the option. Raises InputError for an empty name."""
+    """Return the names of a comma-separated list; None without the option.
+
+    Raise InputError if a name is empty.
+    """
     if text is None:
         return None
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError(
-            "--controllers", f"'{text}', which holds an empty name", "names such as tlc,lqr"
-        )
+        raise InputError("--controllers", f"'{text}' has an empty name", "names such as tlc,lqr")
     return names
 
 
 def find_controllers(text: str | None) -> dict[str, Path]:
-    """Controller files by their names; tlc and lqr without the option. Raises InputError."""
+    """Return controller files by name; those of tlc and lqr without the option.
+
+    Raise InputError if a file is missing or two have the same name.
+    """
     files = [find_input(name, "control") for name in parse_names(text) or ("tlc", "lqr")]
     if len({file.stem for file in files}) < len(files):
-        raise InputError("--controllers", str(text), "files of different names")
+        raise InputError("--controllers", f"'{text}'", "files with different names")
     return {file.stem: file for file in files}
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
-    """A quantity of an option in SI; without a unit it is in ``bare_unit``. Raises InputError."""
+    """Return the value of an option in SI units; a number without unit is in ``bare_unit``.
+
+    Raise InputError if the value is invalid.
+    """
     from abhv_mc.io.units import parse_quantity
 
     try:

@@ -1,4 +1,4 @@
-"""Where a command may write, judged before it does anything else: callbacks of the options that name an output."""
+"""Checks of output paths, which typer calls before a command starts."""
 
 import os
 from collections.abc import Callable
@@ -14,78 +14,82 @@ _INPUTS = (".yaml", ".yml", ".py", ".csv", ".parquet")
 
 
 def output(
-    judge: Callable[[Path | None], Path | None],
+    check: Callable[[Path | None], Path | None],
     metavar: str,
-    words: str,
+    purpose: str,
     default: str | bool = True,
 ) -> Any:
-    """The option ``--output`` of a command; ``default``: where it writes without, in words."""
+    """Return the option ``--output``; ``default`` describes where the command writes without it."""
     return typer.Option(
-        "--output", "-o", callback=judge, metavar=metavar, help=words, show_default=default
+        "--output", "-o", callback=check, metavar=metavar, help=purpose, show_default=default
     )
 
 
 def output_file(path: Path | None) -> Path | None:
-    """The path of a file to write. Raises InputError, as all of these."""
+    """Return the path of a file to write. Raise InputError if it cannot be written."""
     if path is None:
         return None
-    if (
-        path.exists() and not path.is_file()
-    ):  # root's --json /dev/null would be renamed over the device
-        raise InputError(path, "a folder or a device", "the name of a file")
+    # For root, --json /dev/null would replace the device.
+    if path.exists() and not path.is_file():
+        raise InputError(path, "this is a folder or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
 
 def output_file_or_stream(path: Path | None) -> Path | None:
-    """The same, or ``-`` for standard output."""
+    """Return the path of a file to write, or ``-`` for standard output.
+
+    Raise InputError if the file cannot be written.
+    """
     return path if path == Path("-") else output_file(path)
 
 
 def json_file(path: Path | None) -> Path | None:
-    """The same for figures, never in the place of an input file: two arguments are easily swapped."""
+    """Return the path of a JSON file to write, or ``-`` for standard output.
+
+    Raise InputError if the file cannot be written, or if an input file would be overwritten
+    because two arguments are swapped.
+    """
     if path is not None and path.suffix in _INPUTS and path.exists():
-        raise InputError(path, f"a {path.suffix} file that exists", "the name of a JSON file")
+        raise InputError(path, f"the {path.suffix} file exists", "the name of a JSON file")
     return output_file_or_stream(path)
 
 
 def output_folder(path: Path | None) -> Path | None:
-    """The path of a folder to write files into: not that of a campaign, whose names may be taken."""
+    """Return the path of a folder for output files. Raise InputError if it is a campaign's."""
     return None if path is None else _check_folder(path)
 
 
 def campaign_folder(path: Path | None) -> Path | None:
-    """The path of the folder that a campaign flies in, or is to fly in."""
+    """Return the path of a new or existing campaign folder. Raise InputError if unusable."""
     return None if path is None else _check_folder(path, campaign=True)
 
 
 def campaign_folder_or_address(path: Path | None) -> Path | None:
-    """The same, or an address such as s3://bucket/folder."""
+    """Return the path of a campaign folder, or an address such as s3://bucket/folder."""
     return path if path is not None and _is_address(path) else campaign_folder(path)
 
 
 def _check_folder(path: Path, campaign: bool = False) -> Path:
     if path.is_file():
-        raise InputError(path, "a file", "the name of a folder")
+        raise InputError(path, "this is a file", "the name of a folder")
     return _check(path, path.absolute(), campaign)
 
 
-def _check(path: Path, home: Path, campaign: bool = False) -> Path:
-    from abhv_mc.folder.layout import find_user_place
+def _check(path: Path, folder: Path, campaign: bool = False) -> Path:
+    from abhv_mc.folder.layout import find_in_campaign
 
     if _is_address(path):
-        raise InputError(path, "an address", "a place on this machine")
-    place = find_user_place(path)
-    if place is not None and not (campaign and place == Path()):
+        raise InputError(path, "this is an address", "a path on this machine")
+    location = find_in_campaign(path)
+    if location is not None and not (campaign and location == Path()):
         raise InputError(
-            path, "a place of the campaign's own files", "another name, or a place elsewhere"
+            path, "the path belongs to the files of a campaign", "a path outside its folder"
         )
-    there = next(folder for folder in (home, *home.parents) if folder.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        raise InputError(
-            path, f"a place in {there}, which cannot be written", "a folder that can be"
-        )
+    existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(path, f"{existing} cannot be written", "a path in a writable folder")
     return path
 
 
 def _is_address(path: Path) -> bool:
-    return read_address(f"{path}/") is not None  # of s3:// a path keeps s3:
+    return read_address(f"{path}/") is not None  # Path("s3://") is "s3:"

@@ -1,4 +1,4 @@
-"""``verify``: a results folder against itself. Packages add checks against published data."""
+"""Command ``verify``, which checks a results folder; packages add checks by published data."""
 
 import typer
 
@@ -8,16 +8,17 @@ from abhv_mc.folder.layout import CampaignFolder
 
 verify = typer.Typer(
     name="verify",
-    help="Check flights against published data, and a results folder against itself.",
+    help="Check the files and numbers of a results folder, or simulations against published data.",
     no_args_is_help=True,
 )
 
 
 @verify.command("campaign")
 def campaign(folder: Folder) -> None:
-    """Check every file of a campaign's folder by its hash, and every number of its report; exit 1 at a difference.
+    """Check the hash of every file of a campaign, and every number of its report.
 
-    Numbers are computed anew from the flights. Nothing is flown again: replay does that with one flight.
+    Numbers are recomputed from the stored flights; no flight is run ('replay' re-runs one). The
+    exit code is 1 if there is a difference.
     """
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.stores import open_store
@@ -32,18 +33,12 @@ def campaign(folder: Folder) -> None:
         skipped = skipped_topics(source)
         has_report = (source / "report.json").is_file()
     if manifest.search:
-        say(
-            f"{folder}: every file is as the search wrote it; this makes its page again from its flights:"
-        )
+        say(f"{folder}: all files are intact. To create the page of the search again, run:")
         say(search_command(folder, manifest))
         return
     if not has_report:
-        say(
-            f"{folder}: every file is as it was written; no report to check: abhv-mc report {folder}"
-        )
+        say(f"{folder}: all files are intact. To create a report, run: abhv-mc report {folder}")
         return
-    say(
-        f"{folder}: every file is as it was written, and every number of the report follows from the flights"
-    )
+    say(f"{folder}: all files are intact, and all numbers of the report follow from the flights")
     if skipped:
-        say(f"not checked, as they are not installed here: the topics {', '.join(skipped)}")
+        say(f"not checked because their packages are not installed: topics {', '.join(skipped)}")

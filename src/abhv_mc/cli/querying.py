@@ -1,4 +1,4 @@
-"""``list``, ``query``: what ships, and a campaign's tables in other forms."""
+"""Commands ``list`` and ``query``: shipped files and definitions, and tables of a campaign."""
 
 import io
 import re
@@ -12,7 +12,7 @@ import typer
 
 from abhv_mc.cli.options import Json, folder_argument
 from abhv_mc.cli.outputs import output_file_or_stream, output_folder
-from abhv_mc.cli.printing import answer, new_table, print_table, say
+from abhv_mc.cli.printing import new_table, print_table, say, show_result
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import find_input
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 lists = typer.Typer(
     name="list",
-    help="List what ships: campaigns, vehicles, missions, controllers, parameters, channels, metrics, schemas.",
+    help="List shipped campaigns, vehicles, missions and controllers, or parameters, channels, "
+    "metrics and schemas.",
     no_args_is_help=True,
 )
 
@@ -52,7 +53,7 @@ def controllers(json: Json = None) -> None:
 
 
 def _list_shipped(kind: str, json: Path | None) -> None:
-    """List shipped files with their question or description, or the first sentence of the comment above them."""
+    """List shipped files with their question, description or first sentence of their comment."""
     from abhv_mc.io.documents import read_document
     from abhv_mc.shipped import shipped_files
 
@@ -74,29 +75,30 @@ def parameters(
         str | None,
         typer.Argument(
             metavar="VEHICLE",
-            help="Shipped name or file: its functions' settings and custom states, too.",
+            help="Vehicle file or shipped name, to include its settings and custom states.",
             show_default=False,
         ),
     ] = None,
     json: Json = None,
 ) -> None:
-    """List what a campaign may disperse. A unit of - is a factor or a number."""
+    """List the parameters that a campaign may disperse. The unit - means a factor or a number."""
     from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
     from abhv_mc.plant.parameters import OURS
 
-    known = read_vehicle_parameters(find_input(vehicle, "vehicle"))[0] if vehicle else OURS
+    definitions = read_vehicle_parameters(find_input(vehicle, "vehicle"))[0] if vehicle else OURS
     keys = ("name", "unit", "nominal", "doc")
-    records = [known[name] for name in known.dispersible]
+    records = [definitions[name] for name in definitions.dispersible]
     _show_records([{key: getattr(record, key) for key in keys} for record in records], json)
 
 
 @lists.command()
 def channels(json: Json = None) -> None:
-    """List what histories, envelopes and replays record."""
+    """List the channels that histories, envelopes and replays record."""
     from abhv_mc.flight.channels import CHANNELS
 
     _show_records(
-        [{"name": each.name, "unit": each.unit, "doc": each.doc} for each in CHANNELS], json
+        [{"name": channel.name, "unit": channel.unit, "doc": channel.doc} for channel in CHANNELS],
+        json,
     )
 
 
@@ -105,15 +107,17 @@ def metrics(
     campaign: Annotated[
         str | None,
         typer.Argument(
-            metavar="[CAMPAIGN]", help="Its file, or a shipped name: list what it declares, too."
+            metavar="[CAMPAIGN]",
+            help="Campaign file or shipped name, to include the metrics that it declares.",
         ),
     ] = None,
     json: Json = None,
 ) -> None:
-    """List what every flight is measured by: unit, what is bad, group, how it is counted, meaning.
+    """List the metrics of a flight: unit, bad side, group, how they are computed, and meaning.
 
-    Stability margins stand at the end: a campaign that asks for them has them. What is counted is a source, or an
-    expression of sources; with statistic, limit and window it is how a campaign would declare the same metric.
+    Stability margins, which a campaign has only if it requests them, are at the end. A metric is
+    computed from a source or an expression of sources; with its statistic, limit and window a
+    campaign can declare the same metric.
     """
     from abhv_mc.flight.metrics import BUILT_IN, MARGINS
 
@@ -125,7 +129,7 @@ def metrics(
         margins = MARGINS if read.simulator.capabilities.has_margins else ()
         records = [*read.measured, *margins]
     if json is not None:
-        answer([record.as_entry() for record in records], json, lambda: None)
+        show_result([record.as_entry() for record in records], json, lambda: None)
         return
     columns = ("name", "unit", "bad", "group", "counted", "doc")
     _show_records([{key: getattr(record, key) for key in columns} for record in records], None)
@@ -134,11 +138,12 @@ def metrics(
 @lists.command()
 def schemas(
     kind: Annotated[
-        str | None, typer.Argument(metavar="[KIND]", help="Print the schema of this kind of file.")
+        str | None,
+        typer.Argument(metavar="[KIND]", help="Kind of file whose JSON Schema is printed."),
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the kinds of input file, the report and the manifest, or print the JSON Schema of one of them."""
+    """List the kinds of files that have a JSON Schema, or print the schema of one kind."""
     from functools import partial
 
     from abhv_mc.campaign.file.kinds import MODELS
@@ -146,22 +151,22 @@ def schemas(
     from abhv_mc.folder.manifest import manifest_schema
     from abhv_mc.report.numbers.report_numbers import report_schema
 
-    known = {name: partial(make_schema, name) for name in MODELS} | {
+    makers = {name: partial(make_schema, name) for name in MODELS} | {
         "report": report_schema,
         "manifest": manifest_schema,
     }
     if kind is None:
         _show_records(
-            [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in known], json
+            [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in makers], json
         )
         return
-    if kind not in known:
-        raise InputError("list schemas", f"'{kind}'", one_of(known, kind))
-    answer(known[kind](), json or Path("-"), lambda: None)
+    if kind not in makers:
+        raise InputError("list schemas", f"'{kind}'", one_of(makers, kind))
+    show_result(makers[kind](), json or Path("-"), lambda: None)
 
 
 def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
-    def in_words() -> None:
+    def print_text() -> None:
         table = new_table((), (), show_header=False, padding=(0, 1, 0, 0))
         for key in records[0]:
             table.add_column(
@@ -173,14 +178,16 @@ def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
             )
         print_table(table)
 
-    answer(records, json, in_words)
+    show_result(records, json, print_text)
 
 
 def query(
-    folder: Annotated[Path, folder_argument("A campaign's folder, or its address.")],
+    folder: Annotated[Path, folder_argument("Results folder of a campaign, or its address.")],
     sql: Annotated[
         str | None,
-        typer.Argument(metavar="[SQL]", help="For example: select count(*) from flights"),
+        typer.Argument(
+            metavar="[SQL]", help="SQL statement, for example: select count(*) from flights"
+        ),
     ] = None,
     json: Json = None,
     csv: Annotated[
@@ -188,21 +195,25 @@ def query(
         typer.Option(
             "--csv",
             metavar="PATH",
-            help="Write CSV: a file, or - for standard output; without SQL a folder.",
+            help="Write the result as CSV to a file, or - for standard output; without SQL, write "
+            "all tables to a folder.",
         ),
     ] = None,
 ) -> None:
-    """Ask with SQL (duckdb); tables: flights, samples, histories, envelopes, nominal, reference.
+    """Query the tables of a campaign with SQL (duckdb), or export them as CSV.
 
-    Without SQL, --csv writes every table as a CSV file into a folder; numbers read back to the same bits.
-    Parameters have a dot in their names: write them in double quotes, as in select "aero.lift" from samples.
+    The tables are flights, samples, histories, envelopes, nominal and reference. Names of
+    parameters have a dot and need double quotes, as in select "aero.lift" from samples. Numbers in
+    CSV files are exact.
     """
     from abhv_mc.folder.stores import open_store
-    from abhv_mc.folder.tables import ask, export_csv
+    from abhv_mc.folder.tables import export_csv, run_query
 
     if sql is None:
         if csv is None or csv == Path("-") or json is not None:
-            raise InputError("query", "no SQL", "SQL, or --csv DIR for every table as CSV")
+            raise InputError(
+                "query", "no SQL statement", "a statement, or --csv DIR to export all tables"
+            )
         tables = output_folder(csv) or csv
         with open_store(folder).reading() as source:
             for path in export_csv(source, tables):
@@ -211,26 +222,26 @@ def query(
     csv = output_file_or_stream(csv)
     with open_store(folder).reading() as source:
         if json is None and csv is None:
-            say(ask(source, sql, _draw) or "", end="")
+            say(run_query(source, sql, _draw) or "", end="")
             return
-        rows = ask(source, sql, lambda found: (found.columns, found.fetchall()))
+        rows = run_query(source, sql, lambda relation: (relation.columns, relation.fetchall()))
     if rows is not None:
         if csv is not None:
             _write_csv(*rows, csv)
         if json is not None:
-            answer(_as_records(*rows), json, lambda: None)
+            show_result(_as_records(*rows), json, lambda: None)
 
 
-def _draw(found: "DuckDBPyRelation") -> str:
-    """The answer as a table of characters."""
-    shown = io.StringIO()
-    with redirect_stdout(shown):
-        found.show(max_rows=200, max_width=200)
-    return shown.getvalue()
+def _draw(relation: "DuckDBPyRelation") -> str:
+    """Return the result as a text table."""
+    stream = io.StringIO()
+    with redirect_stdout(stream):
+        relation.show(max_rows=200, max_width=200)
+    return stream.getvalue()
 
 
 def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -> None:
-    """CSV as it is into a file or a pipe; on a terminal nothing that would move its cursor."""
+    """Write CSV to a file or standard output; control characters are escaped on a terminal."""
     from abhv_mc.io.csv_table import csv_text
 
     text = csv_text([columns, *rows])
@@ -243,9 +254,9 @@ def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -
 
 
 def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict[str, object]]:
-    """A mapping for each row. Raises InputError where columns share a name."""
-    twice = sorted({name for name in columns if columns.count(name) > 1})
-    if twice:
-        found = f"several columns named {', '.join(twice)}"
-        raise InputError("query", found, "names of their own: select ... as ..., or --csv")
+    """Return a mapping for each row. Raise InputError if columns share a name."""
+    repeated = sorted({name for name in columns if columns.count(name) > 1})
+    if repeated:
+        problem = f"several columns named {', '.join(repeated)}"
+        raise InputError("query", problem, "distinct names (select ... as ...), or --csv")
     return [dict(zip(columns, row, strict=True)) for row in rows]

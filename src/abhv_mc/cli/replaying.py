@@ -1,4 +1,4 @@
-"""``replay``, ``explain``: single flights of a campaign, again."""
+"""Commands ``replay`` and ``explain``: re-run and explain single flights of a campaign."""
 
 from math import isnan
 from pathlib import Path
@@ -9,7 +9,7 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, metric_option
 from abhv_mc.cli.outputs import output, output_file
-from abhv_mc.cli.printing import announce_compiling, answer, print_section_table, say
+from abhv_mc.cli.printing import announce_compiling, print_section_table, say, show_result
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.user_code.child import run_in_thread
@@ -17,33 +17,32 @@ from abhv_mc.user_code.child import run_in_thread
 
 def replay(
     folder: Folder,
-    flight: Annotated[int, typer.Option(min=0, help="Number of the flight.")],
+    flight: Annotated[int, typer.Option(min=0, help="Number of the flight to re-run.")],
     controller: Controller = None,
     out: Annotated[
-        Path | None, output(output_file, "FILE.parquet", "Write its history at full rate.")
+        Path | None,
+        output(output_file, "FILE.parquet", "File for the time history at the full rate."),
     ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Fly one flight again at full rate and compare its metrics with the stored ones, bit for bit.
+    """Re-run one flight and compare its metrics with the stored ones, bit for bit.
 
-    Exit code 1 where any differs.
+    The exit code is 1 if any metric differs.
     """
     from abhv_mc.analysis.replay import replay_flight
     from abhv_mc.flight.repeatability import ROUNDING, Repeatability
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import first_controller
 
-    if (
-        out is not None and out.suffix != ".parquet"
-    ):  # the only kind it writes, whatever the name promises
+    if out is not None and out.suffix != ".parquet":
         raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
     controller = controller or first_controller(folder)
     announce_compiling()
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
     block = replay.block
     if out is not None and not block.history.size:
-        raise InputError("--output", "flights that return no history", "no --output")
+        raise InputError("--output", "the flight has no time history", "no --output")
     if out is not None:
         names = [channel.name for channel in replay.channels]
         write_histories(
@@ -53,10 +52,10 @@ def replay(
             block.times,
             block.history,
             channels=names,
-            known=replay.channels,
+            recorded=replay.channels,
         )
 
-    def in_words() -> None:
+    def print_text() -> None:
         end = replay.outcome + (
             "" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s"
         )
@@ -70,19 +69,19 @@ def replay(
         if replay.differences:
             say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
         elif replay.repeatability is Repeatability.ROUNDING:
-            say(f"metrics equal the stored ones within {ROUNDING:g} of their values")
+            say(f"metrics equal the stored ones within a relative error of {ROUNDING:g}")
         else:
             say("metrics equal the stored ones bit for bit")
         if replay.differences and replay.repeatability is not None:
             say(replay.repeatability.sentence)
 
-    figures = {"flight": flight, "controller": controller, "outcome": replay.outcome}
-    figures |= {
+    numbers = {"flight": flight, "controller": controller, "outcome": replay.outcome}
+    numbers |= {
         "end_time_s": block.end_time[0],
         "samples": replay.samples,
         "metrics": replay.metrics,
     }
-    answer(figures | {"differences": list(replay.differences)}, json, in_words)
+    show_result(numbers | {"differences": list(replay.differences)}, json, print_text)
     if replay.differences and replay.repeatability is not Repeatability.DECLARED:
         raise typer.Exit(ExitCode.FAILED)
 
@@ -90,30 +89,33 @@ def replay(
 def explain(
     folder: Folder,
     flight: Annotated[
-        int | None, typer.Option(min=0, help="Number of a flight that failed.")
+        int | None, typer.Option(min=0, help="Number of the failed flight to explain.")
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Map the failed flights: the 50 worst of a controller.")
+        bool,
+        typer.Option("--all", help="Explain the failed flights, at most 50 of each controller."),
     ] = False,
     controller: Controller = None,
     requirement: Annotated[
         str | None,
-        metric_option("Explain why it missed this requirement.", show_default="what it failed"),
+        metric_option(
+            "Metric of the missed requirement to explain.", show_default="the missed one"
+        ),
     ] = None,
     out: Annotated[
-        Path | None, output(output_file, "FILE.png", "Where the figure goes.", default="in DIR")
+        Path | None, output(output_file, "FILE.png", "File for the figure.", default="in DIR")
     ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Find the smallest set of a failing flight's dispersions that still fails with all others nominal.
+    """Find the smallest set of dispersions that makes a flight fail while all others are nominal.
 
-    A flight failed that ended early or missed a requirement. With --all: the same of every controller's failed flights,
-    grouped by these sets; 'abhv-mc report' shows them.
+    A flight failed if it terminated early or missed a requirement. With --all, the failed flights
+    of every controller are grouped by these sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        asked = "both a flight (or its requirement, or figure) and all" if every else "no flight"
-        raise InputError("--flight", asked, "--flight NUMBER, or --all alone")
+        problem = "--all excludes --flight, --requirement and --output" if every else "no flight"
+        raise InputError("--flight", problem, "--flight NUMBER, or only --all")
     announce_compiling()
     if flight is None:
         _map_all(folder, controller, json, trust_code)
@@ -127,17 +129,17 @@ def explain(
     )
 
     name = controller or first_controller(folder)
-    found = run_in_thread(
+    explanation = run_in_thread(
         lambda: explain_flight(folder, name, flight, requirement=requirement, trust_code=trust_code)
     )
     path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
-    words, numbers = explanation_words(found), explanation_numbers(found)
-    if found.block.history.size:
+    sentences, numbers = explanation_words(explanation), explanation_numbers(explanation)
+    if explanation.block.history.size:
         from abhv_mc.topics.figure_style import write_png
 
-        write_png(make_explained_figure(found), path)
-        words, numbers = [*words, f"figure    {path}"], numbers | {"figure": str(path)}
-    answer(numbers, json, lambda: say(*words, sep="\n"))
+        write_png(make_explained_figure(explanation), path)
+        sentences, numbers = [*sentences, f"figure    {path}"], numbers | {"figure": str(path)}
+    show_result(numbers, json, lambda: say(*sentences, sep="\n"))
 
 
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
@@ -155,15 +157,15 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     names = results.controllers if controller is None else (controller,)
     failed = {name: rank_failed(results, name) for name in names}
     if not any(failed.values()):
-        say("no flight ended early or missed a requirement")
+        say("No flight terminated early or missed a requirement.")
         return
-    found = map_failures(folder, failed, trust_code=trust_code)
+    failure_map = map_failures(folder, failed, trust_code=trust_code)
     results.refuse_changes()
-    path = write_map(folder, found)
-    table = map_table(found.controllers, names_of(results))
+    path = write_map(folder, failure_map)
+    table = map_table(failure_map.controllers, names_of(results))
 
-    def in_words() -> None:
+    def print_text() -> None:
         print_section_table(table)
-        say(f"map       {path}; abhv-mc report {folder} shows it")
+        say(f"map       {path}; 'abhv-mc report {folder}' shows it")
 
-    answer(found.controllers, json, in_words)
+    show_result(failure_map.controllers, json, print_text)

@@ -1,4 +1,4 @@
-"""``report``, ``show``, ``runs``, ``compare``, ``whatif``: what campaigns say."""
+"""Commands ``report``, ``show``, ``compare``, ``place``, ``whatif`` and ``runs``."""
 
 from dataclasses import replace
 from math import inf
@@ -20,13 +20,13 @@ from abhv_mc.cli.options import (
 )
 from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
-    answer,
-    beside,
     new_table,
     print_section,
     print_section_table,
     print_table,
     say,
+    show_result,
+    text_stream,
 )
 from abhv_mc.cli.running import describe_outcomes, print_judgement, print_requirements
 from abhv_mc.execution.progress import Waiting
@@ -45,25 +45,29 @@ _REPORTS = Path("reports")
 
 
 def report(
-    folder: Annotated[Path, folder_argument("Folder of a campaign, or its address.")],
+    folder: Annotated[Path, folder_argument("Results folder of a campaign, or its address.")],
     out: Annotated[
-        Path | None, output(output_folder, "DIR", "Where to.", "DIR; reports/NAME for an address")
+        Path | None,
+        output(output_folder, "DIR", "Folder for the report.", "DIR; reports/NAME for an address"),
     ] = None,
     baseline: Baseline = None,
-    svg: Annotated[bool, typer.Option("--svg", help="Write each figure as SVG, too.")] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="Write the figures also as SVG.")] = False,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Print report.pdf (A4), where a Chromium is found.")
+        bool, typer.Option("--pdf", help="Print report.pdf (A4); needs Chromium.")
     ] = False,
     brief: Annotated[
-        bool, typer.Option("--brief", help="Print brief.pdf, two pages of it, in its place.")
+        bool, typer.Option("--brief", help="Print brief.pdf, a summary of two pages, instead.")
     ] = False,
-    letter: Annotated[bool, typer.Option("--letter", help="Print it on US letter.")] = False,
+    letter: Annotated[
+        bool, typer.Option("--letter", help="Print the PDF on US letter paper.")
+    ] = False,
     requirements: Requirements = None,
     junit: Junit = None,
 ) -> None:
-    """Make the page, the figures and report.json from a campaign's Parquet alone.
+    """Create the page, the figures and report.json from the stored results of a campaign.
 
-    With --requirements the stored flights are judged by others and nothing is run; the exit code is 1 if one fails.
+    No flight is run. With --requirements the stored flights are judged by other requirements; the
+    exit code is then 1 if one fails.
     """
     import json
 
@@ -73,7 +77,9 @@ def report(
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
 
     if requirements is not None and out is None:
-        raise InputError("--requirements", "no -o OUT", "-o OUT: DIR keeps the report of its own")
+        raise InputError(
+            "--requirements", "no folder for the report", "-o OUT: DIR keeps its own report"
+        )
     browser = find_browser() if pdf or letter or brief else None
 
     store = open_store(folder)
@@ -105,69 +111,78 @@ def report(
 
 def show(
     topic: Annotated[
-        str, typer.Argument(metavar="TOPIC", help="A topic of the report, such as margins.")
+        str, typer.Argument(metavar="TOPIC", help="Topic of the report, such as margins.")
     ],
-    folder: Annotated[Path, folder_argument("Folder of a campaign.")],
+    folder: Annotated[Path, folder_argument()],
     json: Json = None,
 ) -> None:
-    """Print what the report says of a topic: its sentences and tables, or its numbers with --json.
+    """Print the sentences and tables of a topic of the report, or its numbers with --json.
 
-    Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes, margins, simulator,
-    convergence, provenance, and those of installed packages.
+    Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes,
+    margins, simulator, convergence, provenance, and those of installed packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
-    from abhv_mc.topics.plain import plain
+    from abhv_mc.topics.json_data import json_data
     from abhv_mc.topics.registry import find_topic
     from abhv_mc.topics.topic import Models
 
-    asked = find_topic(topic)
+    selected = find_topic(topic)
     models = Models(read_flown(folder))
-    model = models[asked]
+    model = models[selected]
     models.results.refuse_changes()
 
-    def in_words() -> None:
-        for sentence in models.sentences(asked):
+    def print_text() -> None:
+        for sentence in models.sentences(selected):
             say(sentence)
-        section = models.section(asked)
+        section = models.section(selected)
         if section is None:
-            say(f"nothing on {topic} in this campaign")
+            say(f"This campaign has no results on {topic}.")
         tables = section.tables() if section else ()
         for table in tables:
             print_section_table(table)
-        for item in (
-            section.items if section and not tables else ()
-        ):  # its words then stand in no table
-            words = getattr(item, "sentences", (getattr(item, "text", ""),))
-            say("\n".join(words))
+        # A section without tables consists of sentences or text.
+        for item in section.items if section and not tables else ():
+            sentences = getattr(item, "sentences", (getattr(item, "text", ""),))
+            say("\n".join(sentences))
 
-    answer(plain(model), json, in_words)
+    show_result(json_data(model), json, print_text)
 
 
 def compare(
-    folder_a: Annotated[Path, folder_argument("Folder of a campaign.", "DIR_A")],
-    folder_b: Annotated[Path, folder_argument("Folder of another campaign.", "DIR_B")],
+    folder_a: Annotated[Path, folder_argument("Results folder of campaign A.", "DIR_A")],
+    folder_b: Annotated[Path, folder_argument("Results folder of campaign B.", "DIR_B")],
     controllers: Annotated[
-        str | None, controllers_option("Compare A of DIR_A with B of DIR_B.")
+        str | None,
+        controllers_option("Compare controller A of DIR_A with controller B of DIR_B."),
     ] = None,
     fail_if_worse: Annotated[
         list[str] | None,
-        typer.Option(metavar="METRIC=5%", help="Exit 1 where B is worse than that; repeatable."),
+        typer.Option(
+            metavar="METRIC=5%",
+            help="Exit with 1 if B may be worse than A by more than this; repeatable.",
+        ),
     ] = None,
     fail_if_loses: Annotated[
         int | None,
         typer.Option(
-            min=1, metavar="N", help="Exit 1 where B loses N or more flights that A does not."
+            min=1,
+            metavar="N",
+            help="Exit with 1 if N or more flights terminate early with B and not with A.",
         ),
     ] = None,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
     requirements: Requirements = None,
     json: Json = None,
 ) -> None:
-    """Compare two campaigns: flight by flight on the same samples, else by verdicts, shares and quantiles.
+    """Compare two campaigns, flight by flight if their samples are the same.
 
-    Without --controllers, each controller that both flew is compared with itself. --fail-if-worse stops B unless it is
-    shown to be at most so much worse on more than half of the flights; and where its 95 % or 99.73 % quantile is shown
-    to be worse by more, its worst flight is twice as bad, it loses more flights, or misses a requirement more often.
+    Otherwise verdicts, failure shares and quantiles are compared. Without --controllers, each
+    controller of both campaigns is compared with itself.
+
+    --fail-if-worse METRIC=5% accepts B only if it is shown to be at most 5 % worse on more than
+    half of the flights. B also fails if its 95 % or 99.73 % quantile is shown to be worse by more
+    than 5 %, its worst flight is twice as bad, more flights terminate early, or a requirement is
+    missed more often.
     """
     from abhv_mc.report.numbers.compare import Compared, parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
@@ -182,15 +197,18 @@ def compare(
         requirements,
         bool(fail_if_loses),
     )
-    found = comparison.found
-    answer(found, json, lambda: print_section(comparison.section))
+    result = comparison.found
+    show_result(result, json, lambda: print_section(comparison.section))
     if comparison.page is not None:
-        say(f"report    {comparison.page}", file=beside(json))
-    paired = found.paired if isinstance(found, Compared) else ()
+        say(f"report    {comparison.page}", file=text_stream(json))
+    paired = result.paired if isinstance(result, Compared) else ()
     gates = [gate for pair in paired for gate in pair.not_worse.values()]
     newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
     for pair, lost in zip(paired, newly_lost, strict=False):
-        say(f"{pair.b} loses {lost} flights that {pair.a} does not", file=beside(json))
+        say(
+            f"{lost} flights terminate early with {pair.b} and not with {pair.a}",
+            file=text_stream(json),
+        )
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -200,61 +218,66 @@ def place(
         list[Path],
         typer.Argument(
             metavar="FLIGHT.csv",
-            help="Histories with a column time (s) and channels, or rows of metrics.",
+            help="Test flights: time histories with columns time (s) and channels, or rows of "
+            "metrics.",
         ),
     ],
-    folder: Annotated[Path, folder_argument("Folder of a campaign with sampling: random.")],
+    folder: Annotated[Path, folder_argument("Results folder of a campaign with random sampling.")],
     controller: Controller = None,
     measured: Annotated[
         list[str] | None,
         typer.Option(
             metavar="CHANNEL=SIGMA",
-            help="Standard deviation of a channel's measurement noise, in its unit; repeatable.",
+            help="Standard deviation of the measurement noise of a channel, in its unit; "
+            "repeatable.",
         ),
     ] = None,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Write a page there.")] = None,
+    out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
     json: Json = None,
 ) -> None:
-    """Compare test flights with a campaign: does the dispersed model cover them?
+    """Compare test flights with a campaign, to check whether the dispersed model covers them.
 
-    Prints the rank of each metric among the simulated flights, the joint p-value of all metrics, and where a history
-    leaves the simultaneous 95 % band first; of several flights also whether they differ together.
+    Prints the rank of each metric among the simulated flights, the joint p-value of all metrics,
+    and where a history first leaves the simultaneous 95 % band. For several test flights a joint
+    test is printed, too.
     """
     from abhv_mc.analysis.place import place_flights
     from abhv_mc.report.pages.page import write_answer
     from abhv_mc.report.pages.place_page import make_place_answer
 
-    found = place_flights(folder, flights, controller, _parse_noise(measured or []))
-    shown = make_place_answer(found, folder)
-    answer(
-        {key: value for key, value in vars(found).items() if key != "bands"},
+    placement = place_flights(folder, flights, controller, _parse_noise(measured or []))
+    page = make_place_answer(placement, folder)
+    show_result(
+        {key: value for key, value in vars(placement).items() if key != "bands"},
         json,
-        lambda: print_section(shown.section),
+        lambda: print_section(page.section),
     )
     if out is not None:
-        say(f"report    {write_answer(shown, out / 'report.html')}", file=beside(json))
+        say(f"report    {write_answer(page, out / 'report.html')}", file=text_stream(json))
 
 
-def _parse_noise(words: list[str]) -> dict[str, float]:
-    """Return standard deviations by channel. Raises InputError."""
+def _parse_noise(settings: list[str]) -> dict[str, float]:
+    """Return standard deviations by channel. Raise InputError if one is not positive."""
     noise: dict[str, float] = {}
-    for word in words:
-        channel, _, number = word.partition("=")
+    for setting in settings:
+        channel, _, number = setting.partition("=")
         try:
             noise[channel] = float(number)
         except ValueError:
             noise[channel] = -1.0
         if not 0.0 < noise[channel] < inf:
-            raise InputError("--measured", f"'{word}'", "CHANNEL=SIGMA with a positive number")
+            raise InputError("--measured", f"'{setting}'", "CHANNEL=SIGMA with a positive number")
     return noise
 
 
 def whatif(
-    folder: Annotated[Path, folder_argument("Folder of a campaign with sampling: random.")],
+    folder: Annotated[Path, folder_argument("Results folder of a campaign with random sampling.")],
     settings: Annotated[
         list[str],
         typer.Option(
-            "--set", metavar="K=V", help="For example aero.drag.half_width=12%; may be repeated."
+            "--set",
+            metavar="K=V",
+            help="Changed dispersion, for example aero.drag.half_width=12%; repeatable.",
         ),
     ],
     requirements: Requirements = None,
@@ -262,36 +285,40 @@ def whatif(
 ) -> None:
     """Estimate results under other dispersions by re-weighting existing flights.
 
-    Refused where the flights do not cover what is asked, or where too few of them count.
+    Rejected if the flights do not cover the new distribution or their effective number is too
+    small.
     """
     from abhv_mc.analysis.reweight import parse_settings
     from abhv_mc.report.numbers.whatif import make_whatif
 
-    found = make_whatif(folder, parse_settings(settings), requirements)
-    answer(found, json, lambda: _print_whatif(found))
+    estimates = make_whatif(folder, parse_settings(settings), requirements)
+    show_result(estimates, json, lambda: _print_whatif(estimates))
 
 
-def _print_whatif(found: "Whatif") -> None:
+def _print_whatif(estimates: "Whatif") -> None:
+    from abhv_mc.topics.formatting import bounds, estimate, percent, significant
     from abhv_mc.topics.names import controller_label
-    from abhv_mc.topics.words import bounds, estimate, percent, significant
 
-    for name, after in found.after.items():
-        say(f"{name}: {_entry(found.before[name])}  ->  {_entry(after)}")
-    if found.stopped_when_proven:
-        say("The campaign stopped when proven; the intervals do not allow for that.")
-    for name, part in found.controllers.items():
-        worth = significant(part.effective_flights)
-        title = f"{controller_label(name)}: {part.flights} flights, worth {worth} under the changed dispersions"
-        table = new_table(("",), ("quantile", "as flown", "changed"), title)
-        for metric in found.asked:
-            for level, pair in part.metrics.get(metric, {}).items():
-                label = found.words[metric]["label"] if level == "q50" else ""
+    for name, after in estimates.after.items():
+        say(f"{name}: {_entry(estimates.before[name])}  ->  {_entry(after)}")
+    if estimates.stopped_when_proven:
+        say("The campaign stopped when proven; the intervals do not account for that.")
+    for name, controller in estimates.controllers.items():
+        worth = significant(controller.effective_flights)
+        title = (
+            f"{controller_label(name)}: {controller.flights} flights, effectively {worth} under "
+            "the changed dispersions"
+        )
+        table = new_table(("",), ("quantile", "stored", "changed"), title)
+        for metric in estimates.asked:
+            for level, pair in controller.metrics.get(metric, {}).items():
+                label = estimates.words[metric]["label"] if level == "q50" else ""
                 cells = [
                     f"{estimate(cell)} ({bounds(cell) or 'no bounds'})"
                     for cell in (pair.before, pair.after)
                 ]
                 table.add_row(label, f"{level[1:]} %", *cells)
-        for entry in part.requirements:
+        for entry in controller.requirements:
             shares = entry.failure_share.before, entry.failure_share.after
             cells = [
                 f"{percent(cell.value)} ({percent(cell.low)} to {percent(cell.high)})"
@@ -307,17 +334,18 @@ def _entry(entry: "Mapping[str, object]") -> str:
 
 def runs(
     folder: Annotated[
-        Path, folder_argument("Folder that holds campaigns' folders; or one campaign's.")
+        Path, folder_argument("Folder with results folders of campaigns, or one of these.")
     ] = _REPORTS,
     out: Annotated[
-        Path | None, output(output_file, "FILE.html", "The page.", "index.html in the folder")
+        Path | None,
+        output(output_file, "FILE.html", "File for the page.", "index.html in the folder"),
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the campaigns below a folder with their answers, and write a page that sorts, filters and compares them.
+    """List the campaigns in a folder with their results, and write a page that compares them.
 
-    Of one campaign's folder, say how far it is, who runs it, and what was found so far. Nothing but manifests and
-    report.json is read.
+    For one results folder, show its progress, running processes and current verdicts. Only
+    manifests and report.json are read.
     """
     from abhv_mc.folder.status import read_status
     from abhv_mc.folder.stores import open_store
@@ -326,18 +354,18 @@ def runs(
 
     address = read_address(folder)
     if address is None and not folder.is_dir() and folder != _REPORTS:
-        raise InputError(folder, "no such folder", "one that holds campaigns' folders")
+        raise InputError(folder, "no such folder", "a folder with results folders of campaigns")
     store = open_store(folder)
-    with store.reading("*.json") as here:
-        if CampaignFolder(here).manifest.is_file():
-            found = replace(read_status(here, store), folder=str(address or folder))
-            answer(found.as_entries(), json, lambda: _print_status(found, here))
+    with store.reading("*.json") as local:
+        if CampaignFolder(local).manifest.is_file():
+            status = replace(read_status(local, store), folder=str(address or folder))
+            show_result(status.as_entries(), json, lambda: _print_status(status, local))
             return
-        campaigns = find_runs(here, store)
-        answer(campaigns.runs, json, lambda: _print_runs(campaigns.runs, folder))
+        campaigns = find_runs(local, store)
+        show_result(campaigns.runs, json, lambda: _print_runs(campaigns.runs, folder))
         file = out or (folder / "index.html" if address is None else None)
         if file is not None and campaigns.runs:
-            say(f"page      {write_runs_page(campaigns, here, file)}", file=beside(json))
+            say(f"page      {write_runs_page(campaigns, local, file)}", file=text_stream(json))
 
 
 def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
@@ -347,29 +375,28 @@ def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
     table = new_table(("Campaign", "Run", "Verdicts", "Question and answer"), ())
     for run in runs:
         if run.problem:
-            table.add_row(run.folder, "", "", f"Not read: {run.problem}")
+            table.add_row(run.folder, "", "", f"Not readable: {run.problem}")
             continue
         origin = f"{run.version} {run.commit[:9]}".strip()
         count = f"{run.flights} flights" if run.state == COMPLETE else run.state
         facts = "\n".join(filter(None, (run.started[:10], count, origin, run.digest[:12])))
-        words = "\n".join(filter(None, (run.question, run.answer))) or "No report of these flights."
-        table.add_row(run.folder, facts, verdict_counts(run).replace(", ", "\n"), words)
+        sentences = "\n".join(filter(None, (run.question, run.answer))) or "There is no report."
+        table.add_row(run.folder, facts, verdict_counts(run).replace(", ", "\n"), sentences)
     print_table(table) if runs else say(f"no campaigns in {folder}")
 
 
-def _print_status(found: "Status", here: Path) -> None:
-    manifest = found.manifest
-    print_judgement(here, manifest, found.folder)
-    say(
-        f"{manifest.name}: {manifest.state}, {manifest.runs_done} of {manifest.runs_planned} flights"
-    )
-    if found.holder:
-        say(f"  flown now by {found.holder}")
-    for name, each in manifest.controllers.items():
-        say(f"  {name:<12} {each.flights_done} flown: {describe_outcomes(each)}")
+def _print_status(status: "Status", local: Path) -> None:
+    manifest = status.manifest
+    print_judgement(local, manifest, status.folder)
+    progress = f"{manifest.runs_done} of {manifest.runs_planned} flights"
+    say(f"{manifest.name}: {manifest.state}, {progress}")
+    if status.holder:
+        say(f"  running      {status.holder}")
+    for name, count in manifest.controllers.items():
+        say(f"  {name:<12} {count.flights_done} flights: {describe_outcomes(count)}")
     print_requirements(manifest)
     if manifest.repeatable is not None:
         say(f"  repeatable   {manifest.repeatable}: {manifest.repeatable.sentence}")
     say(f"  digest       {manifest.digest}")
-    say(f"  time flown   {manifest.wall_time_s:.1f} s")
-    say(f"  on disk      {found.bytes / 1e6:.1f} MB")
+    say(f"  run time     {manifest.wall_time_s:.1f} s")
+    say(f"  disk space   {status.bytes / 1e6:.1f} MB")

@@ -1,4 +1,4 @@
-"""Options of the command line made of the fields of a request."""
+"""Options of the command line that are made from the fields of a request."""
 
 import inspect
 from collections.abc import Callable
@@ -22,11 +22,11 @@ from abhv_mc.requests import Option, options_of
 def _parse_shard(text: str) -> tuple[int, int]:
     i, slash, n = text.partition("/")
     if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
-        raise InputError("--shard", f"'{text}'", "part and number of parts such as 3/8")
+        raise InputError("--shard", f"'{text}'", "shard and number of shards, such as 3/8")
     return int(i), int(n)
 
 
-# By kind: the type of an option and what typer is told of it; others are flags.
+# Kind of an option -> its type and its declaration for typer; other kinds are flags.
 _KINDS: dict[str, tuple[Any, Callable[[Option], Any]]] = {
     "address": (Path, lambda o: output(campaign_folder_or_address, "DIR", o.help, o.default or "")),
     "campaign": (Path, lambda _: get_args(CampaignFile)[1]),
@@ -52,12 +52,15 @@ _PARSERS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def _option(option: Option, *names: str, **more: Any) -> Any:
-    return typer.Option(*names, help=option.help, show_default=option.default or True, **more)
+def _option(option: Option, *names: str, **settings: Any) -> Any:
+    return typer.Option(*names, help=option.help, show_default=option.default or True, **settings)
 
 
 def takes_options(request: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make the fields of a request the options of a command, a function of it and of further options."""
+    """Return a decorator that makes the fields of a request options of a command.
+
+    The decorated function takes the request and further options.
+    """
     options = options_of(request)
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
@@ -78,9 +81,9 @@ def takes_options(request: type) -> Callable[[Callable[..., None]], Callable[...
             for name, parameter in inspect.signature(request).parameters.items()
             if options[name].kind
         ]
-        words: Any = command
-        words.__name__, words.__doc__ = function.__name__, function.__doc__
-        words.__signature__ = inspect.Signature(
+        described: Any = command
+        described.__name__, described.__doc__ = function.__name__, function.__doc__
+        described.__signature__ = inspect.Signature(
             [
                 parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
                 for parameter in (*parameters, *further)

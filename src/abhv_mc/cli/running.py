@@ -1,4 +1,4 @@
-"""``run``, ``import flights``, ``merge``: campaigns that are run, imported or joined."""
+"""Commands ``run``, ``import flights`` and ``merge``."""
 
 import shlex
 import sys
@@ -24,9 +24,9 @@ from abhv_mc.cli.outputs import campaign_folder, output, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
-    answer,
-    beside,
     say,
+    show_result,
+    text_stream,
 )
 from abhv_mc.cli.request_options import takes_options
 from abhv_mc.cli.starting import imports
@@ -55,15 +55,15 @@ def run(
         typer.Option(
             callback=output_folder,
             metavar="DIR",
-            help="Where the copy of an address lies.",
+            help="Folder for the local copy if the output is an address.",
             show_default="temporary",
         ),
     ] = None,
 ) -> None:
-    """Fly a campaign, resuming what its folder already holds, and make the report.
+    """Run the flights of a campaign, or resume them, and create the report.
 
-    Ctrl-C keeps what was flown; the same command goes on. Exit code 1 where a requirement has failed, 3 where flights
-    are missing or could not be computed.
+    Ctrl-C keeps completed flights; run the same command to resume. The exit code is 1 if a
+    requirement failed, and 3 if flights are missing or failed to run.
     """
     announce_compiling()
     from abhv_mc.execution.runner import run_campaign
@@ -75,9 +75,9 @@ def run(
         from abhv_mc.report.numbers.compare import check_baseline
 
         if no_report or request.shard is not None:
-            raise Refusal("--baseline without a report", "--baseline, or --no-report or --shard")
-        asked = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
-        check_baseline(asked, baseline)
+            raise Refusal("--baseline needs a report", "--baseline without --no-report and --shard")
+        campaign = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
+        check_baseline(campaign, baseline)
     out = None if request.output is None else Path(request.output)
     with open_store(out).writing(staging) if out else nullcontext() as folder:
         result = run_campaign(replace(request, output=folder))
@@ -88,37 +88,40 @@ def finish(
     result: "RunResult",
     no_report: bool,
     json: Path | None = None,
-    place: Path | None = None,
+    address: Path | None = None,
     junit: Path | None = None,
     baseline: Path | None = None,
-    flies: bool = True,
+    can_rerun: bool = True,
 ) -> None:
-    """Make the report, say what came of it, and end with the exit code that it deserves.
+    """Create the report, print the result, and exit with the code of the result.
 
-    ``place`` is what the user calls the folder: perhaps an address; ``flies``: whether the command flies again.
+    ``address`` is the path or address that the user gave; ``can_rerun`` tells whether the command
+    repeats flights that failed to run.
     """
-    from abhv_mc.folder.siblings import name_siblings
+    from abhv_mc.folder.pooled_campaigns import suggest_merge
 
-    named = str(read_address(place or "") or result.folder)
-    told = beside(json)
+    folder_name = str(read_address(address or "") or result.folder)
+    stream = text_stream(json)
     entries = result.manifest.requirements
-    outcomes = [ended.outcomes for ended in result.manifest.controllers.values()]
+    outcomes = [counts.outcomes for counts in result.manifest.controllers.values()]
     page = ""
     if (
         result.complete
         and not no_report
-        and any(set(ended) - {"failed_to_run"} for ended in outcomes)
+        and any(set(counts) - {"failed_to_run"} for counts in outcomes)
     ):
         from abhv_mc.report.pages.build import build_report, is_up_to_date
 
-        made = is_up_to_date(result.folder, baseline)
+        is_current = is_up_to_date(result.folder, baseline)
         page = (
             "report.html, up to date"
-            if made
+            if is_current
             else build_report(result.folder, baseline, stage=Waiting).name
         )
-    answer(
-        result.manifest.as_entries() | {"folder": named}, json, lambda: _print_result(result, named)
+    show_result(
+        result.manifest.as_entries() | {"folder": folder_name},
+        json,
+        lambda: _print_result(result, folder_name),
     )
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
@@ -126,57 +129,64 @@ def finish(
         junit.write_text(make_junit(result.manifest.name, verdict_cases(entries)), "utf-8")
     announce_warnings(result.manifest.warnings)
     if not result.complete:
-        say("incomplete: the same command goes on where this one ended", file=sys.stderr)
+        say("incomplete: run the same command to resume", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     if page:
-        say(f"report    {named}/{page}", file=told)
-    if lost := sum(ended.get("failed_to_run", 0) for ended in outcomes):
-        count = "1 flight" if lost == 1 else f"{lost} flights"
-        again = ": the same command tries again" if flies else ""
-        say(f"{count} could not be computed{again}", file=sys.stderr)
+        say(f"report    {folder_name}/{page}", file=stream)
+    if failed_to_run := sum(counts.get("failed_to_run", 0) for counts in outcomes):
+        count = "1 flight" if failed_to_run == 1 else f"{failed_to_run} flights"
+        remedy = "; run the same command to try again" if can_rerun else ""
+        say(f"{count} failed to run{remedy}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     if result.manifest.not_made:  # each entry was printed when it failed
         raise typer.Exit(ExitCode.INCOMPLETE)
-    siblings, merge = name_siblings(result.folder, result.manifest)
-    if siblings:
-        say(f"{siblings} All judged together: {merge}", file=told)
+    sentence, command = suggest_merge(result.folder, result.manifest)
+    if sentence:
+        say(f"{sentence} To judge all together: {command}", file=stream)
     if entries:
-        say(f"verdicts  {describe_verdicts(result.manifest)}", file=told)
+        say(f"verdicts  {describe_verdicts(result.manifest)}", file=stream)
     if any(entry.verdict == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _print_result(result: "RunResult", named: str) -> None:
+def _print_result(result: "RunResult", folder_name: str) -> None:
     manifest = result.manifest
-    print_judgement(result.folder, manifest, named)
-    say(f"folder    {named}")
-    all_of_them = "" if manifest.complete or len(manifest.controllers) == 1 else " by all of them"
-    say(f"flights   {manifest.runs_done} of {manifest.runs_planned}{all_of_them}, {manifest.state}")
-    for name, ended in manifest.controllers.items():
-        say(f"  {name:<12} {describe_outcomes(ended)}")
+    print_judgement(result.folder, manifest, folder_name)
+    say(f"folder    {folder_name}")
+    is_common = not manifest.complete and len(manifest.controllers) > 1
+    by_all = " with all controllers" if is_common else ""
+    say(f"flights   {manifest.runs_done} of {manifest.runs_planned}{by_all}, {manifest.state}")
+    for name, count in manifest.controllers.items():
+        say(f"  {name:<12} {describe_outcomes(count)}")
     print_requirements(manifest)
     say(f"digest    {manifest.digest}")
 
 
-def print_judgement(folder: Path, manifest: "Manifest", named: str) -> None:
-    """Say the judgement of a folder's report, where it has one of its flights; ``named``: what the user calls it."""
-    from abhv_mc.report.numbers.judged import judgement_lead, read_judgement
+def print_judgement(folder: Path, manifest: "Manifest", folder_name: str) -> None:
+    """Print the summary of a folder's report, if the report includes all stored flights.
 
-    if (found := read_judgement(folder, manifest)) is not None:
-        say(*judgement_lead(found, shlex.quote(named)).sentences, sep="\n")
+    ``folder_name`` is the path or address that the user gave.
+    """
+    from abhv_mc.report.numbers.judgement_record import judgement_lead, read_judgement
+
+    if (summary := read_judgement(folder, manifest)) is not None:
+        say(*judgement_lead(summary, shlex.quote(folder_name)).sentences, sep="\n")
 
 
-def describe_outcomes(ended: "ControllerCount") -> str:
-    """How many of a controller's flights ended in each way."""
-    return ", ".join(f"{number} {outcome}" for outcome, number in ended.outcomes.items()) or "none"
+def describe_outcomes(count: "ControllerCount") -> str:
+    """Return the numbers of a controller's flights by outcome as text."""
+    return ", ".join(f"{number} {outcome}" for outcome, number in count.outcomes.items()) or "none"
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """Print requirements as rows and controllers as columns, within 80 columns, and the distinct advice once below."""
+    """Print the verdicts, requirements as rows and controllers as columns, and the advice once.
+
+    Lines have at most 80 columns.
+    """
     entries = (*manifest.requirements, *manifest.requirements_shown)
     if not entries:
         return
-    bound = {entry.controller for entry in manifest.requirements}
+    binding_controllers = {entry.controller for entry in manifest.requirements}
     flights = {entry.flights for entry in entries}
     cells: dict[str, dict[str, str]] = {}  # by requirement and controller
     advice: list[str] = []
@@ -184,43 +194,56 @@ def print_requirements(manifest: "Manifest") -> None:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
         count = "" if len(flights) == 1 else f" of {entry.flights}"
         row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
-        missing = entry.failures_not_computed
+        not_run = f"{entry.failures_not_computed} of {entry.failures} failures"
         advice += (
-            [f"{entry.verdict}: {missing} of {entry.failures} failures were not computed"]
-            if missing
-            else [f"{entry.verdict}: {words}" for words in entry.words.split("; ")[1:]]
+            [f"{entry.verdict}: {not_run} are flights that failed to run"]
+            if entry.failures_not_computed
+            else [f"{entry.verdict}: {sentence}" for sentence in entry.words.split("; ")[1:]]
         )
-    one = next(iter(flights)) if len(flights) == 1 else None
-    say("\nVerdict and number of failures" + (f" in {one} flights" if one else ""), end="")
-    say(" (* the exit code follows)")
-    names = list(dict.fromkeys(entry.controller for entry in entries))
-    heads = {name: name + " *" * (name in bound) for name in names}
-    width = max(
-        map(len, (*heads.values(), *(cell for row in cells.values() for cell in row.values())))
+    common_count = next(iter(flights)) if len(flights) == 1 else None
+    say(
+        "\nVerdict and number of failures"
+        + (f" in {common_count} flights" if common_count else ""),
+        end="",
     )
-    at_once = max(1, (_WIDTH - 2) // (width + 2))
-    for i in range(0, len(names), at_once):
-        shown = names[i : i + at_once]
-        say("  " + "  ".join(f"{heads[name]:<{width}}" for name in shown).rstrip())
+    say(" (* determines the exit code)")
+    names = list(dict.fromkeys(entry.controller for entry in entries))
+    headings = {name: name + " *" * (name in binding_controllers) for name in names}
+    width = max(
+        map(len, (*headings.values(), *(cell for row in cells.values() for cell in row.values())))
+    )
+    per_line = max(1, (_WIDTH - 2) // (width + 2))
+    for i in range(0, len(names), per_line):
+        group = names[i : i + per_line]
+        say("  " + "  ".join(f"{headings[name]:<{width}}" for name in group).rstrip())
         for requirement, row in cells.items():
             say(requirement)
-            say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in shown).rstrip())
-    for words, number in Counter(advice).items():
-        text = f"{number} of {len(entries)} {words}"
+            say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in group).rstrip())
+    for sentence, number in Counter(advice).items():
+        text = f"{number} of {len(entries)} {sentence}"
         say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say()
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code follows tlc (3 verdicts).'"""
-    binding, shown = manifest.requirements, manifest.requirements_shown
-    parts = []
+    """Return the numbers of verdicts by controller, and the controllers that matter as text.
+
+    Example: 'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code depends on tlc (3 verdicts).'
+    """
+    binding, informative = manifest.requirements, manifest.requirements_shown
+    summaries = []
     for name in manifest.controllers:
-        counts = Counter(entry.verdict for entry in (*binding, *shown) if entry.controller == name)
-        parts.append(f"{name} {', '.join(f'{count} {status}' for status, count in counts.items())}")
-    bound = Counter(entry.controller for entry in binding)
-    follows = ", ".join(f"{name} ({n} verdict{'s' * (n > 1)})" for name, n in bound.items())
-    return f"{'; '.join(parts)}. The exit code follows {follows}."
+        counts = Counter(
+            entry.verdict for entry in (*binding, *informative) if entry.controller == name
+        )
+        summaries.append(
+            f"{name} {', '.join(f'{count} {status}' for status, count in counts.items())}"
+        )
+    binding_counts = Counter(entry.controller for entry in binding)
+    follows = ", ".join(
+        f"{name} ({n} verdict{'s' * (n > 1)})" for name, n in binding_counts.items()
+    )
+    return f"{'; '.join(summaries)}. The exit code depends on {follows}."
 
 
 @imports.command()
@@ -229,17 +252,21 @@ def flights(
         list[Path],
         typer.Argument(
             metavar="TABLE...",
-            help="CSV, JSON lines, Parquet or Excel: flights, or their inputs and results.",
+            help="CSV, JSON lines, Parquet or Excel tables of flights, or of their inputs and "
+            "results.",
         ),
     ],
     campaign: Annotated[
         Path,
         typer.Option(
-            "--campaign", metavar="FILE", help="Says 'inputs' and 'metrics', and no simulator."
+            "--campaign",
+            metavar="FILE",
+            help="Campaign file with 'inputs' and 'metrics', and without a simulator.",
         ),
     ],
     out: Annotated[
-        Path | None, output(campaign_folder, "DIR", "Folder.", default="reports/NAME")
+        Path | None,
+        output(campaign_folder, "DIR", "Results folder to create.", default="reports/NAME"),
     ] = None,
     no_report: NoReport = False,
     fresh: Fresh = False,
@@ -248,44 +275,50 @@ def flights(
 ) -> None:
     """Import flights computed by another simulator and create their report.
 
-    TABLE has a row per flight and a column for each dispersed input and metric, and if wanted system, outcome and
-    flight; heads may give units, as in 'altitude_min [ft]'. Inputs (see 'validate --samples') and results may be two
-    tables, paired by flight; a flight without results failed to run. Verdicts need 'independent: true' in FILE, and
-    rows that pass the tests of independent draws. After an interruption, run the same command to resume. Exit codes
-    are those of 'run'.
+    TABLE has a row per flight and a column for each dispersed input and metric, and optionally for
+    system, outcome and flight. Headers may give units, as in 'altitude_min [ft]'. Inputs (see
+    'validate --samples') and results may be two tables, paired by flight number; a flight without
+    results failed to run. Verdicts need 'independent: true' in FILE and rows that pass the tests of
+    independent draws. After an interruption, run the same command to resume. The exit codes are
+    those of 'run'.
     """
-    from abhv_mc.execution.adopt import adopt_tables
+    from abhv_mc.execution.table_import import import_tables
 
-    result = adopt_tables(tables, find_input(campaign, "campaign"), out, fresh)
-    finish(result, no_report, json, out or result.folder, junit, flies=False)
+    result = import_tables(tables, find_input(campaign, "campaign"), out, fresh)
+    finish(result, no_report, json, out or result.folder, junit, can_rerun=False)
 
 
 def merge(
-    parts: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards, or of campaigns.")
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR...", help="Folders of all shards of a campaign, or of campaigns to pool."
+        ),
     ],
     out: Annotated[
-        Path | None, output(campaign_folder, "DIR", "New folder.", default="reports/NAME")
+        Path | None,
+        output(campaign_folder, "DIR", "Results folder to create.", default="reports/NAME"),
     ] = None,
     no_report: NoReport = False,
     json: Json = None,
     trust_code: TrustCode = False,
     requirements: Requirements = None,
 ) -> None:
-    """Join the shards of a campaign (run --shard i/n), or campaigns of one question with different seeds.
+    """Merge the shards of a campaign, or campaigns that differ only in their seed.
 
-    Shards give the campaign flown in one piece: the same digest, envelopes and histories. Of several seeds the flights
-    are numbered on and judged together; bands and histories are flown once more.
+    Shards are run with 'run --shard I/N'. Merged shards have the digest, envelopes and histories of
+    a campaign run in one piece. Flights of several seeds are renumbered and judged together;
+    flights for envelopes and histories are run again.
     """
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.stores import open_store
 
     with ExitStack() as stack:
-        here = [stack.enter_context(open_store(part).reading()) for part in parts]
-        manifest = read_manifest(CampaignFolder(here[0]).manifest)
+        folders = [stack.enter_context(open_store(path).reading()) for path in paths]
+        manifest = read_manifest(CampaignFolder(folders[0]).manifest)
         merged = merge_campaign(
-            here,
+            folders,
             out or Path("reports") / manifest.name,
             trust_code=trust_code,
             requirements=requirements,

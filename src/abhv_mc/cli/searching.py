@@ -1,4 +1,4 @@
-"""``worst`` and ``rare``: the worst case and a rare failure."""
+"""Commands ``worst`` and ``rare``: worst case, and probability of a rare failure."""
 
 import sys
 from pathlib import Path
@@ -7,47 +7,54 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Json
-from abhv_mc.cli.printing import announce_compiling, answer, beside, print_section, say
+from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
 from abhv_mc.cli.request_options import takes_options
 from abhv_mc.requests import RareRequest, WorstRequest
 
 
 @takes_options(WorstRequest)
 def worst(request: WorstRequest, json: Json = None) -> None:
-    """Search the box of the dispersions for the worst value of a metric.
+    """Search the range of the dispersions for the worst value of a metric.
 
-    Bounded distributions span their range, others so many sigma. Corners first, then CMA-ES, then a local polish, then
-    random flights in the same box for comparison. It says what can happen, not how often. Ctrl-C keeps what was flown.
+    Bounded distributions span their range, others --box standard deviations. The search evaluates
+    the corners, then uses CMA-ES and a local search; random flights in the same box follow for
+    comparison. The result shows what can happen, not how often. Ctrl-C keeps completed flights; run
+    the same command to resume.
     """
     announce_compiling()
     from abhv_mc.api import worst
     from abhv_mc.report.pages.worst_page import make_worst_answer
 
-    found, folder = worst(**vars(request)), Path(request.output)
-    answer(found.numbers(), json, lambda: print_section(make_worst_answer(found, folder).section))
-    say(f"report    {folder / 'report.html'}", file=beside(json))
-    if found.failed_to_run:
+    result, folder = worst(**vars(request)), Path(request.output)
+    show_result(
+        result.numbers(), json, lambda: print_section(make_worst_answer(result, folder).section)
+    )
+    say(f"report    {folder / 'report.html'}", file=text_stream(json))
+    if result.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)
 
 
 @takes_options(RareRequest)
 def rare(request: RareRequest, json: Json = None) -> None:
-    """Estimate the probability that a flight breaks a requirement, from 1e-2 to 1e-7, by subset simulation.
+    """Estimate the probability (1e-2 to 1e-7) that a flight violates a requirement.
 
-    An estimate, not a verdict: verdicts come from random campaigns. Exit code 1 where independent repetitions
-    contradict each other, so that there is no trustworthy estimate. Ctrl-C keeps what was flown.
+    The method is subset simulation. The result is an estimate; verdicts need a random campaign. The
+    exit code is 1 if independent repetitions contradict each other, so that no estimate can be
+    trusted. Ctrl-C keeps completed flights; run the same command to resume.
     """
     from abhv_mc.api import rare
     from abhv_mc.report.pages.rare_page import make_rare_answer
 
     announce_compiling()
-    found, folder = rare(**vars(request)), Path(request.output)
-    answer(found.numbers(), json, lambda: print_section(make_rare_answer(found, folder).section))
-    say(f"report    {folder / 'report.html'}", file=beside(json))
-    refusal = found.estimate.refusal
+    result, folder = rare(**vars(request)), Path(request.output)
+    show_result(
+        result.numbers(), json, lambda: print_section(make_rare_answer(result, folder).section)
+    )
+    say(f"report    {folder / 'report.html'}", file=text_stream(json))
+    refusal = result.estimate.refusal
     if refusal is not None:
         say(f"no trustworthy estimate: {refusal}", file=sys.stderr)
-    if found.failed_to_run:
+    if result.failed_to_run:
         raise typer.Exit(ExitCode.INCOMPLETE)
     if refusal is not None:
         raise typer.Exit(ExitCode.FAILED)

@@ -1,1 +1,1 @@
-"""How it is flown: setup, blocks of flights, workers, retries, progress, the order of work."""
+"""Execution of campaigns: setup, blocks of flights, workers, retries and progress."""

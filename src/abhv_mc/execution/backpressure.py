@@ -1,4 +1,4 @@
-"""Does work on threads, limits what is done ahead of the disk, and ends what nobody waits for any more."""
+"""Work on threads, with a limit on finished results that wait for the disk."""
 
 import threading
 import warnings
@@ -11,21 +11,22 @@ T = TypeVar("T")
 def work_ahead(
     workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]
 ) -> Generator[T, None, None]:
-    """What ``work`` gives for each of ``calls``, its arguments, as soon as it is finished: in any order.
+    """Yield the results of ``work`` in order of completion; ``calls`` has its arguments.
 
-    At most two results for each worker are being made or wait to be taken. Without this limit, workers that are
-    faster than the disk would fill the memory with finished blocks. Close it: then every waiting worker ends.
+    At most two results per worker are being computed or wait to be taken. Without this limit,
+    workers that are faster than the disk would fill the memory with finished blocks. Closing the
+    generator ends all waiting workers.
     """
     from joblib import Parallel, delayed
 
-    room = threading.Semaphore(2 * workers)
+    slots = threading.Semaphore(2 * workers)
     closed = threading.Event()
 
     def call(arguments: tuple[Any, ...]) -> T:
-        room.acquire()
+        slots.acquire()
         if closed.is_set():
-            room.release()  # so that the next one ends, too
-            raise RuntimeError("nobody waits for this block")
+            slots.release()  # lets the next waiting thread end as well
+            raise RuntimeError("the results are no longer needed")
         return work(*arguments)
 
     pool = Parallel(
@@ -38,12 +39,11 @@ def work_ahead(
     try:
         for result in results:
             yield result
-            room.release()
+            slots.release()
     finally:
         closed.set()
-        room.release()
+        slots.release()
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # joblib's, that not all was used: an interrupt means that
+            # joblib warns of unused results, which an interrupt leaves on purpose.
+            warnings.simplefilter("ignore", UserWarning)
             results.close()

@@ -1,4 +1,4 @@
-"""Work units: blocks of consecutive flights of one controller, cut from whatever is still missing."""
+"""Units of work: blocks of consecutive missing flights of one controller."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,22 +6,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Mask
-from abhv_mc.execution.fly_batches import AT_ONCE
+from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
 _WORK = 10.0  # s
-_MOST_PLAIN = 8192  # flights of a block that records nothing, some ten seconds of work: what a kill costs a worker
+# Flights of a block without recorded histories, about ten seconds of work: the loss if a worker
+# is killed.
+_MOST_FLIGHTS = 8192
 
 
 @dataclass(frozen=True)
 class Block:
-    """The flights ``first`` .. ``stop - 1`` of one controller, and what is missing of them."""
+    """Flights ``first`` to ``stop - 1`` of one controller, and the missing data of these."""
 
     controller: str
     first: int
     stop: int
-    rows: bool  # their rows
-    envelope: bool  # their part in the envelopes
+    needs_rows: bool  # of the flights table
+    needs_envelope: bool  # contributions to the envelopes
 
     @property
     def flights(self) -> int:
@@ -29,58 +31,64 @@ class Block:
 
 
 def choose_batch(flights: int, workers: int) -> int:
-    """Flights of a block: at least a few blocks for every worker, a whole number of lanes."""
+    """Return the flights of a block: full lanes, and at least two blocks per worker."""
     share = -(-flights // (2 * workers))
-    return max(LANES, min(AT_ONCE, -(-share // LANES) * LANES))
+    return max(LANES, min(BATCH_FLIGHTS, -(-share // LANES) * LANES))
 
 
-def choose_plain(flights: int, workers: int, batch: int) -> int:
-    """Flights of a block that records nothing: whole batches, four blocks or more a worker."""
+def choose_unrecorded(flights: int, workers: int, batch: int) -> int:
+    """Return the flights of a block without recording: full batches, four blocks per worker."""
     share = -(-flights // (4 * workers))
-    return batch * max(1, min(_MOST_PLAIN, share) // batch)
+    return batch * max(1, min(_MOST_FLIGHTS, share) // batch)
 
 
 def choose_timed(flights: int, workers: int, seconds: float) -> int:
-    """Flights of a block of a user's simulator: some ten seconds of work by the time (s) of the first flights."""
+    """Return the flights of a user simulator's block: about ten seconds of work.
+
+    ``seconds`` is the time (s) of one flight.
+    """
     share = -(-flights // (4 * workers))
-    return max(1, min(_MOST_PLAIN, share, int(_WORK / seconds) if seconds else _MOST_PLAIN))
+    return max(1, min(_MOST_FLIGHTS, share, int(_WORK / seconds) if seconds else _MOST_FLIGHTS))
 
 
 def cut_blocks(
     missing: dict[str, tuple[Mask, Mask]],
     size: int,
     cut: int = 0,
-    plain: tuple[int, int] | None = None,
+    unrecorded: tuple[int, int] | None = None,
 ) -> Iterator[Block]:
-    """Blocks of at most ``size`` flights, controllers in turn; ``missing`` holds masks of rows and envelopes.
+    """Yield blocks of at most ``size`` flights, alternating between controllers.
 
-    Block ends lie on multiples of ``size``, and within a block the same is missing of every flight; no block holds
-    flights of both sides of ``cut``. ``plain``: the flight from which on none records anything, and the size there.
+    ``missing`` has masks [flight] of missing rows and envelope contributions by controller. Blocks
+    end at multiples of ``size``, and all flights of a block lack the same data. No block contains
+    flights on both sides of ``cut``. ``unrecorded`` is the first flight from which on nothing is
+    recorded, and the size of blocks from there.
     """
-    runs = {
-        name: list(_uniform_runs(rows, envelope, size, cut, plain))
+    ranges = {
+        name: list(_uniform_ranges(rows, envelope, size, cut, unrecorded))
         for name, (rows, envelope) in missing.items()
     }
-    for turn in range(max(map(len, runs.values()), default=0)):
-        for name, pieces in runs.items():
-            if turn < len(pieces):
-                first, stop = pieces[turn]
+    for turn in range(max(map(len, ranges.values()), default=0)):
+        for name, own_ranges in ranges.items():
+            if turn < len(own_ranges):
+                first, stop = own_ranges[turn]
                 rows, envelope = missing[name]
                 yield Block(name, first, stop, bool(rows[first]), bool(envelope[first]))
 
 
-def _uniform_runs(
-    rows: Mask, envelope: Mask, size: int, cut: int, plain: tuple[int, int] | None
+def _uniform_ranges(
+    rows: Mask, envelope: Mask, size: int, cut: int, unrecorded: tuple[int, int] | None
 ) -> Iterator[tuple[int, int]]:
-    first_plain, plain_size = plain or (len(rows), size)
+    """Yield first and stop of ranges of flights that lack the same data."""
+    first_unrecorded, unrecorded_size = unrecorded or (len(rows), size)
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1
     ends = np.unique(
         np.concatenate(
             [
                 changes,
-                np.arange(0, min(first_plain, len(state)), size),
-                np.arange(first_plain, len(state), plain_size),
+                np.arange(0, min(first_unrecorded, len(state)), size),
+                np.arange(first_unrecorded, len(state), unrecorded_size),
                 [min(cut, len(state)), len(state)],
             ]
         )

@@ -1,4 +1,4 @@
-"""What a campaign will cost, from a short trial of its own flights: time, disk, memory."""
+"""Estimate of a campaign's time and disk space from a few of its flights."""
 
 import tempfile
 import time
@@ -9,10 +9,10 @@ import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.blocks import choose_batch
+from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
-from abhv_mc.execution.probe_dispersions import fly_probes
-from abhv_mc.execution.retention import choose_kept
+from abhv_mc.execution.retention import select_flights
 from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
@@ -30,35 +30,35 @@ class Estimate:
 
     flights: int  # of each controller
     controllers: int
-    kind: str  # what these are: controller, or system
+    kind: str  # 'controller' or 'system'
     workers: int
     batch: int  # flights of a block
     flight_s: float  # of one core, mean over the controllers
     flying_s: float  # wall time
     rows_bytes: int
     histories_bytes: int
-    searched: int  # flights of each controller that search the worst values of its unknowns
-    kept: int  # flights with histories, of each controller; "failed" counts none
-    envelope_bytes: int  # on disk while it flies
+    searched: int  # flights of each controller in the search for the unknowns' worst values
+    kept: int  # flights with histories, of each controller; 'failed' counts as none
+    envelope_bytes: int  # on disk during the run
     warnings: tuple[str, ...]  # about the mission
 
     @property
     def search_s(self) -> float:
-        """Wall time of the search for the worst values of the unknowns, which is part of ``flying_s``."""
+        """Wall time (s) of the search for the unknowns' worst values, included in ``flying_s``."""
         return self.controllers * self.flight_s * self.searched / self.workers
 
     @property
     def disk_bytes(self) -> int:
-        """Peak on disk."""
+        """Largest size on disk during the run."""
         return self.rows_bytes + self.histories_bytes + self.envelope_bytes
 
 
 def estimate_campaign(
     campaign: Experiment, engine: Engine | None = None, workers: int | None = None
 ) -> Estimate:
-    """Fly a few of the campaign's flights of each controller and extrapolate; nothing is left behind.
+    """Simulate a few flights of each controller and extrapolate; no files are left.
 
-    Raises InputError for what only a flight shows, such as a dispersion that changes nothing.
+    Raise InputError for mistakes that only a flight shows, such as a dispersion without effect.
     """
     model = campaign.model
     campaign = replace(campaign, engine=engine)
@@ -96,8 +96,8 @@ def estimate_campaign(
                 continue
             block = simulate(campaign, name, values[:16], history_every)
             path = Path(folder) / "history.parquet"
-            of = path, name, range(len(block.outcome)), block.times, block.history
-            write_histories(*of, channels=campaign.kept_channels, known=campaign.channels)
+            histories = path, name, range(len(block.outcome)), block.times, block.history
+            write_histories(*histories, channels=campaign.kept_channels, recorded=campaign.channels)
             if first.timing is None and campaign.has_bands:
                 cells = round(
                     block.times.size * model.keep.envelopes.rate / model.keep.histories.rate
@@ -112,8 +112,8 @@ def estimate_campaign(
     workers = workers or model.execution.workers or count_cores()
     counts: FlightCounts = next(iter(make_flight_counts(campaign).values()))
     worst = range(min(campaign.worst, campaign.runs))
-    kept = (
-        len(choose_kept(model.keep.histories.flights, campaign.runs, counts, worst))
+    history_flights = (
+        len(select_flights(model.keep.histories.flights, campaign.runs, counts, worst))
         if campaign.channels
         else 0
     )
@@ -124,11 +124,11 @@ def estimate_campaign(
         workers=workers,
         batch=model.execution.batch or choose_batch(campaign.runs, workers),
         flight_s=sum(seconds) / len(seconds),
-        flying_s=sum(seconds) * (campaign.runs + kept + searched) / workers,
+        flying_s=sum(seconds) * (campaign.runs + history_flights + searched) / workers,
         rows_bytes=rows_size * campaign.runs // number,
-        histories_bytes=histories_size * kept,
+        histories_bytes=histories_size * history_flights,
         searched=searched,
-        kept=kept,
+        kept=history_flights,
         envelope_bytes=4 * cells * min(campaign.runs, ENVELOPE_FLIGHTS) * len(plans),
         warnings=(*simulator.find_warnings(plans), *first_flights),
     )

@@ -1,7 +1,8 @@
-"""Executors of blocks: worker processes, this process, or those that packages register for ``--scheduler``.
+"""Executors of blocks: worker processes, this process, and those registered by packages.
 
-Worker processes are the default: a crash in compiled code ends its process. Threads start a second sooner and survive
-only flights that raise an exception.
+Worker processes are the default, because a crash in compiled code ends its process. Threads start
+a second earlier but survive only flights that raise an exception. ``--scheduler`` selects an
+executor of a package.
 """
 
 import contextlib
@@ -13,9 +14,9 @@ from dataclasses import dataclass
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
 from abhv_mc.entry_points import EXECUTORS, find_entry_points
-from abhv_mc.execution.attest import Attestation, Check, sign
+from abhv_mc.execution.attestation import Attestation, Check, sign
+from abhv_mc.execution.batches import fly_in_batches
 from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.fly_batches import fly_in_batches
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
@@ -26,17 +27,15 @@ from abhv_mc.io.input_error import InputError, one_of
 
 @dataclass(frozen=True)
 class FlightRunner:
-    """Flights on an executor: lost ones are computed again, and blocks are checked."""
+    """Executor with retries of lost flights and checks of blocks."""
 
-    fly: (
-        Fly  # threads may call it side by side; gives ``failed_to_run`` for what cannot be computed
-    )
-    workers: int  # calls to have under way
+    fly: Fly  # thread-safe; flights that cannot be computed have the outcome ``failed_to_run``
+    workers: int  # number of simultaneous calls
 
-    def fly_side_by_side(
+    def fly_parallel(
         self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None
     ) -> FlightBlock:
-        """Flights ``[flight, parameter]``, a share of them with each worker."""
+        """Return the flights of ``parameters`` [flight, parameter], divided between workers."""
         share = choose_batch(len(parameters), self.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
         with open_threads(self.workers) as threads:
@@ -47,7 +46,10 @@ class FlightRunner:
 
 @contextlib.contextmanager
 def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads that, after an interrupt, wait for no flight: whoever flies them ends it."""
+    """Yield threads; after an interrupt the context ends without waiting for their flights.
+
+    The executor that runs these flights ends them.
+    """
     threads = ThreadPoolExecutor(number)
     try:
         yield threads
@@ -59,7 +61,10 @@ def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
 
 @contextlib.contextmanager
 def connect(address: str | None) -> Iterator[OpenExecutor | None]:
-    """Yield what opens executors on the scheduler at an address, by its scheme. Raises InputError."""
+    """Yield the function that opens executors on a scheduler, None without an address.
+
+    The scheme of the address selects the package. Raise InputError if there is none.
+    """
     if address is None:
         yield None
         return
@@ -81,19 +86,20 @@ def open_executor(
     scheduler: OpenExecutor | None = None,
     check_workers: bool = False,
 ) -> Iterator[FlightRunner]:
-    """Yield the executor that the campaign asks for, or that of a scheduler; it is closed with the context.
+    """Yield the executor that the campaign selects, or that of a scheduler.
 
-    ``check_workers``: one flight of each worker is flown again here, and its bits compared.
+    The context closes it. With ``check_workers``, one flight of each worker is computed again
+    here, and all bits are compared.
     """
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
-    if isolation == PROCESSES and multiprocessing.current_process().daemon:  # it may start none
-        if execution.isolation == PROCESSES:
-            found = (
-                "worker processes inside a process of multiprocessing.Pool, which may start none"
+    if isolation == PROCESSES and multiprocessing.current_process().daemon:
+        if execution.isolation == PROCESSES:  # daemonic processes may not start processes
+            raise InputError(
+                "execution",
+                "worker processes inside a process of multiprocessing.Pool, which may start none",
+                "'isolation: threads', or concurrent.futures.ProcessPoolExecutor",
             )
-            wish = "'isolation: threads', or concurrent.futures.ProcessPoolExecutor"
-            raise InputError("execution", found, wish)
         isolation = THREADS
     check: Check | None = Attestation(engine, check_workers).check
     executor: Executor
@@ -110,11 +116,11 @@ def open_executor(
 
 def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
     def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        if engine.close is not None:  # a simulator that accounts for each lost flight itself
+        if engine.close is not None:  # the simulator itself records each lost flight
             try:
                 return executor.fly(plan, parameters, recorded)
-            except FlightLostError as lost:  # its flights cost no worker: it is the machine
-                raise UnusableError(str(lost)) from None
+            except FlightLostError as error:  # not caused by a flight: the machine is at fault
+                raise UnusableError(str(error)) from None
 
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = executor.fly(plan, rows, recorded)
@@ -126,13 +132,13 @@ def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
 
 
 class _ThisProcess:
-    """Executor whose flights run in the calling thread."""
+    """Executor that runs flights in the calling thread."""
 
     def __init__(self, engine: Engine, workers: int) -> None:
         self._engine, self.workers = engine, workers
 
     def fly(self, plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:
-        """Compute a block. Raises FlightLostError."""
+        """Compute a block. Raise FlightLostError if a flight raises an exception."""
         if self._engine.close is not None:
             return sign(self._engine.fly(plan, rows, recorded))
         try:
@@ -141,6 +147,6 @@ class _ThisProcess:
             raise FlightLostError(f"{type(error).__name__}: {error}") from error
 
     def close(self) -> None:
-        """End the processes that the simulator started."""
+        """End the processes started by the simulator."""
         if self._engine.close is not None:
             self._engine.close()

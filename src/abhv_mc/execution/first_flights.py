@@ -1,6 +1,6 @@
-"""First flights of a user's simulator: whether it runs, how long that takes, and whether it is repeatable.
+"""First flights of a user's simulator, which show if it runs, its speed and repeatability.
 
-They are simulated twice, each time in a new process, and a second time within each process.
+They are simulated in two new processes at the same time, and once more in each of these.
 """
 
 import time
@@ -13,28 +13,28 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
-from abhv_mc.execution.probe_dispersions import make_trials, unchanging
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.simulators.engine import simulate
 
-_LONG = 1.0  # s: of flights that take longer only one is repeated within a process
-_CHECKED = 8  # rows that are simulated again
-_PAIRS = 4  # of new processes at most, among which these rows are divided
+_LONG = 1.0  # s: if flights take longer, only one is repeated within a process
+_CHECKED = 8  # rows of the check
+_PAIRS = 4  # largest number of pairs of new processes, between which the rows are divided
 
 
 class FirstFlights(NamedTuple):
-    """What the first flights of a campaign show."""
+    """Findings of the first flights of a campaign."""
 
     warnings: tuple[str, ...] = ()
     repeatability: Repeatability | None = None
 
 
 class _Repeats(NamedTuple):
-    """The flights of one system in one new process: all rows, then some of them again in the opposite order."""
+    """Flights of one system in one new process: all rows, then some again in reverse order."""
 
     rows: Floats
     first: FlightBlock
@@ -42,37 +42,39 @@ class _Repeats(NamedTuple):
 
     @property
     def again_rows(self) -> Floats:
-        """The rows that were simulated again, in their order."""
+        """Rows that were simulated again, in the order of these flights."""
         count = len(self.again.outcome)
         return self.rows[::-1] if count == len(self.rows) else self.rows[:count]
 
 
 class _Difference(NamedTuple):
-    """The largest relative difference between flights of the same inputs."""
+    """Largest relative difference between flights with the same inputs."""
 
     size: float = 0.0
-    words: str = ""
+    description: str = ""
 
 
 def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
-    """Simulate the campaign's first rows and the trials of its dispersions, with each system.
+    """Simulate the campaign's first rows and the trials of its dispersions with each system.
 
-    Raises InputError if no flight of a system can be computed.
+    Raise InputError if no flight of a system can be computed.
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
     with open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor:
-        _end_processes(campaign)  # those of an earlier campaign: a check needs new ones
+        _end_processes(campaign)  # of an earlier campaign: the check needs new processes
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
-            blocks = [each.first for each in repeats[name]]
+            blocks = [process.first for process in repeats[name]]
             if all((block.outcome == Outcome.FAILED_TO_RUN).all() for block in blocks):
-                reason = next((text for each in blocks for text in each.reasons.values()), "")
-                found = f"no flight of '{name}' that can be computed: {reason}"
-                wish = "a simulator that flies the first rows"
-                raise campaign.document.key_error(("simulator",), found, wish)
+                reason = next((text for block in blocks for text in block.reasons.values()), "")
+                problem = f"no flight of '{name}' can be computed: {reason}"
+                expected = "a simulator that can compute the first rows"
+                raise campaign.document.key_error(("simulator",), problem, expected)
         events = {
-            name: sum((Counter(block.events) for _, *pair in each for block in pair), Counter())
-            for name, each in repeats.items()
+            name: sum(
+                (Counter(block.events) for _, *pair in processes for block in pair), Counter()
+            )
+            for name, processes in repeats.items()
         }
         repeatability, noise = _judge_repeats(campaign, repeats)
         warnings += noise
@@ -92,8 +94,8 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
                     flown.append(block)
             warnings += [
                 f"'{name}' from {low:g} to {high:g} changes no flight"
-                for name, low, high in unchanging(campaign, trials, flown)
-                if name in campaign.names  # three values do not show that an unknown has no effect
+                for name, low, high in find_ineffective(campaign, trials, flown)
+                if name in campaign.names  # three values cannot prove that an unknown has no effect
             ]
             for name, block in zip(campaign.systems, flown, strict=True):
                 events[name].update(block.events)
@@ -108,10 +110,13 @@ def _end_processes(campaign: Experiment) -> None:
 
 
 def _checked(campaign: Experiment, process: int = 1) -> Experiment:
-    """Return the campaign with plans for checks, whose flights have a process of this number for themselves."""
+    """Return the campaign with plans for checks, simulated in a process of their own.
+
+    ``process`` is the number of this process.
+    """
     systems = {
-        name: each._replace(plan=campaign.simulator.prove(each.plan, check=process))
-        for name, each in campaign.systems.items()
+        name: system._replace(plan=campaign.simulator.prove(system.plan, check=process))
+        for name, system in campaign.systems.items()
     }
     return replace(campaign, systems=systems)
 
@@ -119,8 +124,11 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
-    """Simulate ``rows`` in pairs of new processes at the same time; return the flights by system, pairs side by side,
-    and warnings of files that native code reads."""
+    """Simulate ``rows`` in pairs of new processes at the same time.
+
+    Return the flights by system, with the processes of a pair next to each other, and warnings of
+    undeclared files that native code reads.
+    """
     pairs = max(1, min(executor.workers // 2, _PAIRS, len(rows)))
     total, started = 2 * len(rows) * len(campaign.systems), time.time()
 
@@ -128,69 +136,68 @@ def _fly_twice(
     native = set[str]()
 
     def fly(process: int) -> dict[str, _Repeats]:
-        own, given = _checked(campaign, process + 1), rows[process // 2 :: pairs]
-        first = {name: simulate(own, name, given, None, executor.fly) for name in own.systems}
+        own, own_rows = _checked(campaign, process + 1), rows[process // 2 :: pairs]
+        first = {name: simulate(own, name, own_rows, None, executor.fly) for name in own.systems}
         plans = [system.plan for system in own.systems.values()]
         is_long = (campaign.simulator.time_of_flight(plans) or 0.0) > _LONG
-        order = given[:1] if is_long else given[::-1]
-        if is_long and process > 1:  # one process of each system shows whether flights repeat
-            order = given[:0]
-        again = {name: simulate(own, name, order, None, executor.fly) for name in own.systems}
-        progress.add(len(given) * len(own.systems))
+        repeated = own_rows[:1] if is_long else own_rows[::-1]
+        if is_long and process > 1:  # one pair of processes shows whether flights repeat
+            repeated = own_rows[:0]
+        again = {name: simulate(own, name, repeated, None, executor.fly) for name in own.systems}
+        progress.add(len(own_rows) * len(own.systems))
         native.update(campaign.simulator.find_undeclared_reads(plan, started))
-        if executor.workers == 1:  # there may be a licence for one process
+        if executor.workers == 1:  # a licence may allow one process only
             _end_processes(campaign)
-        return {name: _Repeats(given, first[name], again[name]) for name in own.systems}
+        return {name: _Repeats(own_rows, first[name], again[name]) for name in own.systems}
 
     with (
         Progress("first flights", total) as progress,
         open_threads(min(2 * pairs, executor.workers)) as threads,
     ):
-        found = list(threads.map(fly, range(2 * pairs)))
+        processes = list(threads.map(fly, range(2 * pairs)))
     warnings = [
-        f"native code keeps {path} open, which 'files' does not name: nobody will see if it changes"
+        f"native code reads {path}, which 'files' does not list: changes of it go unnoticed"
         for path in sorted(native)
     ]
-    return {name: [each[name] for each in found] for name in campaign.systems}, warnings
+    return {name: [process[name] for process in processes] for name in campaign.systems}, warnings
 
 
 def _judge_repeats(
     campaign: Experiment, repeats: dict[str, list[_Repeats]]
 ) -> tuple[Repeatability, list[str]]:
-    """Return how repeatable the simulator is, and warnings."""
+    """Return the repeatability of the simulator, and warnings."""
     is_declared = campaign.simulator.states_noise
     largest = _Difference()
     shared = ""
     for name, processes in repeats.items():
-        for one, other in zip(processes[::2], processes[1::2], strict=True):
-            across = _compare(campaign, name, _across(one, other))
-            within = [_compare(campaign, name, _within(each)) for each in (one, other)]
+        for pair in zip(processes[::2], processes[1::2], strict=True):
+            across = _compare(campaign, name, _across(*pair))
+            within = [_compare(campaign, name, _within(process)) for process in pair]
             largest = max(largest, across, *within)
             noisy = max(within)
             if across.size <= ROUNDING < noisy.size:
-                shared = shared or noisy.words
+                shared = shared or noisy.description
+    estimates = "requirements get estimates instead of verdicts"
     if shared and is_declared:
-        words = (
-            f"two new processes draw the same noise, although 'repeatable: no' is stated: {shared}"
-        )
-        return Repeatability.SHARED, [f"{words}; verdicts are estimates"]
+        warning = f"two new processes draw the same noise despite 'repeatable: no': {shared}"
+        return Repeatability.SHARED, [f"{warning}; {estimates}"]
     if is_declared:
         return Repeatability.DECLARED, []
     if largest.size > ROUNDING:
-        return Repeatability.NOISE, [f"not repeatable: {largest.words}; verdicts are estimates"]
+        return Repeatability.NOISE, [f"not repeatable: {largest.description}; {estimates}"]
     return Repeatability.ROUNDING if largest.size else Repeatability.EXACT, []
 
 
-def _across(one: _Repeats, other: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield a row and its values in two processes."""
-    yield from zip(one.rows, _values(one.first), _values(other.first), strict=True)
-    if len(one.again.outcome) == len(other.again.outcome):  # else one of them was slow
-        again = _values(one.again), _values(other.again)
-        yield from zip(one.again_rows, *again, strict=True)
+def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
+    """Yield each row and its values in two processes."""
+    yield from zip(a.rows, _values(a.first), _values(b.first), strict=True)
+    if len(a.again.outcome) == len(b.again.outcome):  # otherwise one process was slow
+        again = _values(a.again), _values(b.again)
+        yield from zip(a.again_rows, *again, strict=True)
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield a row and its values when it was simulated first and again in one process."""
+    """Yield each repeated row and its first and second values in one process."""
     first, again = _values(repeats.first), _values(repeats.again)
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
     yield from zip(repeats.again_rows, first, again, strict=True)
@@ -199,22 +206,22 @@ def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
 def _compare(
     campaign: Experiment, name: str, pairs: Iterable[tuple[Floats, Floats, Floats]]
 ) -> _Difference:
-    """Return the largest difference; another outcome differs infinitely."""
+    """Return the largest difference; it is infinite between flights with different outcomes."""
     largest, labels = _Difference(), ("outcome", *(metric.name for metric in campaign.measured))
     for row, a, b in pairs:
         sizes = relative_difference(a, b)
         sizes[0] = 0.0 if a[0] == b[0] else np.inf
-        at = int(np.argmax(sizes))
-        if sizes[at] > largest.size:
-            values = f"{a[at]:.10g} and {b[at]:.10g}"
-            if at == 0:
+        i = int(np.argmax(sizes))
+        if sizes[i] > largest.size:
+            values = f"{a[i]:.10g} and {b[i]:.10g}"
+            if i == 0:
                 values = " and ".join(campaign.outcomes.of(np.array([a[0], b[0]], np.int64)))
-            given = ", ".join(
+            inputs = ", ".join(
                 f"{key} {value:.6g}"
                 for key, value in zip(campaign.inputs, row.tolist(), strict=True)
             )
-            words = f"'{name}' gives {labels[at]} {values} of the same inputs ({given})"
-            largest = _Difference(float(sizes[at]), words)
+            description = f"'{name}' returns {labels[i]} {values} for the same inputs ({inputs})"
+            largest = _Difference(float(sizes[i]), description)
     return largest
 
 

@@ -1,4 +1,4 @@
-"""What a campaign counts while it flies: outcomes, failures of requirements, the digest."""
+"""Counts of a campaign's flights: outcomes, failures of requirements, and the digest."""
 
 from array import array
 from collections import Counter
@@ -22,19 +22,17 @@ _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 
 @dataclass
 class RequirementCount:
-    """One requirement on one controller; flights that could not be computed are not in these counts."""
+    """Counts of one requirement on one controller, without flights that failed to run."""
 
     requirement: Requirement
-    binds: bool  # whether it applies to this controller, or is only shown
+    binds: bool  # whether it applies to this controller; if not, it is only shown
     missed: Mask  # [flight]
     flights: NDArray[np.int64]  # [point] of the unknowns
-    ended_early: NDArray[np.int64]  # [point] failures that are such because the flight ended early
-    measured: NDArray[
-        np.int64
-    ]  # [point] failures by the metric alone, up to wherever the flight came
+    ended_early: NDArray[np.int64]  # [point] failures due to early termination alone
+    measured: NDArray[np.int64]  # [point] failures by the metric up to the end of the flight
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
-        """Count flights by their metric; not-a-number fails."""
+        """Count flights by their metric; NaN is a failure."""
         measured = self.requirement.limits.failures(values)
         failed = measured | (early & self.requirement.early_is_failure)
         self.missed[flights] = failed
@@ -46,19 +44,18 @@ class RequirementCount:
 
 @dataclass
 class FlightCounts:
-    """Everything counted of one controller."""
+    """All counts of one controller."""
 
     controller: str
     requirements: list[RequirementCount]
-    uncomputed: Mask  # [flight] that the machine could not compute
+    uncomputed: Mask  # [flight] that failed to run
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
-    failed: "array[int]" = field(
-        default_factory=lambda: array("q")
-    )  # flights that ended early; perhaps a million
+    # Flights that terminated early; there may be a million.
+    failed: "array[int]" = field(default_factory=lambda: array("q"))
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
-        """Count one block."""
+        """Count the flights of a block."""
         self.digest += digest
         self.outcomes.update(rows.outcome)
         outcome = np.array(rows.outcome)
@@ -72,13 +69,13 @@ class FlightCounts:
 
     @property
     def not_computed(self) -> list[int]:
-        """Numbers of the flights that could not be computed."""
-        found: list[int] = np.flatnonzero(self.uncomputed).tolist()
-        return found
+        """Numbers of the flights that failed to run."""
+        numbers: list[int] = np.flatnonzero(self.uncomputed).tolist()
+        return numbers
 
 
 def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
-    """Empty counts for each controller."""
+    """Return empty counts by controller."""
     all_counts, points = {}, len(campaign.unknowns.points)
     for name in campaign.controllers:
         counts = [
@@ -95,19 +92,22 @@ def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
 
 
 def flight_values(campaign: Experiment) -> tuple[Signal, ...]:
-    """What the flights table holds after the samples, in the order of its columns."""
+    """Return the columns of the flights table after the samples, in their order."""
     return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
 
 
 def count_flights(
     manifest: Manifest, all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mask]
 ) -> tuple[Manifest, int]:
-    """The manifest with the flights ``done`` [flight] of each controller, and how many are without a gap."""
+    """Return the manifest with the counts of the flights ``done`` [flight] of each controller.
+
+    Return also the number of flights from the first on that all controllers have.
+    """
     failed = max((counts.outcomes[_FAILED] for counts in all_counts.values()), default=0)
-    together = np.logical_and.reduce(list(done.values()))
+    common = np.logical_and.reduce(list(done.values()))
     counted = replace(
         manifest,
-        runs_done=int(together.sum()) - failed,
+        runs_done=int(common.sum()) - failed,
         runs_failed=failed,
         digest=str(sum((counts.digest for counts in all_counts.values()), Digest())),
         digests={name: str(counts.digest) for name, counts in all_counts.items()},
@@ -120,16 +120,16 @@ def count_flights(
             for name, counts in all_counts.items()
         },
     )
-    return counted, int(np.argmin(np.append(together, False)))
+    return counted, int(np.argmin(np.append(common, False)))
 
 
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
-    """The verdict of every requirement on every controller, after all flights or the first so many, and the point of
-    the unknowns that it names.
+    """Return the verdict of each requirement on each controller and its point of unknowns.
 
-    All pairs of requirement and controller are one family.
+    ``flights`` limits the assessment to the first flights. All pairs of requirement and controller
+    form one family.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     points, groups = len(campaign.unknowns.points), []
@@ -146,28 +146,30 @@ def judge_counts(
             group.append(count.requirement.judge(failures, number, uncomputed))
         groups.append(group)
     return [
-        (*pair, *found)
-        for pair, found in zip(counted, campaign.judge(tuple(all_counts), groups), strict=True)
+        (*pair, *verdict_point)
+        for pair, verdict_point in zip(
+            counted, campaign.judge(tuple(all_counts), groups), strict=True
+        )
     ]
 
 
 def judge_requirements(
     manifest: Manifest, all_counts: Mapping[str, FlightCounts], campaign: Experiment
 ) -> Manifest:
-    """The manifest with failure counts and verdicts of the requirements: those that bind, and those that are shown."""
+    """Return the manifest with the failure counts and verdicts of all requirements."""
     judged: dict[bool, list[RequirementVerdict]] = {True: [], False: []}
     for counts, count, verdict, point in judge_counts(all_counts, campaign):
-        asked = count.requirement
+        requirement = count.requirement
         entry = RequirementVerdict(
-            id=asked.traced.get("id"),
-            text=asked.traced.get("text"),
-            source=asked.traced.get("source"),
-            rationale=asked.traced.get("rationale"),
-            above=asked.limits.low,
-            below=asked.limits.high,
-            metric=asked.metric,
-            probability=asked.probability,
-            consumer_risk=asked.consumer_risk,
+            id=requirement.traced.get("id"),
+            text=requirement.traced.get("text"),
+            source=requirement.traced.get("source"),
+            rationale=requirement.traced.get("rationale"),
+            above=requirement.limits.low,
+            below=requirement.limits.high,
+            metric=requirement.metric,
+            probability=requirement.probability,
+            consumer_risk=requirement.consumer_risk,
             producer_risk=verdict.producer_risk,
             controller=counts.controller,
             flights=verdict.flights,

@@ -1,4 +1,4 @@
-"""Tables of flights that another simulator computed, read as rows of a campaign's inputs and metrics."""
+"""Tables of flights from another simulator, read as a campaign's inputs and metrics."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 _ROWS = 65536  # of a block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # of exported tables
-_ROW, _LINE = "#row", "#line"  # no names of inputs: of a result, and of its inputs in their table
-_OK, _LOST = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-_ECHO = 1e-4  # of a column's largest value: rounding of inputs that a table of results repeats
+_ROW, _LINE = "#row", "#line"  # row of a result and of its inputs; no input has such a name
+_OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
+_ECHO = 1e-4  # of a column's largest value: tolerance for inputs repeated in a table of results
 
 
 @dataclass(frozen=True)
@@ -37,37 +37,41 @@ class FlightTable:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Columns of one table that a campaign knows: quantities in its units, system, outcome, end_time, flight."""
+    """Columns of one table that belong to a campaign, in its units."""
 
     table: ForeignTable
     columns: Mapping[str, Column]
     factors: Mapping[str, float]
     frame: "pd.DataFrame"
 
-    def error(self, row: Any, name: str, found: str, expected: str) -> InputError:
+    def error(self, row: Any, name: str, problem: str, expected: str) -> InputError:
+        """Return the error at the cell of a row and a named column."""
         column = self.columns.get(name)
-        return self.table.error(int(row), column.position if column else None, found, expected)
+        return self.table.error(int(row), column.position if column else None, problem, expected)
 
 
 def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTable:
-    """Read the flights of a campaign from one table, or from its inputs and its results. Raise InputError."""
+    """Read flights from one table, or from a table of inputs and one of results.
+
+    Raise InputError, with line and column, if the tables do not fit the campaign.
+    """
     if len(paths) > 2:
         raise InputError(paths[2], "a third table", "one of flights, or inputs and results")
     measured = [metric.name for metric in campaign.measured]
-    inputs, *others = sorted(
+    inputs, *result_tables = sorted(
         (_read_rows(path, campaign) for path in paths),
         key=lambda rows: sum(name in rows.columns for name in measured),
     )
-    results = others[0] if others else inputs
+    results = result_tables[0] if result_tables else inputs
     model: Any = campaign.model
     for name, head in model.columns.items():
         if not any(name in rows.columns for rows in (inputs, results)):
-            expected = f"the head of '{name}', as 'columns' in the campaign file says"
+            expected = f"the column of '{name}' named by 'columns' in the campaign file"
             raise results.table.error(None, None, f"no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
         if not any(name in rows.columns for rows in (inputs, results)):
-            heads = (head for rows in (inputs, *others) for head in rows.table.heads)
-            expected = "one for each dispersed input and metric, or its head under 'columns'"
+            heads = (head for rows in (inputs, *result_tables) for head in rows.table.heads)
+            expected = "one for each dispersed input and metric, or its name under 'columns'"
             expected = f"{expected} in the campaign file ({one_of(dict.fromkeys(heads), name)})"
             raise results.table.error(None, None, f"no column '{name}'", expected)
     if "system" not in results.columns and len(campaign.controllers) > 1:
@@ -75,15 +79,15 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         raise results.table.error(None, None, "no column 'system'", expected)
     frame = (
         _join(inputs, results, campaign)
-        if others
+        if result_tables
         else results.frame.assign(**{_LINE: results.frame[_ROW]})
     )
     systems = {name: _select(results, frame, name) for name in campaign.controllers}
     counts = {name: len(own) for name, own in systems.items()}
     if len(set(counts.values())) > 1 or not counts[campaign.controllers[0]]:
-        found = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
+        numbers = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
         path = results.table.path
-        raise InputError(path, f"flights: {found}", "as many of each system, one at least")
+        raise InputError(path, f"flights: {numbers}", "the same number of each system, at least 1")
     nominal = {name: campaign.parameters[name].nominal for name in campaign.inputs}
     first = systems[campaign.controllers[0]]
     samples = [
@@ -92,9 +96,10 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     ]
     for own, values in zip(systems.values(), samples, strict=True):
         for flight in np.flatnonzero((values != samples[0]).any(axis=1))[:1]:
-            found = f"flight {flight} of '{own.system.iloc[0]}' with other inputs than of another system"
+            system, reference = own.system.iloc[0], campaign.controllers[0]
+            problem = f"inputs of flight {flight} differ between '{system}' and '{reference}'"
             expected = "the same inputs for all systems, or a folder for each"
-            raise results.error(own[_ROW].iloc[flight], "flight", found, expected)
+            raise results.error(own[_ROW].iloc[flight], "flight", problem, expected)
     return FlightTable(
         path=inputs.table.path,
         samples=samples[0],
@@ -109,7 +114,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
 
 
 def _read_rows(path: Path, campaign: Experiment) -> _Rows:
-    """Read the columns of a table that a campaign knows. Raise InputError for a row that makes no sense."""
+    """Read the columns of a table that belong to a campaign. Raise InputError for a bad row."""
     import pandas as pd
 
     table = read_foreign_table(path)
@@ -117,8 +122,8 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     units = {name: campaign.parameters[name].unit for name in campaign.inputs}
     units |= {metric.name: metric.unit for metric in campaign.measured}
     units |= {"end_time": "s", "flight": "-"}
-    words = {"system": campaign.controllers, "outcome": tuple(campaign.outcomes.numbers)}
-    columns = table.find([*units, *words, *_HEADS], model.columns)
+    labels = {"system": campaign.controllers, "outcome": tuple(campaign.outcomes.numbers)}
+    columns = table.find([*units, *labels, *_HEADS], model.columns)
     for head, name in _HEADS.items():
         if head in columns:
             columns.setdefault(name, columns.pop(head))
@@ -128,7 +133,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     numbers = table.numbers([columns[name].position for name in factors], finite=False)
     frame = pd.DataFrame(numbers * list(factors.values()), columns=list(factors))
     rows = _Rows(table, columns, factors, frame.assign(**{_ROW: np.arange(len(frame))}))
-    for name, choices in words.items():
+    for name, choices in labels.items():
         default = np.full(len(table), choices[0], object)
         texts = np.array(table.words(columns[name].position)) if name in columns else default
         for row in np.flatnonzero(~np.isin(texts, choices))[:1]:
@@ -137,72 +142,78 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
         rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
         for row in np.flatnonzero(~np.isfinite(frame.get(name, np.empty(0))))[:1]:
-            raise rows.error(row, name, f"{name} that is no number", "a number in each cell")
+            raise rows.error(row, name, f"{name} is no finite number", "a number in each cell")
     keys = [name for name in ("system", "flight") if name in rows.frame]
     for row in np.flatnonzero("flight" in keys and rows.frame.duplicated(keys))[:1]:
-        found = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' a second time"
-        raise rows.error(row, "flight", found, "each flight once")
+        problem = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' a second time"
+        raise rows.error(row, "flight", problem, "each flight once")
     return rows
 
 
 def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
-    """Join inputs and results by the number of the flight; a flight without results failed to run.
+    """Join inputs and results by the flight's number; flights without results failed to run.
 
-    Raise InputError if a result has no inputs, or repeats others than these.
+    Raise InputError if a result has no inputs, or repeats inputs with other values.
     """
     for rows in (inputs, results):
         if "flight" not in rows.columns:
-            expected = "one in each of several tables, by which they are paired"
+            expected = "one in both tables, which pairs inputs and results"
             raise rows.table.error(None, None, "no column 'flight'", expected)
     drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
     drawn = drawn.drop_duplicates("flight")
     name = inputs.table.path.name
     for row in np.flatnonzero(~results.frame.flight.isin(drawn.flight))[:1]:
-        found = f"flight {results.frame.flight[row]:g}, which {name} does not have"
-        raise results.error(row, "flight", found, f"flights of {name}")
+        problem = f"flight {results.frame.flight[row]:g} is not in {name}"
+        raise results.error(row, "flight", problem, f"flights of {name}")
     joined = results.frame.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
     for quantity in campaign.inputs:
         if (repeated := joined.get(f"{quantity}_repeated")) is not None:
             errors = (repeated - joined[quantity]).abs()
             for row in np.flatnonzero(errors > _ECHO * joined[quantity].abs().max())[:1]:
-                found = (
-                    f"{quantity} {repeated[row]:g}, which is {joined[quantity][row]:g} in {name}"
-                )
-                raise results.error(row, quantity, found, "the inputs of this flight")
+                problem = f"{quantity} {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
+                raise results.error(row, quantity, problem, "the inputs of this flight")
     own = {system: joined[joined.system == system] for system in campaign.controllers}
-    lost = [
-        drawn[~drawn.flight.isin(rows.flight)].assign(system=system, outcome=_LOST, **{_ROW: 0})
+    without_results = [
+        drawn[~drawn.flight.isin(rows.flight)].assign(
+            system=system, outcome=_NOT_COMPUTED, **{_ROW: 0}
+        )
         for system, rows in own.items()
     ]
     import pandas as pd
 
-    return pd.concat([joined, *(rows for rows in lost if len(rows))], ignore_index=True)
+    return pd.concat([joined, *(rows for rows in without_results if len(rows))], ignore_index=True)
 
 
 def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
-    """Return the flights of a system in their order, which are numbered from 0 or 1. Raise InputError."""
+    """Return the flights of a system, sorted by number. Raise InputError if one is missing.
+
+    Numbers start at 0 or 1.
+    """
     own = frame[frame.system == system]
     if "flight" not in own or not len(own):
         return own
     own = own.sort_values("flight", kind="stable")
     first = 1.0 if frame.flight.min() == 1.0 else 0.0
     for number in np.flatnonzero(own.flight != np.arange(len(own)) + first)[:1]:
-        found = f"no flight {number + first:g} of '{system}'"
-        expected = "all flights from 0 or 1 on; an outcome says which of them failed"
-        raise rows.error(own[_ROW].iloc[number], "flight", found, expected)
+        problem = f"no flight {number + first:g} of '{system}'"
+        expected = "all flights, numbered from 0 or 1, with an outcome for those that failed"
+        raise rows.error(own[_ROW].iloc[number], "flight", problem, expected)
     return own
 
 
 def _blocks(
     system: str, own: "pd.DataFrame", samples: Floats, campaign: Experiment, measured: list[str]
 ) -> Iterator[FlightRows]:
+    """Yield the flights of a system in blocks."""
     outcome, metrics = own.outcome.to_numpy(object), own[measured].to_numpy(copy=True)
-    outcome[(outcome == _OK) & ~np.isfinite(metrics).all(axis=1)] = _LOST
-    metrics[outcome == _LOST] = np.nan
+    outcome[(outcome == _OK) & ~np.isfinite(metrics).all(axis=1)] = _NOT_COMPUTED
+    metrics[outcome == _NOT_COMPUTED] = np.nan
     end = np.array(own.get("end_time", np.full(len(own), np.nan)))
-    end[np.isnan(end) & (outcome != _OK) & (outcome != _LOST)] = 0.0
+    end[np.isnan(end) & (outcome != _OK) & (outcome != _NOT_COMPUTED)] = 0.0
     values, names = np.column_stack([metrics, end]), (*measured, END_TIME.name)
     for first in range(0, len(own), _ROWS):
-        part = slice(first, first + _ROWS)
-        texts = tuple(outcome[part].tolist())
-        yield FlightRows(system, first, campaign.inputs, samples[part], texts, values[part], names)
+        block = slice(first, first + _ROWS)
+        texts = tuple(outcome[block].tolist())
+        yield FlightRows(
+            system, first, campaign.inputs, samples[block], texts, values[block], names
+        )

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: both interrupt, at any moment but between a block's file and its count."""
+"""Handling of Ctrl-C and SIGTERM, which interrupt a run except while a block is stored."""
 
 import contextlib
 import signal
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM interrupt as Ctrl-C does, where this is the main thread."""
+    """Let SIGTERM interrupt as Ctrl-C does, if called in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -25,16 +25,15 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_deferred() -> Iterator[None]:
-    """Hold back Ctrl-C and SIGTERM until a block is written and counted: both or neither."""
+    """Defer Ctrl-C and SIGTERM to the end of the context: a stored block is also counted."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     arrived: list[int] = []
     before = {
-        number: signal.signal(number, lambda got, frame: arrived.append(got))
+        number: signal.signal(number, lambda received, frame: arrived.append(received))
         for number in (signal.SIGINT, signal.SIGTERM)
-        if signal.getsignal(number)
-        is not signal.SIG_IGN  # a shell's background job, which Ctrl-C does not mean
+        if signal.getsignal(number) is not signal.SIG_IGN  # a shell's background job ignores Ctrl-C
     }
     try:
         yield

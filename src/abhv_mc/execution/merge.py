@@ -1,4 +1,4 @@
-"""Shards of a campaign, or campaigns of one question, as one: joined, and what follows from all flights made there."""
+"""Merge of a campaign's shards, or of campaigns that differ only in their seed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,9 +9,9 @@ from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.merge import join_shards, order_shards, refuse_other_requirements
+from abhv_mc.folder.merge import join_shards, order_shards, require_same_requirements
+from abhv_mc.folder.pooled_campaigns import check_poolable, pool_campaigns
 from abhv_mc.folder.requirement_sets import replace_requirements
-from abhv_mc.folder.siblings import check_pool, join_seeds
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 from abhv_mc.simulators.campaign_code import check_user_code
@@ -25,26 +25,26 @@ def merge_campaign(
     trust_code: bool = False,
     requirements: Path | None = None,
 ) -> RunResult:
-    """Join complete shards, or campaigns of one question with different seeds, in the new folder ``out``, then make
-    what follows from all flights.
+    """Merge complete shards, or campaigns that differ only in their seed, into ``out``.
 
-    The same call goes on with a merge that was interrupted. ``trust_code`` runs a law of the folders that this user has
-    not flown. ``requirements``: the set that judges all flights, needed if the parts have different ones. Raise
-    InputError, before anything is written, if the parts are not all of one campaign or question, run by the same code
-    and plans, each flight once.
+    Then create the envelopes, histories and verdicts of all flights. The same call resumes an
+    interrupted merge. ``trust_code`` permits running a law of the folders that this user has not
+    run before. ``requirements`` is the set for all flights, needed if the parts have different
+    sets. Raise InputError, before files are created, if the parts belong to different campaigns,
+    were run with different code or plans, or share flights.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
-    folders = order_shards(parts) if sharded else check_pool(parts)
+    folders = order_shards(parts) if sharded else check_poolable(parts)
     campaign = read_campaign(folders[0].campaign, engine=engine)
     if requirements is None:
-        refuse_other_requirements(folders)
+        require_same_requirements(folders)
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
-    check_user_code(campaign, trust_code)  # flights are flown again for their histories
+    check_user_code(campaign, trust_code)  # histories need flights to be run again
     target = CampaignFolder(out)
     with hold_lock(target.lock):
-        (join_shards if sharded else join_seeds)(folders, out)
+        (join_shards if sharded else pool_campaigns)(folders, out)
         if requirements is not None:
             replace_requirements(target, campaign)
     return run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)

@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar or a clock on a terminal, a plain line every ten seconds elsewhere."""
+"""Progress on standard error: a bar or clock on a terminal, otherwise lines of text."""
 
 import contextlib
 import sys
@@ -8,23 +8,23 @@ from types import TracebackType
 from typing import Any, TextIO
 
 _PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # s between plain lines, and of a clock on a terminal
-_printed = [time.monotonic()]  # s: when the last plain line was printed, of whatever task
+_printed = [time.monotonic()]  # s: time of the last plain line of any task
 
 
 def _print_plain(line: str, stream: TextIO | None) -> None:
     """Print a line unless another one was printed within the last ten seconds."""
     if (now := time.monotonic()) - _printed[0] >= _PLAIN_INTERVAL:
         _printed[0] = now
-        with contextlib.suppress(OSError):  # a full log, or one without a reader, stops no campaign
+        with contextlib.suppress(OSError):  # a full or closed log must not stop a campaign
             print(line, file=stream, flush=True)
 
 
 class Progress:
-    """Counts work done out of ``total``; a context manager."""
+    """Progress of a task with ``total`` steps; a context manager."""
 
     def __init__(self, label: str, total: int, stream: TextIO | None = None) -> None:
         self._label, self._total = label, total
-        self._stream = stream or sys.stderr  # None where it was closed before the start
+        self._stream = stream or sys.stderr  # None if it was closed before the start
         self._done = 0
         self._start = time.monotonic()
         self._bar: Any = None
@@ -48,7 +48,7 @@ class Progress:
         return self
 
     def add(self, number: int) -> None:
-        """Count ``number`` more."""
+        """Count ``number`` completed steps."""
         self._done += number
         now = time.monotonic()
         if self._bar is not None:
@@ -72,31 +72,34 @@ class Progress:
 
     def _print(self, now: float) -> None:
         rate = self._rate(now)
-        left = (
+        remaining = (
             f"{(self._total - self._done) / rate:.0f} s left" if rate > 0.0 else "time left unknown"
         )
         share = 100 * self._done // self._total
-        line = f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {left}"
+        line = (
+            f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {remaining}"
+        )
         _print_plain(line, self._stream)
 
 
 class Waiting:
-    """Says what is waited for and how long so far; a context manager, within which ``seconds`` is the time so far."""
+    """Display of a task and its elapsed time; a context manager."""
 
-    def __init__(self, words: str, stream: TextIO | None = None) -> None:
-        self._words, self._stream = words, stream or sys.stderr
+    def __init__(self, label: str, stream: TextIO | None = None) -> None:
+        self._label, self._stream = label, stream or sys.stderr
         self._over = threading.Event()
         self._start = time.monotonic()
 
     @property
     def seconds(self) -> float:
+        """Elapsed time (s)."""
         return time.monotonic() - self._start
 
     def __enter__(self) -> "Waiting":
         if self._stream is not None:
-            self._moving = self._stream.isatty()
-            self._write(self._words)
-            self._thread = threading.Thread(target=self._tell, daemon=True)
+            self._has_clock = self._stream.isatty()
+            self._write(self._label)
+            self._thread = threading.Thread(target=self._update, daemon=True)
             self._thread.start()
         return self
 
@@ -104,15 +107,15 @@ class Waiting:
         if self._stream is not None:
             self._over.set()
             self._thread.join()
-            if self._moving:
+            if self._has_clock:
                 self._write("\n")
 
-    def _tell(self) -> None:
+    def _update(self) -> None:
         while not self._over.wait(_CLOCK):
-            self._write(f"\r{self._words}: {self.seconds:.0f} s so far")
+            self._write(f"\r{self._label}: {self.seconds:.0f} s so far")
 
     def _write(self, text: str) -> None:
-        if not self._moving:
+        if not self._has_clock:
             _print_plain(text.lstrip("\r"), self._stream)
             return
         with contextlib.suppress(OSError):

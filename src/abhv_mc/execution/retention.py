@@ -1,6 +1,6 @@
-"""Which flights are kept at full length, and how: flown once more when all have flown.
+"""Retention of time histories: selected flights are run again at the end of a campaign.
 
-The worst are known only then, and flying a flight again gives the same bits.
+The worst flights are known only then, and a repeated flight has the same bits.
 """
 
 import hashlib
@@ -29,29 +29,32 @@ _FLIGHTS_PER_FILE = 128
 _UNCOMPUTED = Outcome.FAILED_TO_RUN.code
 
 
-def choose_kept(
+def select_flights(
     items: tuple[int | str, ...], flights: int, counts: FlightCounts, worst: Sequence[int] = ()
 ) -> list[int]:
-    """Numbers of the flights that ``items`` of the campaign's ``keep`` name, ascending; ``worst`` first."""
-    kept: set[int] = set()
+    """Return the sorted numbers of the flights that ``items`` of the file's ``keep`` select.
+
+    ``worst`` has the numbers of the worst flights, the worst first.
+    """
+    selected: set[int] = set()
     for item in items:
-        words = str(item).split()
+        terms = str(item).split()
         if isinstance(item, int):
-            kept.update({item} & set(range(flights)))  # a campaign may have stopped before it
+            selected.update({item} & set(range(flights)))  # a campaign may stop before it
         elif item == "all":
-            kept.update(range(flights))
+            selected.update(range(flights))
         elif item == "failed":
-            kept.update(counts.failed)
-        elif words[0] == "every":
-            kept.update(range(0, flights, int(words[1])))
-        elif words[0] == "worst":
-            kept.update(worst[: int(words[1])])
-    return sorted(kept - set(counts.not_computed))
+            selected.update(counts.failed)
+        elif terms[0] == "every":
+            selected.update(range(0, flights, int(terms[1])))
+        elif terms[0] == "worst":
+            selected.update(worst[: int(terms[1])])
+    return sorted(selected - set(counts.not_computed))
 
 
 @dataclass(frozen=True)
 class HistoryFile:
-    """A file of histories that the campaign keeps."""
+    """File of time histories, with its controller and flights."""
 
     product: Product
     controller: str
@@ -63,7 +66,7 @@ def list_histories(
     campaign: Experiment,
     all_counts: Mapping[str, FlightCounts],
 ) -> list[HistoryFile]:
-    """The files that the histories of all flights, which have flown, are kept in."""
+    """Return the files of histories of a campaign whose flights are all complete."""
     keep = campaign.model.keep.histories
     files: list[HistoryFile] = []
     if not campaign.channels:
@@ -75,13 +78,13 @@ def list_histories(
         else {}
     )
     for name, counts in all_counts.items():
-        kept = choose_kept(keep.flights, campaign.runs, counts, worst.get(name, ()))
-        for part, first in enumerate(range(0, len(kept), _FLIGHTS_PER_FILE)):
-            flights = kept[first : first + _FLIGHTS_PER_FILE]
+        selected = select_flights(keep.flights, campaign.runs, counts, worst.get(name, ()))
+        for index, first in enumerate(range(0, len(selected), _FLIGHTS_PER_FILE)):
+            flights = selected[first : first + _FLIGHTS_PER_FILE]
             key = hashlib.sha256(
                 repr((flights, campaign.kept_channels, keep.rate)).encode()
             ).hexdigest()
-            path = folder.histories / f"{name}-{part:06d}.parquet"
+            path = folder.histories / f"{name}-{index:06d}.parquet"
             files.append(HistoryFile(Product(path, key), name, flights))
     return files
 
@@ -96,11 +99,14 @@ def write_kept_histories(
     workers: int,
     hashes: FileHashes,
 ) -> list[str]:
-    """Fly and write the ``expected`` files of histories; those that are there already stay, and no other. What failed,
-    in words."""
+    """Run the flights of the ``expected`` files again and write their histories.
+
+    Current files stay, and all other files of histories are deleted. Return a sentence for each
+    flight without a history.
+    """
     missing = [file for file in expected if not file.product.is_current(hashes)]
 
-    def fly_again(file: HistoryFile) -> tuple[HistoryFile, FlightBlock]:
+    def rerun(file: HistoryFile) -> tuple[HistoryFile, FlightBlock]:
         name = file.controller
         every = campaign.simulator.find_stride(campaign.systems[name].plan, "histories")
         rows = np.concatenate([samples.rows(flight, flight + 1) for flight in file.flights])
@@ -108,22 +114,22 @@ def write_kept_histories(
 
     total = sum(len(file.flights) for file in missing)
     failed = []
-    landed = work_ahead(workers, fly_again, ((file,) for file in missing))
+    landed = work_ahead(workers, rerun, ((file,) for file in missing))
     with Progress("histories", total) as progress, closing(landed):
         for file, block in landed:
-            lost = block.outcome == Outcome.FAILED_TO_RUN  # it flew the first time
+            lost = block.outcome == Outcome.FAILED_TO_RUN  # although computed the first time
             failed += [
                 f"no history of flight {file.flights[row]} of {file.controller}"
                 f" ({block.reasons.get(row, 'it failed to run')})"
                 for row in np.flatnonzero(lost).tolist()
             ]
             metadata = {KEY: "incomplete" if lost.any() else file.product.key}
-            of = file.product.path, file.controller, file.flights, block.times, block.history
+            histories = file.product.path, file.controller, file.flights, block.times, block.history
             write_histories(
-                *of,
+                *histories,
                 channels=campaign.kept_channels,
                 metadata=metadata,
-                known=campaign.channels,
+                recorded=campaign.channels,
             )
             progress.add(len(file.flights))
     for path in set(folder.histories.glob("*.parquet")) - {file.product.path for file in expected}:

@@ -1,7 +1,8 @@
-"""Retries: a block that is lost is flown again in smaller pieces, down to the single flight that cannot be computed.
+"""Retries of lost blocks in smaller pieces, down to single flights.
 
-That flight has the outcome ``failed_to_run``, which says nothing about the vehicle; where native code of a law's may
-have ended or held up its process, ``law_crashed`` or ``law_hung``, which count as ``law_failed`` does.
+A flight that cannot be computed has the outcome ``failed_to_run``, which says nothing about the
+vehicle. If native code of a control law may have ended or blocked the process, the outcome is
+``law_crashed`` or ``law_hung``, which count like ``law_failed``.
 """
 
 import math
@@ -13,57 +14,58 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
+from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.flight.child_flights import make_failed_block
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
 from abhv_mc.simulators.margin_plans import count_metrics
 
-if TYPE_CHECKING:  # which a worker process need not import
+if TYPE_CHECKING:  # not imported by worker processes
     from abhv_mc.interfaces import Recorded
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights of the first smaller pieces, and those that one time limit holds for
-_told: set[str] = set()  # losses that were said already
-_PIECES = (
-    PIECE,
-    1,
-    1,
-)  # a single flight is tried twice: its process may have been killed from outside
+PIECE = 16  # flights of the first smaller pieces; a time limit holds for up to as many flights
+_reported: set[str] = set()  # losses that were reported before
+# A single flight is tried twice, because its process may have been killed from outside.
+_PIECES = (PIECE, 1, 1)
 
 
 class FlightLostError(Exception):
-    """Flights that raised, took too long (``hung``) or ended their ``process``; the message says which of these."""
+    """Flights lost by an exception, the time limit (``hung``) or the end of their process."""
 
-    def __init__(self, words: str, process: bool = False, hung: bool = False) -> None:
-        super().__init__(words)
+    def __init__(self, message: str, process: bool = False, hung: bool = False) -> None:
+        super().__init__(message)
         self.process, self.hung = process, hung
 
 
 class UnusableError(Exception):
-    """This machine computes no flight at all: the campaign stops, and nothing wrong is recorded."""
+    """Machine that cannot compute any flight; the campaign stops and records no failures."""
 
 
-def time_limit(flights: int, one: float) -> float:
-    """Seconds that so many flights may take where one flight, or up to PIECE of them, may take ``one``."""
-    return one * math.ceil(flights / PIECE)
+def time_limit(flights: int, piece_limit: float) -> float:
+    """Return the time limit (s) of a number of flights, if up to PIECE have ``piece_limit``."""
+    return piece_limit * math.ceil(flights / PIECE)
 
 
 def fly_with_retries(
     attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded"
 ) -> FlightBlock:
-    """What ``attempt`` makes of the rows, with ``failed_to_run`` for those that are lost alone, too.
+    """Return the block of ``parameters`` computed by ``attempt``.
 
-    A block of several batches is flown batch by batch then. Raises UnusableError where not one of
-    PIECE or more flights could be computed.
+    After a loss, the block is computed in smaller pieces. Flights that are lost on their own have
+    the outcome ``failed_to_run``. Raise UnusableError if none of PIECE or more flights can be
+    computed.
     """
-    if len(parameters) > AT_ONCE:
+    if len(parameters) > BATCH_FLIGHTS:
         try:
             return attempt(parameters, recorded)
         except FlightLostError:
             return fly_in_batches(
-                lambda _, *rest: fly_with_retries(attempt, plan, *rest), plan, parameters, recorded
+                lambda _, *batch: fly_with_retries(attempt, plan, *batch),
+                plan,
+                parameters,
+                recorded,
             )
     reasons: list[str] = []
     block = _fly(attempt, plan, parameters, recorded, _PIECES, reasons=reasons)
@@ -93,10 +95,14 @@ def _fly(
     try:
         return attempt(parameters, recorded)
     except FlightLostError as error:
-        if sizes is _PIECES and str(error) not in _told:
-            _told.add(str(error))
-            words = f"{len(parameters)} flights were lost ({error}) and are flown again in smaller pieces"
-            print(f"{plan.controller}: {words}", file=sys.stderr, flush=True)
+        if sizes is _PIECES and str(error) not in _reported:
+            _reported.add(str(error))
+            print(
+                f"{plan.controller}: {len(parameters)} flights were lost ({error}) and are"
+                " computed again in smaller pieces",
+                file=sys.stderr,
+                flush=True,
+            )
         if not sizes:
             reasons.append(str(error))
             outcome = (
@@ -113,7 +119,7 @@ def _fly(
 
 
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
-    """The row of one flight that could not be computed."""
+    """Return the block of one flight that could not be computed."""
     return make_failed_block(
         plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), count_metrics(plan)
     )

@@ -1,4 +1,4 @@
-"""Fly a campaign: what is missing in its folder, in parallel, kept block by block; then envelopes and histories."""
+"""Run of a campaign: missing flights in parallel, then envelopes and histories."""
 
 import json
 import sys
@@ -11,11 +11,17 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.execution.backpressure import work_ahead
-from abhv_mc.execution.blocks import Block, choose_batch, choose_plain, choose_timed, cut_blocks
+from abhv_mc.execution.batches import BATCH_FLIGHTS
+from abhv_mc.execution.blocks import (
+    Block,
+    choose_batch,
+    choose_timed,
+    choose_unrecorded,
+    cut_blocks,
+)
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
-from abhv_mc.execution.fly_batches import AT_ONCE
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
@@ -50,7 +56,7 @@ _SAVE_INTERVAL = 5.0  # s between manifests on disk
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run ended."""
+    """Result of a run: the folder and its manifest."""
 
     folder: Path
     manifest: Manifest
@@ -61,11 +67,11 @@ class RunResult:
 
 
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
-    """Fly a campaign, or what its folder misses of it.
+    """Run a campaign, or the flights that are missing in its folder.
 
-    Raises InputError before anything is written for a request that is wrong, and StorageFullError when the disk
-    takes no more. An interrupt ends with a result that is not complete; what was flown is kept. ``engine``: simulator
-    of the vehicle in place of the compiled one.
+    An interrupt returns an incomplete result; completed flights are kept. ``engine`` replaces the
+    compiled simulator of the vehicle. Raise InputError, before files are created, if the request is
+    wrong, and StorageFullError if the disk is full.
     """
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
@@ -85,11 +91,13 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
 
 
 def fly_opened(opened: OpenCampaign, executor: FlightRunner) -> RunResult:
-    """Fly what an open folder misses of its campaign, and make what follows from all flights."""
+    """Run the missing flights of an open folder, then create envelopes and histories."""
     return _Run(opened, executor).run()
 
 
 class _Run:
+    """Run of the missing flights of one folder."""
+
     def __init__(self, opened: OpenCampaign, executor: FlightRunner) -> None:
         self.folder, self.plans = opened.folder, opened.plans
         self.manifest, self.simulator = opened.manifest, opened.campaign.simulator
@@ -100,7 +108,7 @@ class _Run:
         self.campaign = replace(opened.campaign, systems=systems)
         self.files = opened.files
         model = self.campaign.model
-        self.completion = Completion(self.campaign, opened.part, opened.to_fly)
+        self.completion = Completion(self.campaign, opened.shard, opened.requested)
         self.products = Products(self.folder, self.campaign.controllers, self.campaign.runs)
         self.sharded = self.manifest.shard is not None
         self.fly, self.workers = executor.fly, executor.workers
@@ -117,7 +125,7 @@ class _Run:
         self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
     def run(self) -> RunResult:
-        """Fly and finish."""
+        """Run the missing flights and create the files that follow from all flights."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
         for rows, digest in read_flown_blocks(
             self.folder,
@@ -125,49 +133,53 @@ class _Run:
             self.samples,
             self.columns,
             self.files,
-            keep_lost=not self.campaign.can_rerun,
+            keep_failed_to_run=not self.campaign.can_rerun,
         ):
             self.completion.add(rows, digest)
-        is_whole = self.manifest.complete and self.completion.whole()
-        if is_whole and (self._has_products() or self._must_stay()):
-            if self._judge() != self.manifest:  # with another controller first
+        is_complete = self.manifest.complete and self.completion.is_complete()
+        if is_complete and (self._has_products() or self._keeps_products()):
+            if self._judge() != self.manifest:  # for example if another controller is the first
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
         try:
-            if not (self.completion.whole() and self._has_envelopes()):
+            if not (self.completion.is_complete() and self._has_envelopes()):
                 self._fly()
-            whole = self.completion.whole()
-            if whole:
+            is_complete = self.completion.is_complete()
+            if is_complete:
                 self._finish()
-            self._write_manifest(COMPLETE if whole else INTERRUPTED)
+            self._write_manifest(COMPLETE if is_complete else INTERRUPTED)
         except KeyboardInterrupt:
             with interrupts_deferred():
                 self._write_manifest(INTERRUPTED)
         except BaseException:
-            with suppress(Exception):  # the error counts, not that the full disk takes no manifest
+            with suppress(Exception):  # a full disk must not hide the original error
                 self._write_manifest(INTERRUPTED)
             raise
         return RunResult(self.folder.root, self.manifest)
 
-    def _must_stay(self) -> bool:
-        """Whether other histories are wanted, by changed requirements, and another version made the flights."""
-        other = self.manifest.source_hash != self.simulator.engine.source
-        return other and self._has_margins() and self._has_envelopes()
+    def _keeps_products(self) -> bool:
+        """Return whether histories stay although changed requirements select others.
+
+        This version of the program cannot add histories to the flights of another version.
+        """
+        is_other = self.manifest.source_hash != self.simulator.engine.source
+        return is_other and self._has_margins() and self._has_envelopes()
 
     def _has_products(self) -> bool:
-        """Whether all is there that follows from the flights; a shard makes nothing of them."""
+        """Return whether histories, margins and envelopes are current; a shard has none."""
         if self.sharded:
             return True
         histories = all(file.product.is_current(self.files) for file in self._list_histories())
         return histories and self._has_margins() and self._has_envelopes()
 
     def _has_margins(self) -> bool:
-        """Return whether margins in steady flight are current, or the simulator has none."""
+        """Return whether margins in steady flight are current or not available."""
         no_margins = self.simulator.engine.find_stability is None
         return no_margins or self.products.margins.is_current(self.files)
 
     def _make_cells(self) -> Cells:
+        """Return the channels and times of the envelopes."""
         keep, points = self.campaign.model.keep.envelopes, len(self.campaign.unknowns.points)
         plan = next(iter(self.plans.values()))
         if (timing := plan.timing) is None:
@@ -184,16 +196,16 @@ class _Run:
         )
 
     def _has_envelopes(self) -> bool:
-        """Return whether envelopes are current and their flights complete, or flights have no common channels."""
+        """Return whether envelopes are current and their flights complete, or not available."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
-        whole = all(
+        is_complete = all(
             mask[self.completion.first : last].all() for mask in self.completion.done.values()
         )
         no_envelopes = not self.campaign.has_bands
-        return no_envelopes or (whole and self.products.envelopes.is_current(self.files))
+        return no_envelopes or (is_complete and self.products.envelopes.is_current(self.files))
 
     def _fly(self) -> None:
-        """Fly what is missing, step by step where the campaign stops when proven."""
+        """Run the missing flights, in steps if the campaign stops when proven."""
         self.recording = None
         if self.campaign.has_bands:
             self.cells = self._make_cells()
@@ -208,7 +220,7 @@ class _Run:
             self._fly_missing(missing)
 
     def _time_flights(self) -> None:
-        """Choose blocks by the time of the first flights, or of one that is missing, if the simulator asks so."""
+        """Set the size of blocks by the time of a flight, if the simulator measures it."""
         plans = [system.plan for system in self.campaign.systems.values()]
         if (seconds := self.simulator.time_of_flight(plans)) is None:
             return
@@ -220,22 +232,26 @@ class _Run:
                 seconds = self.simulator.time_of_flight(plans) or 0.0
         chosen = choose_timed(self.campaign.runs, self.workers, seconds)
         self.batch = self.campaign.model.execution.batch or min(
-            chosen, AT_ONCE if self.collectors else chosen
+            chosen, BATCH_FLIGHTS if self.collectors else chosen
         )
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
+        """Run the missing flights and store each block when it is finished."""
         total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
         again = sum(int((envelope & ~rows).sum()) for rows, envelope in missing.values())
         self._write_manifest(RUNNING)
-        plain = None
+        unrecorded = None
         if self.simulator.capabilities.is_repeatable:
-            plain = envelope_states.ENVELOPE_FLIGHTS, choose_plain(total, self.workers, self.batch)
-        blocks = cut_blocks(missing, self.batch, self.with_margins, plain)
+            unrecorded = (
+                envelope_states.ENVELOPE_FLIGHTS,
+                choose_unrecorded(total, self.workers, self.batch),
+            )
+        blocks = cut_blocks(missing, self.batch, self.with_margins, unrecorded)
         calls = ((block, self.samples.rows(block.first, block.stop)) for block in blocks)
         saved = time.monotonic()
         with (
             Progress(
-                f"flights ({again} again for bands over time)" if again else "flights", total
+                f"flights ({again} again for envelopes)" if again else "flights", total
             ) as progress,
             closing(work_ahead(self.workers, self._fly_block, calls)) as landed,
         ):
@@ -248,19 +264,19 @@ class _Run:
                     saved = time.monotonic()
 
     def _fly_block(self, block: Block, samples: Floats) -> tuple[Block, FlightBlock]:
-        recorded = self.recording if block.envelope else None
-        margins = block.rows and block.first < self.with_margins
+        recorded = self.recording if block.needs_envelope else None
+        margins = block.needs_rows and block.first < self.with_margins
         return block, simulate(
             self.campaign, block.controller, samples, recorded, self.fly, margins=margins
         )
 
     def _keep(self, block: Block, flown: FlightBlock) -> None:
-        """Write a finished block and count it."""
-        if block.envelope:
+        """Store a finished block and count its flights."""
+        if block.needs_envelope:
             collector = self.collectors[block.controller]
             collector.add(block.first, flown)
             collector.covered[block.first : block.stop] &= flown.outcome != Outcome.FAILED_TO_RUN
-        if block.rows:
+        if block.needs_rows:
             timing = self.plans[block.controller].timing
             rows = FlightRows(
                 block.controller,
@@ -287,7 +303,7 @@ class _Run:
                 )
 
     def _note_events(self, block: Block, flown: FlightBlock) -> None:
-        """Note what a user's simulator did beside its flights: events, and its standard error."""
+        """Store the events and the standard error of a user's simulator."""
         if flown.events:
             name = block.controller
             events = add_events([self.manifest.simulator_events, {name: flown.events}])
@@ -305,7 +321,7 @@ class _Run:
             )
 
     def _make_values(self, flown: FlightBlock) -> Floats:
-        """Values ``[flight, value]``; margins come last, nan where they were not asked for."""
+        """Return the values [flight, value] of a block; margins are last, NaN if not computed."""
         count = len(self.campaign.measured)
         metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
         if self.campaign.model.margins is None:
@@ -314,15 +330,15 @@ class _Run:
         return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
 
     def _finish(self) -> None:
-        """What follows from all flights: envelopes, histories. A shard keeps what they are merged from."""
+        """Create envelopes, histories and margins; a shard keeps its data for the merge instead."""
         if self.sharded:
             self._join_files()
             return
-        # Whoever goes on after a kill makes anew what may be replaced from here on.
+        # Files that may be replaced below leave the manifest: after a kill they are made again.
         histories = self._list_histories()
         products = (file.product for file in histories)
-        whole = {product.path for product in products if product.is_current(self.files)}
-        self.files.forget(*(set(self.folder.histories.glob("*.parquet")) - whole))
+        current = {product.path for product in products if product.is_current(self.files)}
+        self.files.forget(*(set(self.folder.histories.glob("*.parquet")) - current))
         if self.collectors:
             self.files.forget(self.folder.envelopes)
         self._write_manifest(RUNNING)
@@ -331,7 +347,7 @@ class _Run:
                 np.concatenate([collector.times for collector in self.collectors.values()])
             )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
-            if self.cells.times is None:  # those of a user's blocks reach beyond their flights
+            if self.cells.times is None:  # times of a user's blocks extend beyond their flights
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
                 times, tables = (
                     times[flown],
@@ -359,13 +375,14 @@ class _Run:
                 hashes=self.files,
             )
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            failed = [f"not all histories are kept ({type(error).__name__}: {error})"]
+            failed = [f"not all histories were created ({type(error).__name__}: {error})"]
         self.manifest = replace(self.manifest, not_made=tuple(failed))
-        for words in failed:
-            print(f"{words}: run again to try again", file=sys.stderr)
+        for problem in failed:
+            print(f"{problem}; run the same command to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
-            # Else the next run tries these flights again; or more of a user's, which take their time, are flown.
+            # The states stay for a next run, which computes failed flights again, and for
+            # extensions of a user's campaign, whose flights are slow.
             if (
                 self.simulator.capabilities.is_repeatable
                 and not self.completion.all_counts[name].uncomputed.any()
@@ -374,9 +391,10 @@ class _Run:
         self._join_files()
 
     def _join_files(self) -> None:
-        """Many small files of flights become few: first the new ones, then the manifest that names them, then these go.
+        """Join small files of flights into a few large ones.
 
-        A kill in between leaves files that the manifest does not name, which whoever goes on deletes.
+        The joined files are written first, then the manifest, and then the small files are deleted.
+        A kill in between leaves files that are not in the manifest; the next run deletes them.
         """
         joins = find_joins(
             [path for path in self.files.paths() if path.parent == self.folder.flights]
@@ -391,12 +409,12 @@ class _Run:
             path.unlink()
 
     def _write_stability(self) -> None:
-        """The margins in steady flight, of all controllers of the folder."""
+        """Write the margins in steady flight of all controllers of the folder."""
         if self.simulator.engine.find_stability and not self._has_margins():
             with Waiting("margins"):
-                found = self.simulator.engine.find_stability(self.campaign, self.plans)
+                margins = self.simulator.engine.find_stability(self.campaign, self.plans)
             path, key = self.products.margins
-            text = json.dumps(found | {KEY: key}, indent=1, allow_nan=False)
+            text = json.dumps(margins | {KEY: key}, indent=1, allow_nan=False)
             write_text(path, text + "\n")
 
     def _list_histories(self) -> list[HistoryFile]:
@@ -407,7 +425,7 @@ class _Run:
         )
 
     def _judge(self) -> Manifest:
-        """The manifest with the verdicts of the requirements; a shard alone judges nothing."""
+        """Return the manifest with verdicts of the requirements; a shard has none."""
         if self.sharded:
             return self.manifest
         return judge_requirements(self.manifest, self.completion.all_counts, self.campaign)

@@ -1,4 +1,4 @@
-"""Before a campaign flies: everything checked, then its folder made, or found and proven to be the same campaign."""
+"""Setup of a run: checks, then a new folder, or an existing folder of the same campaign."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,9 @@ from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.requirement_set import JUDGING, describe_requirement_changes
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
+from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
-from abhv_mc.execution.name_points import name_points, with_points
-from abhv_mc.execution.probe_dispersions import fly_probes
+from abhv_mc.execution.unknown_points import select_points, with_points
 from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.folder.hashes import FileHashes, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
@@ -49,30 +49,30 @@ from abhv_mc.user_code.trust import trust
 
 @dataclass(frozen=True)
 class OpenCampaign:
-    """A campaign whose folder is ready to fly, and locked."""
+    """Campaign with plans and a locked folder, ready to run."""
 
     folder: CampaignFolder
-    campaign: Experiment  # as the folder holds it, ready to fly
+    campaign: Experiment  # of the folder, with plans
     manifest: Manifest
-    to_fly: tuple[str, ...]  # controllers
+    requested: tuple[str, ...]  # controllers to run
     files: FileHashes
 
     @property
     def plans(self) -> dict[str, Plan]:
-        """Of the controllers."""
+        """Plans by controller."""
         return {name: system.plan for name, system in self.campaign.systems.items()}
 
     @property
-    def part(self) -> tuple[int, int]:
-        """First flight of this folder's shard and the one after its last; all flights without shards."""
+    def shard(self) -> tuple[int, int]:
+        """First flight of the folder's shard and the one after its last; all without shards."""
         i, n = self.manifest.shard or (1, 1)
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
 
 
 def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> OpenCampaign:
-    """Check the request, make or find the campaign's folder, and hold its lock until ``stack`` closes.
+    """Check the request, then create or open the campaign's folder and lock it.
 
-    Raises InputError before anything is written when something is wrong.
+    ``stack`` releases the lock. Raise InputError, before files are created, if anything is wrong.
     """
     stack.enter_context(reading_once())
     requested = read_campaign(
@@ -81,19 +81,19 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     simulator = requested.simulator
     folder = CampaignFolder(Path(request.output or Path("reports") / requested.model.name))
     for source in check_user_code(requested, request.trust_code):
-        trust(source)  # his own file: he has flown it
+        trust(source)  # the user asks to run this file
     _check_shard(request, requested)
     inputs = collect_inputs(requested)
     flown = open_folder(folder, request.fresh, stack)
     if flown is not None:
         if requested.unknowns.names:
-            held = read_folder_inputs(flown.folder, flown.manifest)
-            requested = with_points(requested, held.data.get("points"))
+            stored = read_folder_inputs(flown.folder, flown.manifest)
+            requested = with_points(requested, stored.data.get("points"))
             inputs = collect_inputs(requested)
         return _resume(flown, requested, inputs, request)
     _start_workers(request, simulator.engine)
-    others = Path(request.plans) if request.plans else None
-    plans = _take_plans(others, requested, inputs, request.trust_code)
+    plans_folder = Path(request.plans) if request.plans else None
+    plans = _read_plans(plans_folder, requested, inputs, request.trust_code)
     plans = plans or simulator.make_plans(requested.controllers)
     if request.shard is None:
         _compile_margins(requested, plans, stack)
@@ -105,7 +105,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
         baseline = None
         if request.baseline is not None:
             baseline = read_folder_campaign(CampaignFolder(Path(request.baseline))).unknowns
-        requested = name_points(requested, plans, request.workers, baseline)
+        requested = select_points(requested, plans, request.workers, baseline)
         inputs = collect_inputs(requested)
     requested = replace(requested, repeatability=first.repeatability)
     ready = make_ready(requested, plans, margins=True)
@@ -121,46 +121,51 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
 
-def _take_plans(
+def _read_plans(
     root: Path | None, campaign: Experiment, inputs: FolderInputs, trust_code: bool
 ) -> Mapping[str, Plan]:
-    """The plans of another folder of the same inputs; empty without one. Raises InputError where it does not fit."""
+    """Return the plans of the folder ``root``; none if ``root`` is None.
+
+    Raise InputError if its plans were made from other inputs.
+    """
     if root is None:
         return {}
     campaign.simulator.check("--plans")
     source, names = CampaignFolder(root), campaign.controllers
     manifest = read_checked(source, [source.plan(name) for name in names])
     check_source(source, manifest, campaign.simulator)
-    for place, content in inputs.hashes.items():
-        if manifest.inputs.get(place) != content and not place.startswith("inputs/samples/"):
-            found = f"plans made from another {place}"
-            raise InputError(root, found, "plans of this campaign's files")
+    for path, content in inputs.hashes.items():
+        if manifest.inputs.get(path) != content and not path.startswith("inputs/samples/"):
+            problem = f"plans made from another {path}"
+            raise InputError(root, problem, "plans of this campaign's files")
     return campaign.simulator.restore_plans(root, names, trust_code)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
-    """Have worker processes import what they need while the campaign is made ready."""
+    """Let worker processes import their modules while the campaign is prepared."""
     if request.scheduler is None and engine.isolation == PROCESSES:
         start_fork_server(engine.fly)
 
 
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
-    """Have another process compile what finds margins, where it never was, while this one goes on and flies."""
+    """Compile the computation of margins in another process, unless compiled before."""
     engine = campaign.simulator.engine
     if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
 def _check_shard(request: Request, campaign: Experiment) -> None:
+    """Raise InputError if the requested shard does not fit the campaign."""
     if request.shard is None:
         return
     i, n = request.shard
     if not 1 <= i <= n <= campaign.runs:
-        found = f"shard {i}/{n} of {campaign.runs} flights"
-        raise InputError("--shard", found, f"i/n with 1 <= i <= n <= {campaign.runs}")
+        problem = f"shard {i}/{n} of {campaign.runs} flights"
+        raise InputError("--shard", problem, f"i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
-        found = "shards of a campaign that stops when proven"
-        raise InputError("--shard", found, "no 'stop': no shard sees the others' flights")
+        problem = "shards of a campaign that stops when proven"
+        expected = "no 'stop', because a shard does not know the flights of the others"
+        raise InputError("--shard", problem, expected)
 
 
 def _resume(
@@ -169,42 +174,43 @@ def _resume(
     inputs: FolderInputs,
     request: Request,
 ) -> OpenCampaign:
-    """Go on with a folder that holds the same campaign, perhaps with fewer flights or controllers."""
+    """Resume a folder of the same campaign, which may have fewer flights or controllers."""
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     simulator = requested.simulator
     before = read_folder_inputs(folder, manifest)
     _check_same(flown, before, requested, inputs, request)
     added = [name for name in requested.controllers if name not in before.systems]
     if added and requested.unknowns.names:
-        found = f"a folder whose points of the unknowns were found without {', '.join(added)}"
-        raise InputError(folder.root, found, "another folder (-o DIR), or --fresh")
+        problem = f"the folder's points of the unknowns were selected without {', '.join(added)}"
+        raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
     limits = [*describe_requirement_changes(before.data, merged.data)]
-    judged_anew = [next(iter(merged.systems)), *map(merged.data.get, JUDGING)] != [
+    is_rejudged = [next(iter(merged.systems)), *map(merged.data.get, JUDGING)] != [
         next(iter(before.systems)),
         *map(before.data.get, JUDGING),
     ]
-    changed = (
-        added or longer or judged_anew or not files.knows(folder.campaign)
-    )  # the last: killed while it grew
+    # The campaign file is unknown if the process was killed while the folder was extended.
+    changed = added or longer or is_rejudged or not files.knows(folder.campaign)
     products = Products(folder, merged.systems, requested.runs)
-    current = all(each.is_current(files) for each in (products.nominal, products.reference))
-    with_nominal = current or not simulator.capabilities.has_mission
-    if added or longer or not with_nominal or not manifest.complete:
+    nominal = products.nominal, products.reference
+    is_current = all(product.is_current(files) for product in nominal)
+    has_nominal = is_current or not simulator.capabilities.has_mission
+    if added or longer or not has_nominal or not manifest.complete:
         check_source(folder, manifest, simulator)
         _start_workers(request, simulator.engine)
     new = simulator.make_plans(added)
     if new:
-        _fly_nominal(requested, new)  # refuses what cannot fly, before anything is written
+        _fly_nominal(requested, new)  # rejects plans that cannot fly, before files are changed
     if longer and files.knows(folder.samples):
         _check_drawn(folder, requested)
     if limits:
         manifest = add_requirement_set(folder, manifest, before.data, merged.data)
-        words = (
-            f"requirements changed: {'; '.join(limits)}; stored flights are judged, not run again"
+        print(
+            f"requirements changed: {'; '.join(limits)}; stored flights are judged, not run again",
+            file=sys.stderr,
+            flush=True,
         )
-        print(words, file=sys.stderr, flush=True)
     if changed:
         grown = replace(flown, manifest=manifest)
         manifest = grow_folder(grown, inputs, merged, plans=new, products=products, longer=longer)
@@ -212,14 +218,14 @@ def _resume(
     campaign, _ = mark_later_choices(folder, manifest, campaign)
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
-    kept = [name for name in campaign.controllers if name not in new]
-    held = {**new, **simulator.restore_plans(folder.root, kept, request.trust_code)}
-    plans = {name: held[name] for name in campaign.controllers}
+    stored = [name for name in campaign.controllers if name not in new]
+    all_plans = {**new, **simulator.restore_plans(folder.root, stored, request.trust_code)}
+    plans = {name: all_plans[name] for name in campaign.controllers}
     if changed:
         first = () if simulator.capabilities.is_repeatable else manifest.warnings
         warnings = *first, *campaign.simulator.find_warnings(plans)
         manifest = replace(manifest, warnings=tuple(dict.fromkeys(warnings)))
-    if not with_nominal:
+    if not has_nominal:
         _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans))
     if manifest.files != files.listed():
         manifest = replace(manifest, files=files.listed())
@@ -230,7 +236,7 @@ def _resume(
 
 
 def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> Experiment:
-    """The campaign of the folder, with the controllers that were flown before."""
+    """Return the campaign of the folder, including controllers of earlier runs."""
     if (merged.data, list(merged.systems)) == (inputs.data, list(inputs.systems)):
         return requested
     campaign = check_campaign(merged.document, requested.engine)
@@ -246,18 +252,18 @@ def _check_same(
     inputs: FolderInputs,
     request: Request,
 ) -> None:
-    """Raises InputError for a folder that holds something else than the beginning of what is asked for."""
+    """Raise InputError unless the requested campaign equals or extends that of the folder."""
     root, shard = flown.folder.root, flown.manifest.shard
     if flown.manifest.search:
-        raise InputError(root, "a folder that holds a search's flights", "another folder (-o DIR)")
+        raise InputError(root, "a folder with the flights of a search", "another folder (-o DIR)")
     if shard != request.shard:
-        words = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
-        raise InputError(root, f"a folder that holds {words}", "that, or another folder (-o DIR)")
+        content = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
+        raise InputError(root, f"a folder with {content}", "the same, or another folder (-o DIR)")
     changes = describe_changes(before, inputs, requested.sampling in EXTENSIBLE)
     if changes:
-        found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
-        wish = "the same campaign, another folder (-o DIR), or --fresh to delete what was flown"
-        raise InputError(root, found, wish)
+        problem = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
+        expected = "the same campaign, another folder (-o DIR), or --fresh to delete its flights"
+        raise InputError(root, problem, expected)
     if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(
             root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow"
@@ -267,7 +273,10 @@ def _check_same(
 def _fly_nominal(
     campaign: Experiment, plans: Mapping[str, Plan]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
-    """Fly the probes of the dispersions; times and history ``[time, channel]`` of each controller's nominal flight."""
+    """Run the trial flights of the dispersions.
+
+    Return times [time], s, and history [time, channel] of each controller's nominal flight.
+    """
     simulator = campaign.simulator
     if not simulator.capabilities.has_mission:
         return {}
@@ -284,7 +293,7 @@ def _write_nominal(
     plans: Mapping[str, Plan],
     nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
 ) -> None:
-    """The nominal flights and the reference, at the rate of the histories."""
+    """Write the nominal flights and the reference at the rate of the histories."""
     if not nominal:
         return
     times = next(iter(nominal.values()))[0]
@@ -296,7 +305,7 @@ def _write_nominal(
 
 
 def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Draw the samples."""
+    """Draw and write the samples."""
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
     provenance[KEY] = Products(folder, (), campaign.runs).samples.key
@@ -312,14 +321,14 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Raises InputError where this version of the program draws other samples than those that were flown."""
+    """Raise InputError if this version of the program draws other samples than the folder's."""
     source, flown = campaign.make_samples(), SampleReader(folder.samples)
     for first in range(0, flown.flights, ROW_GROUP):
-        part = first, min(first + ROW_GROUP, flown.flights)
-        if not np.array_equal(flown.rows(*part), source.draw(*part)):
-            found = "samples that this version of the program does not draw"
+        group = first, min(first + ROW_GROUP, flown.flights)
+        if not np.array_equal(flown.rows(*group), source.draw(*group)):
+            problem = "this version of the program draws other samples"
             raise InputError(
-                folder.samples, found, "the versions that the manifest names, or --fresh"
+                folder.samples, problem, "the versions listed in the manifest, or --fresh"
             )
 
 
@@ -327,12 +336,12 @@ def make_manifest(
     campaign: Experiment,
     inputs: FolderInputs,
     plans: Mapping[str, Plan],
-    told: Sequence[str],
+    warnings: Sequence[str],
 ) -> Manifest:
-    """Of a campaign that is about to fly; ``told``: what its first flights say."""
+    """Return the manifest of a campaign at its start, with the warnings of its first flights."""
     from datetime import UTC, datetime
 
-    wanted = campaign.file_runs
+    file_runs = campaign.file_runs
     sources = [source for plan in plans.values() for source in plan.sources]
     return Manifest(
         name=campaign.model.name,
@@ -349,7 +358,9 @@ def make_manifest(
         machine=find_machine(),
         command=tuple(sys.argv[1:]),
         inputs=inputs.hashes,
-        warnings=(*told, *campaign.simulator.find_warnings(plans)),
+        warnings=(*warnings, *campaign.simulator.find_warnings(plans)),
         repeatable=campaign.repeatability,
-        file_runs=wanted if isinstance(wanted, int) and wanted > campaign.runs_at_point else None,
+        file_runs=(
+            file_runs if isinstance(file_runs, int) and file_runs > campaign.runs_at_point else None
+        ),
     )

@@ -1,4 +1,4 @@
-"""Comparison of an imported table with the dispersions that its campaign states."""
+"""Tests of whether an imported table holds draws of its campaign's dispersions."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,50 +18,51 @@ _MISSING = "rows of failed flights may be missing"
 def check_draws(
     path: Path, campaign: Experiment, samples: Floats, factors: Floats, lines: Ints
 ) -> tuple[str, ...]:
-    """Return why the rows of a table are no independent draws, a sentence for each reason.
+    """Return the reasons why the rows of a table are not independent draws, one sentence each.
 
-    ``samples`` [flight, input] are in the campaign's units, ``factors`` [input] convert the table's units to these,
-    ``lines`` [flight] are those of the table. Raises InputErrors if a value lies outside its distribution, and if a
-    table that is said to hold independent draws cannot hold draws of the stated dispersions.
+    ``samples`` [flight, input] are in the campaign's units, ``factors`` [input] convert the units
+    of the table to these, and ``lines`` [flight] are lines of the table. Raise InputErrors if a
+    value lies outside its distribution, or if a table of stated independent draws contradicts the
+    stated dispersions.
     """
     columns = []
     for name, marginal in campaign.marginals.items():
         i = campaign.inputs.index(name)
         values = samples[:, i]
         rounding = half_steps(values / factors[i]) * abs(factors[i])
-        wrong = outside(marginal, values, rounding)
-        if wrong.any():
-            at = int(np.argmax(wrong))
-            found = f"{name} {values[at]:.10g}, outside of its distribution"
-            raise InputError(path, found, "a draw of the stated dispersions", int(lines[at]))
+        is_outside = outside(marginal, values, rounding)
+        if is_outside.any():
+            row = int(np.argmax(is_outside))
+            problem = f"{name} {values[row]:.10g}, outside of its distribution"
+            raise InputError(path, problem, "a draw of the stated dispersions", int(lines[row]))
         if campaign.judged:
             columns.append(make_column(marginal, values, rounding))
     if not columns:
         return ()
     findings = check_table(columns, _normal_correlations(campaign))
     errors = [
-        InputError(path, found, expected, line)
-        for found, expected, line in _contradictions(findings, campaign, columns, lines)
+        InputError(path, problem, expected, line)
+        for problem, expected, line in _contradictions(findings, campaign, columns, lines)
     ]
     if errors:
         raise InputErrors(errors)
     names = list(campaign.marginals)
     return (
         *(
-            f"{names[j]} follows its stated distribution more closely than independent draws do, as in a Latin "
-            "hypercube: its requirements get estimates instead of verdicts"
+            f"{names[j]} follows its stated distribution more closely than independent draws do, as"
+            " in a Latin hypercube: requirements get estimates instead of verdicts"
             for j in findings.too_close
         ),
         *(
-            f"{names[j]} is {columns[j].values[0]:.10g} in all rows, so the table does not show its dispersion: "
-            "its requirements get estimates instead of verdicts"
+            f"{names[j]} is {columns[j].values[0]:.10g} in all rows, so the table does not show its"
+            " dispersion: requirements get estimates instead of verdicts"
             for j in findings.constant
         ),
     )
 
 
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
-    """Return a table's values [flight], each with its largest rounding error, beside a distribution."""
+    """Return a column of values and their largest rounding errors [flight], for the tests."""
     atoms = find_atoms(marginal)
     return Column(
         values=values,
@@ -86,30 +87,33 @@ def _normal_correlations(campaign: Experiment) -> Floats:
 def _contradictions(
     findings: TableFindings, campaign: Experiment, columns: list[Column], lines: Ints
 ) -> Iterator[tuple[str, str, int]]:
-    """Yield what contradicts independent draws, what is expected and the line in the table."""
+    """Yield contradictions to independent draws: problem, expected value, line of the table."""
     names = list(campaign.marginals)
     levels = {level.column: level for level in reversed(findings.levels)}
     for j in sorted({*findings.too_far, *levels}):
         values, unit = columns[j].values, campaign.parameters[names[j]].unit
         mean, sigma = find_moments(campaign.marginals[names[j]])
-        found = (
-            f"a column '{names[j]}' ({unit}) that is not drawn from its distribution: stated mean {mean:.6g} and "
-            f"spread {sigma:.4g}, found mean {values.mean():.6g} and spread {values.std():.4g}"
+        problem = (
+            f"column '{names[j]}' ({unit}) is not drawn from its distribution: stated mean "
+            f"{mean:.6g} and spread {sigma:.4g}, found mean {values.mean():.6g} and spread "
+            f"{values.std():.4g}"
         )
         if j in levels:
             level = levels[j]
-            found += f"; {level.value:.6g} in {level.count} of {len(values)} rows, stated "
-            found += f"{100 * level.probability:.4g} %"
-        yield found, f"draws of the stated dispersions ({_MISSING}), or {_ESTIMATES}", 1
+            problem += f"; {level.value:.6g} in {level.count} of {len(values)} rows, stated "
+            problem += f"{100 * level.probability:.4g} %"
+        yield problem, f"draws of the stated dispersions ({_MISSING}), or {_ESTIMATES}", 1
     for pair in findings.correlations:
-        one, other = (names[j] for j in pair.columns)
-        found = f"a rank correlation of '{one}' and '{other}' of {pair.found:.3g}, stated {pair.stated:.3g}"
-        yield found, f"'correlations' of the table ({_MISSING}), or {_ESTIMATES}", 1
+        a, b = (names[j] for j in pair.columns)
+        problem = (
+            f"a rank correlation of '{a}' and '{b}' of {pair.found:.3g}, stated {pair.stated:.3g}"
+        )
+        yield problem, f"'correlations' of the table ({_MISSING}), or {_ESTIMATES}", 1
     if equal := findings.equal:
         first, second = (int(lines[row]) for row in equal.example)
         explained = f"{equal.explained:.2g}" if equal.explained > 0.01 else "none"
-        found = (
-            f"{equal.pairs} pairs of rows with the same inputs, such as lines {first} and {second}, of which "
-            f"rounding explains {explained}"
+        problem = (
+            f"{equal.pairs} pairs of rows with the same inputs, such as lines {first} and {second},"
+            f" of which rounding explains {explained}"
         )
-        yield found, f"each flight once, or {_ESTIMATES}", second
+        yield problem, f"each flight once, or {_ESTIMATES}", second

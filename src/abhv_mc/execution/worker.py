@@ -1,4 +1,4 @@
-"""What runs in a worker process: it flies what it is sent, and touches no file."""
+"""Main loop of a worker process: it simulates blocks and writes no files."""
 
 import os
 import signal
@@ -10,33 +10,32 @@ from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.attest import sign
-from abhv_mc.execution.fly_batches import AT_ONCE, fly_in_batches
+from abhv_mc.execution.attestation import sign
+from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
-if TYPE_CHECKING:  # which a worker process need not import
+if TYPE_CHECKING:  # not imported by worker processes
     from abhv_mc.interfaces import Fly, Recorded
 
-_LEAST, _TIMES = (
-    30.0,
-    20.0,
-)  # s for 16 flights, and times the processor time of 16 flights like the nominal one
+_LEAST = 30.0  # s: smallest time limit of 16 flights
+_TIMES = 20.0  # time limit as a multiple of the processor time of 16 nominal flights
 
 
 def serve(connection: Connection, fly: "Fly") -> None:
-    """Answer jobs (key of the plan, plan when it is new, parameters, what to record, limit) until the parent hangs up.
+    """Answer jobs until the parent closes the connection.
 
-    Each is answered as each batch starts with the processor time (s) that it may take, after which SIGPROF ends the
-    process, then with the block or what was raised. The limit is for 16 flights; None: by the nominal flight.
+    A job is (key of the plan, plan if it is new, parameters, recording, time limit). At the start
+    of each batch the answer is its limit of processor time (s), after which SIGPROF ends the
+    process. The last answer is the block, or the error as text. The time limit is for 16 flights;
+    None derives it from the nominal flight.
     """
     allow_here()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C reaches everyone in the terminal; the parent decides
+    # Ctrl-C reaches all processes of the terminal, and the parent handles it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     plans: dict[int, FlightPlan] = {}
@@ -49,13 +48,13 @@ def serve(connection: Connection, fly: "Fly") -> None:
         try:
             if plan is not None:
                 plans[key] = plan
-                if limit is not None:  # loads or compiles, which is no flight's time
+                if limit is not None:  # loads or compiles, which must not count as flight time
                     fly(plan, nominal_parameters(0), None)
             if limit is None:
                 if key not in usual:
                     usual[key] = usual_limit(fly, plans[key], time.process_time)
                 limit = usual[key]
-            allowed = time_limit(min(len(parameters), AT_ONCE), limit)
+            allowed = time_limit(min(len(parameters), BATCH_FLIGHTS), limit)
 
             def begin(allowed: float = allowed) -> None:
                 connection.send(allowed)
@@ -75,14 +74,17 @@ def serve(connection: Connection, fly: "Fly") -> None:
 def compute(
     fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded" = None
 ) -> FlightBlock:
-    """Return a block, signed: for executors that compute in processes of their own, which may be lost."""
+    """Return a signed block, for executors with processes that may be lost."""
     allow_here()
     return sign(fly_in_batches(fly, plan, parameters, recorded))
 
 
 def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:
-    """Return the processor time (s), by ``clock``, that 16 flights like the nominal one may take."""
-    for _ in range(2):  # the first may load or compile, which is no flight's time
+    """Return the limit of processor time (s) for 16 flights, from the nominal flight.
+
+    ``clock`` returns the processor time.
+    """
+    for _ in range(2):  # the first may load or compile, which must not count as flight time
         start = clock()
         fly(plan, nominal_parameters(), None)
         if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:
@@ -91,7 +93,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
 
 
 def _end_with_parent() -> None:
-    """A flight that hangs would outlive a killed parent."""
+    """End this process when its parent ends, even while a flight hangs."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -1,7 +1,7 @@
-"""Worker processes that a flight may hang or kill: the parent watches them, replaces them and flies the rest.
+"""Pool of worker processes; the parent replaces processes that hang or end.
 
-A thread of the parent waits for each process, and each process has a pipe of its own: one that is killed while it sends
-its result disturbs no other.
+A thread of the parent waits for each process. Each process has a separate pipe, so that a process
+killed while it sends a result does not disturb the others.
 """
 
 import contextlib
@@ -28,27 +28,25 @@ from abhv_mc.flight.user_law import must_run_in_child
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
-# Give up after 20 + workers consecutive failed starts (refused or SIGKILL counts 1, a crash 4).
+# Give up after 20 + workers consecutive failed starts (no process or SIGKILL counts 1, a crash 4).
 _FAILED_STARTS = 20
 _CRASH = 4
-_PAUSE = 0.05  # s of waiting before a start, times the failed starts so far
+_PAUSE = 0.05  # s before a start, times the number of failed starts so far
 _COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
-_RESPONSE_LIMIT = 60.0  # s for one that has done so to say that it begins the next block
-_ASLEEP, _WALL = (
-    600.0,
-    20.0,
-)  # s, and times the processor time: how long it may take, however busy the machine is
+_RESPONSE_LIMIT = 60.0  # s for a process with a compiled flight to begin the next block
+# Limit of wall time on a busy machine: the larger of s, and of a multiple of processor time.
+_ASLEEP, _WALL = 600.0, 20.0
 _start_lock = threading.Lock()
 
 
 class _NotBegunError(Exception):
-    """A worker process did not start, or ended before it began the flights it was sent: no flight's fault."""
+    """Failed start, or end of a worker process before its flights began."""
 
 
 def start_fork_server(fly: Fly) -> None:
-    """Start the process that workers are forked from, which imports in the background what ``fly`` needs.
+    """Start the process from which workers are forked; it imports the modules of ``fly``.
 
-    Where it cannot be started, the first worker says why.
+    If it cannot be started, the first worker reports the reason.
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
@@ -57,22 +55,22 @@ def start_fork_server(fly: Fly) -> None:
 
 
 class _Worker:
-    """One process and the pipe to it. Raises OSError or EOFError where the process cannot be started."""
+    """Process and its pipe. Raise OSError or EOFError if the process cannot be started."""
 
     def __init__(self, fly: Fly) -> None:
         context = multiprocessing.get_context("forkserver")
-        self._connection, theirs = context.Pipe()
-        with theirs:
+        self._connection, worker_end = context.Pipe()
+        with worker_end:
             try:
                 with _starting_processes():
                     self.process: BaseProcess = context.Process(
-                        target=serve, args=(theirs, fly), daemon=True
+                        target=serve, args=(worker_end, fly), daemon=True
                     )
                     self.process.start()
             except (OSError, EOFError):
                 self._connection.close()
                 raise
-        self._plans: set[int] = set()  # keys of those it has
+        self._plans: set[int] = set()  # keys of the plans that the process has
         self.has_flown = False
 
     def fly(
@@ -83,12 +81,15 @@ class _Worker:
         recorded: Recorded,
         limit: float | None,
     ) -> FlightBlock:
-        """Raises FlightLostError, and _NotBegunError where the process ended before these flights began."""
-        known = key in self._plans
+        """Compute a block. Raise FlightLostError if flights are lost.
+
+        Raise _NotBegunError if the process ended before these flights began.
+        """
+        has_plan = key in self._plans
         try:
-            self._connection.send((key, None if known else plan, parameters, recorded, limit))
+            self._connection.send((key, None if has_plan else plan, parameters, recorded, limit))
             self._plans.add(key)
-            answer = self._receive(_RESPONSE_LIMIT if known else _COMPILE_LIMIT)
+            answer = self._receive(_RESPONSE_LIMIT if has_plan else _COMPILE_LIMIT)
         except (ConnectionError, FlightLostError):
             self.kill()
             raise _NotBegunError(describe_exit(self.process.exitcode)) from None
@@ -100,56 +101,55 @@ class _Worker:
         return answer
 
     def _receive(self, limit: float, processor: float = 0.0) -> Any:
-        """What it sends within ``limit`` s, of which it may compute for ``processor`` s."""
+        """Return the next answer within ``limit`` s, with up to ``processor`` s of computing."""
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
-            words = f"not done in {limit:g} s{describe_last_tick(self.process.pid)}"
-            raise FlightLostError(words, process=True, hung=True)
+            problem = f"not done in {limit:g} s{describe_last_tick(self.process.pid)}"
+            raise FlightLostError(problem, process=True, hung=True)
         try:
             return connection.recv()
         except (EOFError, OSError):
             self.kill()
-            end = self.process.exitcode
-            hung = end == -signal.SIGPROF
-            words = (
+            code = self.process.exitcode
+            hung = code == -signal.SIGPROF
+            problem = (
                 f"not done in {processor:g} s"
                 if hung
-                else f"its process ended: {describe_exit(end)}"
+                else f"its process ended: {describe_exit(code)}"
             )
             raise FlightLostError(
-                words + describe_last_tick(self.process.pid), process=True, hung=hung
+                problem + describe_last_tick(self.process.pid), process=True, hung=hung
             ) from None
 
     def kill(self) -> None:
-        """End the process, whatever it does."""
+        """Kill the process and close its pipe."""
         self.process.kill()
         self.process.join()
         self._connection.close()
 
 
 class WorkerPool:
-    """Flies in worker processes, each started when first needed; threads may call :meth:`fly` side by side."""
+    """Pool of worker processes, each started when first needed; :meth:`fly` is thread-safe."""
 
     def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
-        """``limit``: processor time for one flight, or for 16 in a batch, s."""
+        """Prepare the pool; ``limit`` is the processor time (s) of up to 16 flights."""
         self._fly, self.workers, self._limit = fly, workers, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
             self._idle.put(None)
         self._workers: set[_Worker] = set()
-        self._plans: dict[
-            int, tuple[int, FlightPlan]
-        ] = {}  # by id; held, so that no id comes twice
-        self._limits: dict[int, float | None] = {}  # by the plan's key
+        # Key and plan by the plan's id; the reference to the plan keeps its id unique.
+        self._plans: dict[int, tuple[int, FlightPlan]] = {}
+        self._limits: dict[int, float | None] = {}  # s, by the plan's key
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
-        self._failed_starts = 0  # consecutive, weighed
+        self._failed_starts = 0  # consecutive, weighted
         self._last_end = ""
         self._closed = False
 
     def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        """Compute a block in a worker process. Raises FlightLostError and UnusableError."""
+        """Compute a block in a worker process. Raise FlightLostError or UnusableError."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
 
@@ -159,12 +159,15 @@ class WorkerPool:
         return self._attempt(key, plan, parameters, recorded)
 
     def _find_limit(self, plan: FlightPlan) -> float | None:
-        """Return the limit by a nominal flight here, once for all workers; None if each has to fly its own."""
+        """Return the time limit from a nominal flight in this process, for all workers.
+
+        Return None if the flight must not run here, so that each worker finds its limit.
+        """
         if must_run_in_child(plan):
             return None
         try:
             return usual_limit(self._fly, plan, time.thread_time)
-        except Exception:  # a worker says what it is
+        except Exception:  # a worker reports the error
             return None
 
     def _attempt(
@@ -176,15 +179,15 @@ class WorkerPool:
                 worker = worker or self._start()
                 try:
                     block = worker.fly(key, plan, parameters, recorded, self._limits[key])
-                except _NotBegunError as end:
-                    self._remove(worker, str(end))
+                except _NotBegunError as error:
+                    self._remove(worker, str(error))
                     worker = None
                 else:
                     self._failed_starts = 0
                     return block
-        except FlightLostError as lost:
+        except FlightLostError as error:
             if worker is not None and not worker.process.is_alive():
-                self._remove(worker, str(lost))
+                self._remove(worker, str(error))
                 worker = None
             if self._closed:
                 raise UnusableError("the campaign was stopped") from None
@@ -195,18 +198,15 @@ class WorkerPool:
     def _start(self) -> _Worker:
         while not self._closed:
             if self._failed_starts >= self._most_failed_starts:
-                words = f"worker processes end before they fly ({self._last_end})"
-                raise UnusableError(f"{words}; 'isolation: threads' does without them")
+                raise UnusableError(
+                    f"worker processes end before their first flight ({self._last_end});"
+                    " 'isolation: threads' runs without them"
+                )
             time.sleep(_PAUSE * self._failed_starts)
             try:
                 worker = _Worker(self._fly)
-            except (
-                OSError,
-                EOFError,
-            ) as error:  # the server is dying and not known to be dead, or cannot fork
-                self._count_failed_start(
-                    1, f"not started: {error or 'the server they are forked from ended'}"
-                )
+            except (OSError, EOFError) as error:  # the fork server is ending, or cannot fork
+                self._count_failed_start(1, f"not started: {error or 'the fork server ended'}")
                 continue
             with self._lock:
                 self._workers.add(worker)
@@ -230,7 +230,7 @@ class WorkerPool:
             self._last_end = end
 
     def close(self) -> None:
-        """End every worker at once; flights under way are lost."""
+        """Kill all workers; flights in progress are lost."""
         with self._lock:
             self._closed = True
             workers = list(self._workers)
@@ -241,21 +241,24 @@ class WorkerPool:
 
 @contextlib.contextmanager
 def _starting_processes() -> Iterator[None]:
-    """Processes that multiprocessing starts inside ignore Ctrl-C and import from where this one does.
+    """Let new processes of multiprocessing ignore Ctrl-C and use the parent's import path.
 
-    Ctrl-C reaches every process of the terminal: the parent decides. The caller's script is not run again. The server
-    and its helper are started with ``python -c``, which would import from the working folder first: variables keep
-    them from that.
+    Ctrl-C reaches all processes of the terminal, and the parent handles it. The caller's script is
+    not run again. The fork server and its helper are started with ``python -c``, which would import
+    from the working folder first; environment variables prevent this.
     """
-    searched = os.pathsep.join(map(os.path.abspath, sys.path))
+    import_path = os.pathsep.join(map(os.path.abspath, sys.path))
     with _start_lock:
         main, before = sys.modules["__main__"], dict(os.environ)
-        threads = before.get(
-            "OPENBLAS_NUM_THREADS", "1"
-        )  # further ones would spin on small matrices
-        changed = {"PYTHONPATH": searched, "PYTHONSAFEPATH": "1", "OPENBLAS_NUM_THREADS": threads}
+        # More threads would spin on small matrices.
+        threads = before.get("OPENBLAS_NUM_THREADS", "1")
+        changed = {
+            "PYTHONPATH": import_path,
+            "PYTHONSAFEPATH": "1",
+            "OPENBLAS_NUM_THREADS": threads,
+        }
         os.environ.update(changed)
-        resource_tracker.ensure_running()  # which unblocks signals when it starts
+        resource_tracker.ensure_running()  # unblocks signals when it starts
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:

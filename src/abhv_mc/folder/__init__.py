@@ -1,1 +1,1 @@
-"""A campaign's folder: Parquet, manifest, plans, provenance. Files are written under a temporary name and renamed."""
+"""Results folder of a campaign: Parquet tables, manifest, plans and provenance."""

@@ -1,4 +1,4 @@
-"""Arrays that a run or a search keeps for itself until it ends: .npy files that end with their checksum."""
+"""Temporary arrays of a run or a search: .npy files that end with a checksum."""
 
 import io
 import zlib
@@ -12,16 +12,19 @@ from abhv_mc.folder.layout import explain_os_error
 from abhv_mc.io.atomic_write import atomic_write
 
 
-def write_array(path: Path, *parts: NDArray[Any]) -> None:
-    """Write an array whole that comes in parts [row, ...]. Raises StorageFullError or InputError where it cannot."""
+def write_array(path: Path, *blocks: NDArray[Any]) -> None:
+    """Write the concatenation of ``blocks`` [row, ...].
+
+    Raise StorageFullError or InputError if the file cannot be written.
+    """
     header = io.BytesIO()
-    shape = (sum(map(len, parts)), *parts[0].shape[1:])
+    shape = (sum(map(len, blocks)), *blocks[0].shape[1:])
     np.lib.format.write_array_header_1_0(
-        header, {"descr": parts[0].dtype.str, "fortran_order": False, "shape": shape}
+        header, {"descr": blocks[0].dtype.str, "fortran_order": False, "shape": shape}
     )
     pieces = [
         header.getbuffer(),
-        *(np.ascontiguousarray(part).data.cast("B") for part in parts if part.size),
+        *(np.ascontiguousarray(block).data.cast("B") for block in blocks if block.size),
     ]
     checksum = 0
     with (
@@ -36,7 +39,7 @@ def write_array(path: Path, *parts: NDArray[Any]) -> None:
 
 
 def read_array(path: Path) -> NDArray[Any] | None:
-    """The array, mapped from its file; None where the file is missing, or not as it was written."""
+    """Return the memory-mapped array; None if the file is missing or damaged."""
     try:
         content = memoryview(path.read_bytes())
         if zlib.crc32(content[:-4]).to_bytes(4, "little") != content[-4:]:

@@ -1,5 +1,7 @@
-"""The flights of a campaign by controller, from its blocks; and all of them in one order, the worst first: what is
-listed, drawn and kept follows it."""
+"""Flights of a campaign by controller, read from its blocks, and their ranking by severity.
+
+The ranking determines which flights are listed, drawn and stored with their histories.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,35 +29,33 @@ _EXPECTED = "a block of flights"
 
 @dataclass(frozen=True)
 class ControllerFlights:
-    """The flights of one controller, ascending by number; those that a machine could not compute are left out."""
+    """Flights of one controller, ascending by number, without those that failed to run."""
 
     flight: NDArray[np.int64]  # [flight]
     outcome: NDArray[np.uint8]  # [flight], of `Outcome`
-    metrics: Mapping[str, Floats]  # name -> [flight], copied anew each time
-    absent: NDArray[np.int64]  # numbers of the flights that could not be computed, ascending
-    records: Mapping[str, Metric] = field(
-        default_factory=lambda: BUILT_IN
-    )  # of the metrics, with what is bad
-    ends: Outcomes = OUTCOMES  # how they may end
+    metrics: Mapping[str, Floats]  # name -> [flight], a new copy at each access
+    absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
+    records: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # of the metrics
+    ends: Outcomes = OUTCOMES  # possible outcomes
     reasons: Mapping[int, str] = field(default_factory=dict)  # of flights that failed to run
 
     @property
     def end_time(self) -> Floats:
-        """When each flight [flight] ended, s."""
+        """Time [flight] at which each flight ended, s."""
         return self.metrics[END_TIME.name]
 
     @property
     def not_computed(self) -> int:
-        """How many flights could not be computed: they count as failures in verdicts."""
+        """Number of flights that failed to run; they count as failures in verdicts."""
         return int(self.absent.size)
 
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
-        """Which flights [flight] did not end as planned."""
+        """Mask [flight] of the flights that terminated early."""
         return self.outcome != Outcome.OK
 
     def count_outcomes(self) -> dict[str, int]:
-        """How many flights ended in each way that occurred, by its code."""
+        """Return the number of flights of each outcome that occurred, by its code."""
         counts = np.bincount(self.outcome, minlength=max(self.ends.codes) + 1).tolist()
         return {
             code: counts[number]
@@ -65,9 +65,9 @@ class ControllerFlights:
 
 
 def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """A metric [flight] in the sense of `abhv_mc.statistics`: larger is worse, a flight that failed is worst.
+    """Return the severity [flight] of a metric for all flights, or those in ``rows``.
 
-    Of all flights, or of those in `rows`.
+    Larger is worse; a flight that terminated early is worst (see `abhv_mc.statistics`).
     """
     return severity(
         flights.metrics[metric][rows], flights.records[metric].bad, flights.failed[rows]
@@ -75,7 +75,7 @@ def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None))
 
 
 def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """The same, but for a metric that is required on both sides the distance [flight] outside its limits."""
+    """Return the severities [flight]; the exceedance for a metric with limits on both sides."""
     band = flights.records[metric].band
     if band is None:
         return severities(flights, metric, rows)
@@ -89,13 +89,13 @@ def metric_sign(record: Metric) -> float:
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
-    """Rows of the flights that both flew, so that row i of one is the same flight as row i of the other."""
+    """Return the rows of the common flights: row i of both results is the same flight."""
     _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
     return rows_a, rows_b
 
 
-class _Collected:
-    """What the blocks read so far say of one controller."""
+class _Collector:
+    """Flights of one controller from the blocks read so far."""
 
     def __init__(self, metrics: list[str]) -> None:
         self.flight: list[NDArray[np.int64]] = []
@@ -105,7 +105,7 @@ class _Collected:
         self.reasons: dict[int, str] = {}
 
     def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
-        """Rows of a block: [flight], [flight] and [metric, flight]."""
+        """Add rows of a block: [flight], [flight] and [metric, flight]."""
         computed = outcome != Outcome.FAILED_TO_RUN
         self.absent.append(flight[~computed])
         self.flight.append(flight[computed])
@@ -113,7 +113,7 @@ class _Collected:
         self.metrics.append(values[:, computed])
 
     def finish(self, records: Mapping[str, Metric], ends: Outcomes) -> ControllerFlights:
-        """All of them, ascending by number."""
+        """Return all flights, ascending by number."""
         flight, outcome = np.concatenate(self.flight), np.concatenate(self.outcome)
         if np.any(flight[1:] < flight[:-1]):
             order = np.argsort(flight, kind="stable")
@@ -132,26 +132,26 @@ class _Collected:
 
 def read_flights(
     folder: Path,
-    known: Collection[Path] | None = None,
+    allowed: Collection[Path] | None = None,
     records: Mapping[str, Metric] = BUILT_IN,
     columns: Collection[str] | None = None,
     ends: Outcomes = OUTCOMES,
 ) -> dict[str, ControllerFlights]:
-    """All blocks of a folder, each read once; controllers without a computed flight are left out.
+    """Read the flights of each controller from the blocks of a folder, or the ``allowed`` ones.
 
-    ``records``: the metrics that the campaign knows; ``columns``: the numbers that are read, by default all.
-
-    With ``known``, only those among them, which are as they were written.
-
-    Raises InputError where there is no flight.
+    Controllers without a computed flight are left out. ``records`` are the metrics of the
+    campaign; ``columns`` are the values to read, by default all. Raise InputError if there is no
+    flight.
     """
-    files = [path for path in sorted(folder.glob("*.parquet")) if known is None or path in known]
+    files = [
+        path for path in sorted(folder.glob("*.parquet")) if allowed is None or path in allowed
+    ]
     if not files:
-        raise missing_file(folder, "at least one flown block (*.parquet)")
+        raise missing_file(folder, "at least one block of flights (*.parquet)")
     schema = next(read_pieces(files[0], _EXPECTED)).schema
     metrics = _find_metrics(schema)
     metrics = [name for name in metrics if columns is None or name in columns]
-    collected: dict[str, _Collected] = {}
+    collectors: dict[str, _Collector] = {}
     expected = ["flight", "controller", "outcome", *metrics]
     if REASON in schema.names:  # folders of earlier versions have no reasons
         expected.append(REASON)
@@ -163,24 +163,26 @@ def read_flights(
         outcome = np.array([ends.numbers[code] for code in codes], dtype=np.uint8)[which]
         for k, name in enumerate(names):
             rows = owner == k
-            collected.setdefault(name, _Collected(metrics)).add(
+            collectors.setdefault(name, _Collector(metrics)).add(
                 flight[rows], outcome[rows], values[:, rows]
             )
-        lost = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
-        if REASON in expected and lost.size:
+        failed_rows = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
+        if REASON in expected and failed_rows.size:
             for row, reason in zip(
-                lost.tolist(), table[REASON].take(pa.array(lost)).to_pylist(), strict=True
+                failed_rows.tolist(),
+                table[REASON].take(pa.array(failed_rows)).to_pylist(),
+                strict=True,
             ):
-                collected[names[owner[row]]].reasons[int(flight[row])] = reason
-    flown = {name: found.finish(records, ends) for name, found in collected.items()}
-    flown = {name: flights for name, flights in flown.items() if flights.flight.size}
-    if not flown:
-        raise missing_file(folder, "a flight that was computed")
-    return flown
+                collectors[names[owner[row]]].reasons[int(flight[row])] = reason
+    flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
+    flights = {name: computed for name, computed in flights.items() if computed.flight.size}
+    if not flights:
+        raise missing_file(folder, "a flight that did not fail to run")
+    return flights
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Columns of numbers that are no samples, whose names have a point, or a mark."""
+    """Return the columns of metrics: numbers whose names have no point and that are not inputs."""
     floats = [
         field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
     ]
@@ -189,22 +191,24 @@ def _find_metrics(schema: pa.Schema) -> list[str]:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Lost flights first, the earliest before all others; then the largest distance beyond a limit."""
+    """Flights of all controllers, worst first.
+
+    Early terminations come first, in the order of their time, then the largest exceedances.
+    """
 
     controllers: tuple[str, ...]
-    controller: NDArray[np.intp]  # [place] index of the controller
-    row: NDArray[np.intp]  # [place] row among its flights
-    beyond: Mapping[
-        str, Floats
-    ]  # controller -> [row] largest distance, in its limit's unit; infinite where lost
-    by: Mapping[str, NDArray[np.intp]]  # controller -> [row] the criterion of that distance
+    controller: NDArray[np.intp]  # [rank] index of the controller
+    row: NDArray[np.intp]  # [rank] row among its flights
+    # controller -> [row] largest exceedance in units of its limit; infinite if terminated early
+    beyond: Mapping[str, Floats]
+    criterion_index: Mapping[str, NDArray[np.intp]]  # controller -> [row] of that exceedance
 
     def rows_of(self, name: str) -> NDArray[np.intp]:
-        """The rows [flight] of a controller, the worst first."""
+        """Return the rows [flight] of a controller, worst first."""
         return self.row[self.controller == self.controllers.index(name)]
 
-    def places_of(self, name: str) -> NDArray[np.intp]:
-        """The place of each row [flight] of a controller among the flights of all."""
+    def ranks_of(self, name: str) -> NDArray[np.intp]:
+        """Return the rank of each row [flight] of a controller among all flights."""
         return np.flatnonzero(self.controller == self.controllers.index(name))[
             np.argsort(self.rows_of(name))
         ]
@@ -213,35 +217,44 @@ class Ranking:
 def rank_flights(
     flights: Mapping[str, ControllerFlights], criteria: Sequence[Criterion]
 ) -> Ranking:
-    """Rank the flights of each controller; where a limit has no size, the first one's flights give the unit."""
+    """Rank the flights of all controllers.
+
+    If a limit has no scale, the flights of the first controller define it.
+    """
     first = next(iter(flights.values()))
     scales = [
         criterion.scale(first.metrics[criterion.metric][~first.failed]) for criterion in criteria
     ]
-    beyond, by = {}, {}
-    for name, each in flights.items():
-        table = np.zeros((max(1, len(criteria)), each.flight.size))
+    beyond, criterion_index = {}, {}
+    for name, simulated in flights.items():
+        table = np.zeros((max(1, len(criteria)), simulated.flight.size))
         for i, (criterion, (start, unit)) in enumerate(zip(criteria, scales, strict=True)):
-            table[i] = (criterion.excess(each.metrics[criterion.metric]) - start) / unit
-        by[name] = np.argmax(table, axis=0)
-        beyond[name] = np.where(each.failed, np.inf, table.max(axis=0))
-    lost_at = [np.where(each.failed, each.end_time, np.inf) for each in flights.values()]
-    order = worst_first(np.concatenate(lost_at), np.concatenate(list(beyond.values())))
-    sizes = [each.flight.size for each in flights.values()]
+            table[i] = (criterion.excess(simulated.metrics[criterion.metric]) - start) / unit
+        criterion_index[name] = np.argmax(table, axis=0)
+        beyond[name] = np.where(simulated.failed, np.inf, table.max(axis=0))
+    early_end_times = [
+        np.where(simulated.failed, simulated.end_time, np.inf) for simulated in flights.values()
+    ]
+    order = worst_first(np.concatenate(early_end_times), np.concatenate(list(beyond.values())))
+    sizes = [simulated.flight.size for simulated in flights.values()]
     controller = np.repeat(np.arange(len(sizes)), sizes)[order]
     starts = np.cumsum([0, *sizes[:-1]])
-    return Ranking(tuple(flights), controller, order - starts[controller], beyond, by)
+    return Ranking(tuple(flights), controller, order - starts[controller], beyond, criterion_index)
 
 
 def read_worst(folder: CampaignFolder, campaign: Experiment, number: int) -> dict[str, list[int]]:
-    """Numbers of the worst flights of each controller, of those in the folder. Raises InputError without a flight."""
+    """Return the numbers of the worst flights of each controller in the folder.
+
+    Raise InputError if there is no flight.
+    """
     criteria = campaign.criteria
     columns = {criterion.metric for criterion in criteria} | {END_TIME.name}
-    held = read_flights(
+    stored = read_flights(
         folder.flights, records=campaign.metrics, columns=columns, ends=campaign.outcomes
     )
-    flights = {name: held[name] for name in campaign.controllers if name in held}
+    flights = {name: stored[name] for name in campaign.controllers if name in stored}
     ranking = rank_flights(flights, criteria)
     return {
-        name: each.flight[ranking.rows_of(name)[:number]].tolist() for name, each in flights.items()
+        name: simulated.flight[ranking.rows_of(name)[:number]].tolist()
+        for name, simulated in flights.items()
     }

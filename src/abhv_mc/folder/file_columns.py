@@ -1,4 +1,4 @@
-"""Tables read a column at a time: a report of a million flights needs little more memory than one of a thousand."""
+"""Tables read one column at a time, so that reports of large campaigns need little memory."""
 
 import os
 import tempfile
@@ -16,12 +16,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.parquet_columns import column_values
 
-_HELD = 32 * 2**20  # bytes of a table that stay in memory; a larger one goes to a temporary file
-_CHUNK = 16_384  # rows written at once
+_IN_MEMORY = 32 * 2**20  # bytes; a larger table is written to a temporary file
+_CHUNK = 16_384  # rows written together
 
 
 def missing_file(path: Path, expected: str) -> InputError:
-    """The error for a file that is not there."""
+    """Return the error for a missing file."""
     return InputError(path, "no such file", expected)
 
 
@@ -37,7 +37,7 @@ def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
 
 
 def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """All columns of a Parquet file, or some. Raises InputError where it is missing or unreadable."""
+    """Read all or some columns of a Parquet file. Raise InputError if it is missing or invalid."""
     with _open(path, expected) as file:
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
@@ -45,7 +45,7 @@ def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) 
 def read_pieces(
     path: Path, expected: str, columns: Sequence[str] | None = None
 ) -> Iterator[pa.Table]:
-    """The same, a row group at a time."""
+    """Yield all or some columns of a Parquet file, one row group at a time."""
     with _open(path, expected) as file:
         for group in range(file.num_row_groups):
             yield file.read_row_group(group, columns=columns, use_threads=False)
@@ -55,29 +55,29 @@ class _Columns(Mapping[str, Floats]):
     """Columns whose names are known without reading them."""
 
     def __init__(self, names: Iterable[str]) -> None:
-        self._places = {name: i for i, name in enumerate(names)}
+        self._positions = {name: i for i, name in enumerate(names)}
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places
+        return name in self._positions
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
+        return iter(self._positions)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._positions)
 
 
 class FileColumns(_Columns):
-    """Columns [row] of a Parquet file, each read when it is asked for, and not kept."""
+    """Columns [row] of a Parquet file; each access reads the file."""
 
     def __init__(self, path: Path, expected: str, without: Sequence[str]) -> None:
-        """All columns but `without`. Raises InputError where the file is missing or unreadable."""
+        """Raise InputError if the file is missing or invalid. Columns ``without`` are excluded."""
         self._path, self._expected = path, expected
         with _open(path, expected) as file:
             super().__init__(name for name in file.schema_arrow.names if name not in without)
 
     def __getitem__(self, name: str) -> Floats:
-        if name not in self._places:
+        if name not in self._positions:
             raise KeyError(name)
         return column_values(read_table(self._path, self._expected, [name])[name]).astype(
             np.float64
@@ -85,23 +85,24 @@ class FileColumns(_Columns):
 
 
 class SpooledColumns(_Columns):
-    """Columns [row] of a table that comes in pieces, each copied out when it is asked for.
+    """Columns [row] of a table that is assembled from pieces; each access returns a copy.
 
-    A table larger than a few ten megabytes lies in an unnamed temporary file, which goes with the object.
+    A table above a few ten megabytes is stored in an unnamed temporary file, which is deleted with
+    the object.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__(names)
-        self._waiting: list[Floats] = []  # pieces too small to be written alone
-        self._chunks: list[int] = []  # rows of each
+        self._waiting: list[Floats] = []  # pieces that are not yet written
+        self._chunks: list[int] = []  # rows of each written chunk
         self._order: NDArray[np.intp] | None = None
-        self._file = tempfile.SpooledTemporaryFile(max_size=_HELD)  # noqa: SIM115
+        self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
         weakref.finalize(self, self._file.close)
 
     def append(self, piece: Floats) -> None:
-        """Add rows: [column, row]."""
+        """Add rows [column, row]."""
         self._waiting.append(piece)
-        if sum(part.shape[1] for part in self._waiting) >= _CHUNK:
+        if sum(waiting.shape[1] for waiting in self._waiting) >= _CHUNK:
             self._write()
 
     def _write(self) -> None:
@@ -112,20 +113,20 @@ class SpooledColumns(_Columns):
         self._file.write(np.ascontiguousarray(chunk, dtype=np.float64).data)
 
     def put_in_order(self, order: NDArray[np.intp]) -> None:
-        """Let row i of every column be the row `order[i]` as it came in."""
+        """Reorder the rows: row i of every column is the row ``order[i]`` that was added."""
         self._order = order
 
     def __getitem__(self, name: str) -> Floats:
-        place = self._places[name]
+        position = self._positions[name]
         if self._waiting:
             self._write()
         column = np.empty(sum(self._chunks))
-        row = before = 0
+        row = offset = 0
         for rows in self._chunks:
-            part = column[row : row + rows]
-            self._file.seek(before + place * part.nbytes)
-            if self._file.readinto(part.data.cast("B")) != part.nbytes:
+            target = column[row : row + rows]
+            self._file.seek(offset + position * target.nbytes)
+            if self._file.readinto(target.data.cast("B")) != target.nbytes:
                 raise OSError("the temporary file of a table is truncated")
-            before += len(self._places) * part.nbytes
+            offset += len(self._positions) * target.nbytes
             row += rows
         return column if self._order is None else column[self._order]

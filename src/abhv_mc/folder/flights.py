@@ -1,9 +1,9 @@
-"""Blocks of flown flights as Parquet: one row per flight and controller, whole and checked; and their digest.
+"""Blocks of simulated flights as Parquet files, one row per flight and controller; their digest.
 
-A campaign's digest is equal exactly when its flights tables are, however they were flown: each row is hashed alone
-(BLAKE2b over controller, flight, outcome and the bits of every sample and metric) and the hashes are added modulo
-2**256. The sum knows no order, no block size and no resume. Rows of flights that could not be computed on a machine
-(``failed_to_run``) say nothing about the vehicle and are left out.
+Two campaigns have the same digest if and only if their flights tables are equal. Each row is hashed
+(BLAKE2b over controller, flight, outcome and the bits of every sample and metric), and the hashes
+are added modulo 2**256. The sum does not depend on the order of flights, the block size or
+interruptions. Flights that failed to run say nothing about the vehicle and are left out.
 """
 
 import hashlib
@@ -28,26 +28,23 @@ from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (
-    *METRICS,
-    END_TIME,
-)  # the columns after the samples, and before them a campaign's own metrics
+VALUES = (*METRICS, END_TIME)  # columns after the samples and the custom metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 REASON = "reason"  # why a flight failed to run; it enters no digest
 _LONGEST = 300  # characters of a reason
-INPUT = b"input"  # marks columns of samples whose names have no point
+INPUT = b"input"  # metadata key of sample columns whose names have no point
 _DIGEST = b"abhv_mc.digest"
 _MODULUS = 1 << 256
 
 
 class DamagedFileError(Exception):
-    """A block file that is truncated or does not hold what its name says; it is flown again."""
+    """Block file that is truncated or does not match its name; its flights are run again."""
 
 
 @dataclass(frozen=True)
 class Digest:
-    """A sum of row hashes."""
+    """Sum of row hashes."""
 
     value: int = 0
 
@@ -64,7 +61,7 @@ def digest_rows(
     outcome: Sequence[str],
     columns: dict[str, NDArray[np.float64]],
 ) -> Digest:
-    """Digest of rows; ``columns`` are all samples and metrics by name, in any order."""
+    """Return the digest of rows; ``columns`` are all samples and metrics by name."""
     names = sorted(columns)
     key = hashlib.blake2b(
         "|".join(["abhv-mc flights 1", controller, *names]).encode(), digest_size=32
@@ -90,7 +87,7 @@ def digest_rows(
 
 @dataclass(frozen=True)
 class FlightRows:
-    """The rows of one block of one controller, ascending by flight without gaps."""
+    """Rows of one block of one controller, ascending by flight without gaps."""
 
     controller: str
     first: int
@@ -98,60 +95,63 @@ class FlightRows:
     samples: Floats  # [flight, parameter]
     outcome: tuple[str, ...]  # codes
     values: Floats  # [flight, value]
-    columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the time of the end
+    columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the end time
     duration: float = np.inf  # of the mission, s
     reasons: tuple[str, ...] = ()  # why flights failed to run; empty if none has a reason
 
     @property
     def stop(self) -> int:
+        """Number after that of the last flight."""
         return self.first + len(self.outcome)
 
     @property
     def flights(self) -> NDArray[np.int64]:
+        """Numbers of the flights."""
         return np.arange(self.first, self.stop)
 
     def column(self, name: str) -> Floats:
-        """The values ``[flight]`` of a metric."""
+        """Return the values [flight] of a metric."""
         return self.values[:, self.columns.index(name)]
 
     @property
     def end_time(self) -> Floats:
-        """When each flight ended, s."""
+        """Time at which each flight ended, s."""
         return self.column(END_TIME.name)
 
     @property
     def cases(self) -> list[str]:
-        """What failed in each flight; see :mod:`abhv_mc.flight.failure_case`."""
-        if ENGINE_FAILED not in self.columns:  # of a user's simulator
+        """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
+        if ENGINE_FAILED not in self.columns:  # custom simulator
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))
 
     def digest(self) -> Digest:
+        """Return the digest of the rows."""
         columns = {name: self.samples[:, i] for i, name in enumerate(self.names)}
         columns |= {name: self.values[:, i] for i, name in enumerate(self.columns)}
         return digest_rows(self.controller, self.flights, self.outcome, columns)
 
 
-def make_field(name: str, kind: pa.DataType, unit: str, doc: str, **more: str) -> pa.Field:
-    """A column with its unit and meaning."""
-    return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc, **more})
+def make_field(name: str, kind: pa.DataType, unit: str, doc: str, **metadata: str) -> pa.Field:
+    """Return a column with its unit and description."""
+    return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc, **metadata})
 
 
 def make_input_field(parameter: Parameter) -> pa.Field:
-    """A column of samples."""
-    more = {} if "." in parameter.name else {INPUT.decode(): "yes"}
-    return make_field(parameter.name, pa.float64(), parameter.unit, parameter.doc, **more)
+    """Return a column of samples."""
+    mark = {} if "." in parameter.name else {INPUT.decode(): "yes"}
+    return make_field(parameter.name, pa.float64(), parameter.unit, parameter.doc, **mark)
 
 
 def _value_field(signal: Signal) -> pa.Field:
-    """A column of a metric, with what is bad of it, or of another number."""
-    words = (
+    """Return a column of a metric, with its label, bad side and group, or of another number."""
+    metadata = (
         {"label": signal.label, "bad": signal.bad, "group": signal.group}
         if isinstance(signal, Metric)
         else {}
     )
-    return make_field(signal.name, pa.float64(), signal.unit, signal.doc, **words)
+    return make_field(signal.name, pa.float64(), signal.unit, signal.doc, **metadata)
 
 
 def flights_schema(
@@ -161,7 +161,7 @@ def flights_schema(
     table: Parameters = OURS,
     ends: Outcomes = OUTCOMES,
 ) -> pa.Schema:
-    """Schema of the flights table with the sample columns ``names`` and those of ``values``."""
+    """Return the schema of the flights table: sample columns ``names`` and those of ``values``."""
     outcomes = "; ".join(f"{code}: {ends.sentences[code]}" for code in ends.codes.values())
     fields = [
         make_field("flight", pa.int64(), "-", "number of the flight"),
@@ -181,27 +181,44 @@ def flights_schema(
 
 
 def write_parquet(
-    path: Path, table: pa.Table, floats: Sequence[str], words: list[str], **more: Any
+    path: Path,
+    table: pa.Table,
+    float_columns: Sequence[str],
+    dictionary_columns: list[str],
+    **options: Any,
 ) -> None:
-    """Floats byte by byte, dictionaries of words only, light compression: half the size of Parquet's defaults."""
-    write_pieces(path, table.schema, [table], floats, words, **more)
+    """Write a Parquet file.
+
+    Byte-stream split of floats, dictionaries only for repeated texts and light compression halve
+    the size of Parquet's defaults.
+    """
+    write_pieces(path, table.schema, [table], float_columns, dictionary_columns, **options)
 
 
 def write_pieces(
     path: Path,
     schema: pa.Schema,
     pieces: Iterable[pa.Table],
-    floats: Sequence[str],
-    words: list[str],
-    **more: Any,
+    float_columns: Sequence[str],
+    dictionary_columns: list[str],
+    **options: Any,
 ) -> None:
-    """The same for a table that comes in pieces, each of them a row group."""
-    encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
-    options = {"compression": "zstd", "compression_level": 1, "write_page_checksum": True, **more}
+    """Write a Parquet file whose ``pieces`` become row groups; see :func:`write_parquet`."""
+    encoding = dict.fromkeys(float_columns, "BYTE_STREAM_SPLIT")
+    settings = {
+        "compression": "zstd",
+        "compression_level": 1,
+        "write_page_checksum": True,
+        **options,
+    }
 
     def write(temporary: Path) -> None:
         with pq.ParquetWriter(
-            temporary, schema, use_dictionary=words, column_encoding=encoding, **options
+            temporary,
+            schema,
+            use_dictionary=dictionary_columns,
+            column_encoding=encoding,
+            **settings,
         ) as writer:
             for piece in pieces:
                 writer.write_table(piece)
@@ -210,21 +227,21 @@ def write_pieces(
 
 
 def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
-    """Name of a block's file: the controller and the flights first .. stop - 1."""
+    """Return the path of the file with flights first .. stop - 1 of a controller."""
     return folder / f"{controller}-{first:09d}-{stop:09d}.parquet"
 
 
 def parse_block_name(path: Path) -> tuple[str, int, int]:
-    """Controller, first and stop from a block's file name. Raises DamagedFileError."""
-    controller, _, rest = path.stem.rpartition("-")
+    """Return controller, first and stop of a block's file. Raise DamagedFileError if invalid."""
+    controller, _, stop = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
-    if not (controller and first.isdecimal() and rest.isdecimal() and (first + rest).isascii()):
-        raise DamagedFileError(f"{path.name} is no block's name")
-    return controller, int(first), int(rest)
+    if not (controller and first.isdecimal() and stop.isdecimal() and (first + stop).isascii()):
+        raise DamagedFileError(f"{path.name} is not the name of a block")
+    return controller, int(first), int(stop)
 
 
 def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
-    """Write one block's file into ``folder`` and give its digest."""
+    """Write a block's file into ``folder`` and return its digest."""
     digest = rows.digest()
     count = len(rows.outcome)
     reasons = tuple(map(_plain_text, rows.reasons)) or ("",) * count
@@ -242,7 +259,7 @@ def _plain_text(reason: str) -> str:
 
 
 def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest: Digest) -> None:
-    """Write a file of flights whose rows come in pieces."""
+    """Write a file of flights with the rows of ``pieces``."""
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     floats = [field.name for field in schema if pa.types.is_floating(field.type)]
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
@@ -257,14 +274,14 @@ def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest
 
 
 def read_digest(path: Path) -> Digest:
-    """What a block's file says of its rows."""
+    """Return the digest stored in a block's file."""
     return Digest(int((pq.read_schema(path).metadata or {})[_DIGEST], 16))
 
 
 def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, Digest]]:
-    """The rows of a block's file, a row group at a time, each with its digest.
+    """Yield the rows of a block's file, one row group at a time, each with its digest.
 
-    Raises DamagedFileError, at the end at the latest, where they are not whole.
+    Raise DamagedFileError if the file is damaged, at the latest after the last row group.
     """
     controller, first, stop = parse_block_name(path)
     digest = Digest()
@@ -275,23 +292,25 @@ def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, 
                 rows = _take_rows(table, controller, first, names)
                 if not np.array_equal(column_values(table["flight"]), rows.flights):
                     break
-                one = rows.digest()
-                digest, first = digest + one, rows.stop
-                yield rows, one
+                group_digest = rows.digest()
+                digest, first = digest + group_digest, rows.stop
+                yield rows, group_digest
             expected = (file.schema_arrow.metadata or {}).get(_DIGEST, b"").decode()
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
         if is_exhausted(error):
             raise
         raise DamagedFileError(f"{path.name}: {str(error).splitlines()[0]}") from error
     if first != stop or str(digest) != expected:
-        raise DamagedFileError(f"{path.name} does not hold what was written")
+        raise DamagedFileError(f"{path.name} does not match its digest")
 
 
 def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str]) -> FlightRows:
     sampled = [column_values(table[name]) for name in names]
     samples = np.stack(sampled, axis=1) if names else np.empty((table.num_rows, 0))
-    held = table.column_names
-    columns = tuple(name for name in held[held.index(CASE) + 1 :] if name not in names)
+    names_stored = table.column_names
+    columns = tuple(
+        name for name in names_stored[names_stored.index(CASE) + 1 :] if name not in names
+    )
     values = np.stack([column_values(table[name]) for name in columns], axis=1)
     return FlightRows(
         controller,
@@ -301,5 +320,5 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
         tuple(table["outcome"].to_pylist()),
         values,
         columns,
-        reasons=tuple(table[REASON].to_pylist()) if REASON in held else (),
+        reasons=tuple(table[REASON].to_pylist()) if REASON in names_stored else (),
     )

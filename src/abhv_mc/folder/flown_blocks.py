@@ -1,5 +1,7 @@
-"""The blocks of flights that lie in a folder: what of them counts as flown, so that the rest is known to be missing;
-and how they become files of about a million rows, as 1e7 flights have thousands of blocks."""
+"""Blocks of flights in a campaign's folder: check of the stored ones, and merge into larger files.
+
+Merged files have about a million rows, because 1e7 flights have thousands of blocks.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
@@ -24,8 +26,8 @@ from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.samples import SampleReader
 
-ROWS = 1 << 20  # of a joined file at most
-MANY = 64  # files of a controller that are left as they are
+ROWS = 1 << 20  # largest number of rows of a merged file
+MANY = 64  # files of a controller up to which none are merged
 _GROUP = 1 << 16  # rows in memory, and of a row group
 
 
@@ -36,18 +38,19 @@ def read_flown_blocks(
     columns: tuple[str, ...],
     files: FileHashes,
     *,
-    keep_lost: bool = False,
+    keep_failed_to_run: bool = False,
 ) -> Iterator[tuple[FlightRows, Digest]]:
-    """The whole blocks of each controller's ``runs`` flights, which the machine could compute all, with their digests.
+    """Yield the valid blocks of each controller's ``runs`` flights, with their digests.
 
-    Others are deleted, and their flights are missing then: blocks that are damaged, of other samples or metrics, that
-    overlap, and (unless ``keep_lost``) those with a flight that could not be computed, which perhaps can be now. Files
-    that the manifest names come first: where a kill left a joined file beside those that it is made of, they count.
+    Invalid blocks are deleted, and their flights are run again: damaged blocks, blocks of other
+    samples or metrics, overlapping blocks, and (unless ``keep_failed_to_run``) blocks with a
+    flight that failed to run, which may succeed now. Files that the manifest lists come first,
+    because a killed run may leave a merged file next to its sources.
     """
-    flown = {name: np.zeros(number, bool) for name, number in runs.items()}
-    known = [path for path in files.paths() if path.parent == folder.flights]
+    masks = {name: np.zeros(number, bool) for name, number in runs.items()}
+    listed = [path for path in files.paths() if path.parent == folder.flights]
     files.forget(
-        *(path for path in known if not path.is_file())
+        *(path for path in listed if not path.is_file())
     )  # their flights are computed again
     for path in sorted(
         folder.flights.glob("*.parquet"), key=lambda path: (not files.knows(path), path)
@@ -55,16 +58,16 @@ def read_flown_blocks(
         pieces = 0
         try:
             controller, first, stop = parse_block_name(path)
-            taken = flown.get(controller, np.zeros(0, bool))
+            taken = masks.get(controller, np.zeros(0, bool))
             if stop > len(taken) or taken[first:stop].any():
-                raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
-            for rows, digest in read_own_block(path, samples.names, files):
-                pieces, held = pieces + 1, (rows, digest)
+                raise DamagedFileError(f"{path.name} overlaps other blocks or the last flight")
+            for rows, digest in read_campaign_block(path, samples.names, files):
+                pieces, block = pieces + 1, (rows, digest)
                 if rows.columns != columns or not np.array_equal(
                     rows.samples, samples.rows(rows.first, rows.stop)
                 ):
-                    raise DamagedFileError(f"{path.name} belongs to no part of this campaign")
-                if not keep_lost and Outcome.FAILED_TO_RUN.code in rows.outcome:
+                    raise DamagedFileError(f"{path.name} has other samples or metrics")
+                if not keep_failed_to_run and Outcome.FAILED_TO_RUN.code in rows.outcome:
                     raise DamagedFileError(f"{path.name} has flights that could not be computed")
         except DamagedFileError:
             path.unlink()
@@ -72,46 +75,49 @@ def read_flown_blocks(
             continue
         taken[first:stop] = True
         if pieces == 1:
-            yield held
-        else:  # too much to be held
+            yield block
+        else:  # too large for memory
             yield from read_pieces(path, samples.names)
 
 
-def read_own_block(
+def read_campaign_block(
     path: Path, names: tuple[str, ...], files: FileHashes
 ) -> Iterator[tuple[FlightRows, Digest]]:
-    """A block as this folder's campaign wrote it, listed in the manifest or not, in pieces with their digests.
+    """Yield the pieces of a block that this folder's campaign wrote, with their digests.
 
-    Raises DamagedFileError, at the end at the latest.
+    Raise DamagedFileError if the block is damaged, at the latest after the last piece.
     """
-    known = files.knows(path)
-    if known and (words := files.damage(path)):
-        raise DamagedFileError(f"{path.name}: {words}")
+    is_listed = files.knows(path)
+    if is_listed and (damage := files.damage(path)):
+        raise DamagedFileError(f"{path.name}: {damage}")
     yield from read_pieces(path, names)
-    if not known:  # it landed after the last manifest, and holds what it says
+    if not is_listed:  # written after the last manifest, and consistent with its own digest
         files.note(path, hash_file(path))
 
 
 def find_joins(paths: Sequence[Path]) -> list[list[Path]]:
-    """Which files to join, each with its neighbours; none of a controller with few files."""
+    """Return groups of adjacent files to merge; none for a controller with few files."""
     joins = []
     blocks = sorted((*parse_block_name(path), path) for path in paths)
     for _, group in groupby(blocks, key=lambda block: block[0]):
-        mine = list(group)
-        if len(mine) <= MANY:
+        files = list(group)
+        if len(files) <= MANY:
             continue
-        parts = [[mine[0]]]
-        for before, block in pairwise(mine):
-            if block[1] == before[2] and block[2] - parts[-1][0][1] <= ROWS:
-                parts[-1].append(block)
+        runs = [[files[0]]]
+        for before, block in pairwise(files):
+            if block[1] == before[2] and block[2] - runs[-1][0][1] <= ROWS:
+                runs[-1].append(block)
             else:
-                parts.append([block])
-        joins += [[path for *_, path in part] for part in parts if len(part) > 1]
+                runs.append([block])
+        joins += [[path for *_, path in run] for run in runs if len(run) > 1]
     return joins
 
 
 def join_files(paths: Sequence[Path]) -> Path:
-    """Write the file that holds the rows of neighbouring files, beside them; their digests add up to its own."""
+    """Write the rows of adjacent files to one file, whose digest is the sum of theirs.
+
+    Return its path. The source files are kept.
+    """
     controller, first, _ = parse_block_name(paths[0])
     joined = block_path(paths[0].parent, controller, first, parse_block_name(paths[-1])[2])
     digest = sum(map(read_digest, paths), Digest())
@@ -120,7 +126,7 @@ def join_files(paths: Sequence[Path]) -> Path:
 
 
 def _read_groups(paths: Sequence[Path]) -> Iterator[pa.Table]:
-    """Rows of files in order, about so many at once as are a row group."""
+    """Yield the rows of files in order, in tables of about a row group."""
     waiting: list[pa.Table] = []
     for path in paths:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:

@@ -1,4 +1,4 @@
-"""A campaign's folder as plain arrays: what every table, figure and page of a report is made from."""
+"""Results of a campaign as arrays, from which all tables, figures and pages are made."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -34,15 +34,15 @@ BANDS = ("min", *QUANTILE_COLUMNS, "max")
 
 @dataclass(frozen=True)
 class Envelope:
-    """The bands of one channel of one controller over all flights."""
+    """Time-history envelope of one channel of one controller over all flights."""
 
     time: Floats  # [time] s
-    count: NDArray[np.int64]  # [time] flights still flying
-    bands: dict[str, Floats]  # BANDS -> [time]; with unknowns MOST_MEDIAN, too
+    count: NDArray[np.int64]  # [time] flights that have not ended
+    bands: dict[str, Floats]  # BANDS -> [time]; with unknowns also MOST_MEDIAN
 
     @property
     def median(self) -> Floats:
-        """[time]; with unknowns midway between the least and the most one."""
+        """Median [time]; with unknowns the mean of its lower and upper edge."""
         return np.asarray(
             (self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0
         )
@@ -50,12 +50,12 @@ class Envelope:
 
 @dataclass(frozen=True)
 class FlownCampaign:
-    """Everything a report reads."""
+    """Campaign, samples, flights and envelopes of a results folder, as a report reads them."""
 
     folder: Path
     campaign: Experiment
     manifest: Manifest
-    samples: Mapping[str, Floats]  # parameter -> [flight], flight k at index k; read anew each time
+    samples: Mapping[str, Floats]  # parameter -> [flight], index k is flight k; read at each access
     flights: dict[str, ControllerFlights]
     envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
@@ -64,53 +64,59 @@ class FlownCampaign:
     requirement_changes: tuple[RequirementChange, ...] = ()  # after results had been seen
 
     def refuse_changes(self) -> None:
-        """For the end of whatever is made of them. Raises InputError where a run has changed the folder meanwhile."""
-        if self.manifest.files:  # one that is made up holds none
+        """Raise InputError if a run has changed the folder since it was read.
+
+        To be called after the results have been used.
+        """
+        if self.manifest.files:  # empty in a manifest that was not read from a folder
             refuse_changes(CampaignFolder(self.folder), self.manifest)
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Those that flew, in the campaign's order."""
+        """Simulated controllers in the campaign's order."""
         return tuple(name for name in self.campaign.controllers if name in self.flights)
 
     @cached_property
     def ranking(self) -> Ranking:
-        """Its flights, the worst first."""
+        """Flights of all controllers, worst first."""
         return rank_flights(
             {name: self.flights[name] for name in self.controllers}, self.campaign.criteria
         )
 
     @property
     def dispersed(self) -> tuple[str, ...]:
-        """The sampled parameters but the seeds of noise, which are no dispersions."""
+        """Sampled parameters without the seeds of noise, which are not dispersions."""
         return tuple(name for name in self.samples if not self.campaign.parameters[name].seed)
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        """Metrics that the flights hold: those that the campaign asks for first, then in the order of the records."""
-        held = [
-            name for name in next(iter(self.flights.values())).metrics if name not in self._apart
+        """Stored metrics: the required ones first, then in the order of their definition."""
+        stored = [
+            name for name in next(iter(self.flights.values())).metrics if name not in self._excluded
         ]
-        known = [name for name in (*self.asked, *self.campaign.metrics) if name in held]
-        return tuple(dict.fromkeys(known))
+        ordered = [name for name in (*self.asked, *self.campaign.metrics) if name in stored]
+        return tuple(dict.fromkeys(ordered))
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """The metrics that stand first."""
-        held = next(iter(self.flights.values())).metrics
+        """Required metrics."""
+        stored = next(iter(self.flights.values())).metrics
         return tuple(
-            name for name in self.campaign.asked if name in held and name not in self._apart
+            name for name in self.campaign.asked if name in stored and name not in self._excluded
         )
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """The metrics in which a winner is named: what is asked, and the control usage."""
+        """Metrics by which controllers are compared: the required ones and the control effort."""
         usage = [name for name in self.metrics if self.campaign.metrics[name].group == "usage"]
         return tuple(dict.fromkeys((*self.asked, *usage)))
 
     @property
-    def _apart(self) -> tuple[str, ...]:
-        """What is no metric; and margins that not every flight has, which only the section on stability shows."""
+    def _excluded(self) -> tuple[str, ...]:
+        """Columns that are not metrics, and margins unless every flight has them.
+
+        Such margins are shown only in the section on stability.
+        """
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
         return (
             faults
@@ -120,9 +126,9 @@ class FlownCampaign:
 
     @property
     def pairs(self) -> Iterator[tuple[str, str]]:
-        """The first controller against each other one."""
-        first, *others = self.controllers
-        return ((first, other) for other in others)
+        """Pairs of the first controller with each of the others."""
+        first, *further = self.controllers
+        return ((first, second) for second in further)
 
 
 def _columns(table: pa.Table) -> dict[str, Any]:
@@ -143,8 +149,8 @@ def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
     for key in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
         rows = np.flatnonzero((controller == key[0]) & (channel == key[1]))
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        held = [name for name in (*BANDS, MOST_MEDIAN) if name != MOST_MEDIAN or name in columns]
-        bands = {name: columns[name][rows].astype(np.float64) for name in held}
+        stored = [name for name in (*BANDS, MOST_MEDIAN) if name != MOST_MEDIAN or name in columns]
+        bands = {name: columns[name][rows].astype(np.float64) for name in stored}
         cells[key] = Envelope(
             columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands
         )
@@ -161,15 +167,17 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 
 
 def read_flown(root: Path, requirements: RequirementSource | None = None) -> FlownCampaign:
-    """Read a campaign's folder, judged by its own requirements or by others.
+    """Read a campaign's folder, with its own or other ``requirements``.
 
-    Raise InputError if a file is missing or unreadable, or if the requirements do not fit the campaign.
+    Raise InputError if a file is missing or invalid, or if the requirements do not fit.
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
     if manifest.shard:
-        found = "shard {}/{} of a campaign".format(*manifest.shard)
-        raise InputError(root, found, "all of it: 'abhv-mc merge' joins its shards")
+        problem = "the folder is shard {}/{} of a campaign".format(*manifest.shard)
+        raise InputError(
+            root, problem, "a complete campaign: merge its shards with 'abhv-mc merge'"
+        )
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)
     if requirements is not None:
@@ -177,9 +185,11 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     campaign, changes = mark_later_choices(folder, manifest, campaign, requirements is None)
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
-    can = campaign.simulator.capabilities
-    ours = can.has_mission
-    reference = _columns(read_table(folder.reference, "the mission's reference")) if ours else {}
+    capabilities = campaign.simulator.capabilities
+    has_mission = capabilities.has_mission
+    reference = (
+        _columns(read_table(folder.reference, "the mission's reference")) if has_mission else {}
+    )
     return FlownCampaign(
         folder=root,
         campaign=campaign,
@@ -188,28 +198,30 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
         flights=flights,
         envelopes=_read_envelopes(folder.envelopes) if campaign.has_bands else {},
         reference={name: value.astype(np.float64) for name, value in reference.items()},
-        nominal=_read_nominal(folder.nominal) if ours else {},
-        steady_margins=read_steady_margins(folder.margins) if can.has_margins else SteadyMargins(),
+        nominal=_read_nominal(folder.nominal) if has_mission else {},
+        steady_margins=read_steady_margins(folder.margins)
+        if capabilities.has_margins
+        else SteadyMargins(),
         requirement_changes=changes,
     )
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
-    """The kept histories of one controller: flight -> "time" and channels -> [time]; empty where none are kept."""
-    kept: dict[int, dict[str, Floats]] = {}
+    """Return the stored histories of one controller: flight -> "time" and channels -> [time]."""
+    histories: dict[int, dict[str, Floats]] = {}
     for path in _history_files(root, controller):
         columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
         numbers = columns.pop("flight")
         for number in np.unique(numbers):
             rows = np.flatnonzero(numbers == number)
-            kept[int(number)] = {
+            histories[int(number)] = {
                 key: value[rows].astype(np.float64) for key, value in columns.items()
             }
-    return kept
+    return histories
 
 
-def kept_flights(root: Path, controller: str) -> set[int]:
-    """The flights of one controller whose histories are kept."""
+def flights_with_history(root: Path, controller: str) -> set[int]:
+    """Return the flights of one controller whose histories are stored."""
     tables = (read_table(path, _HISTORIES, ["flight"]) for path in _history_files(root, controller))
     return {
         number for table in tables for number in np.unique(column_values(table["flight"])).tolist()
@@ -217,7 +229,7 @@ def kept_flights(root: Path, controller: str) -> set[int]:
 
 
 def _history_files(root: Path, controller: str) -> Iterator[Path]:
-    """Each holds flights of one controller."""
+    """Yield the files of histories of one controller."""
     folder = CampaignFolder(root)
     for path in data_files(folder, read_manifest(folder.manifest)):
         if path.parent == folder.histories:

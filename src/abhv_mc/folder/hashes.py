@@ -1,4 +1,4 @@
-"""SHA-256 of a campaign's files: taken as each is put whole, listed in the manifest, checked before a file is read."""
+"""SHA-256 of a campaign's files, listed in its manifest and checked before a file is read."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -9,19 +9,22 @@ from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.io.input_error import InputError
 
-DAMAGED = "a file that is not as the campaign wrote it: damaged, or changed since"
-GONE = "no such file, but the manifest names it"
+DAMAGED = "the file is damaged, or was changed after the campaign wrote it"
+GONE = "the file is missing, but the manifest lists it"
 
 
 class FileHashes:
-    """What a run knows of its folder's files: the manifest's hashes, and those of the files that it writes."""
+    """Hashes of a folder's files: those of the manifest, and those of files that a run writes."""
 
-    def __init__(self, folder: CampaignFolder, known: Mapping[str, str]) -> None:
+    def __init__(self, folder: CampaignFolder, hashes: Mapping[str, str]) -> None:
         self._folder = folder
-        self._known = dict(known)
+        self._known = dict(hashes)
 
     def note(self, path: Path, digest: str) -> None:
-        """A file was written, or proven to be what was written. States of envelopes prove themselves."""
+        """Record the hash of a file that was written or checked.
+
+        States of envelopes have checksums of their own and are not recorded.
+        """
         folder = self._folder
         inside = path.is_relative_to(folder.root) and not path.is_relative_to(
             folder.envelope_states
@@ -30,25 +33,28 @@ class FileHashes:
             self._known[self._name(path)] = digest
 
     def knows(self, path: Path) -> bool:
-        """Whether the file's hash is known; if not, a run was killed before it could list the file."""
+        """Return whether the file's hash is known.
+
+        If not, a run was killed before it could list the file.
+        """
         return self._name(path) in self._known
 
     def damage(self, path: Path) -> str | None:
-        """What is wrong with a known file, in words; None for a whole one."""
+        """Return a description of a known file's damage; None if it is intact."""
         if not path.is_file():
             return GONE
         return DAMAGED if hash_file(path) != self._known[self._name(path)] else None
 
     def paths(self) -> list[Path]:
-        """The known files."""
+        """Return the paths of the known files."""
         return [self._folder.root / name for name in sorted(self._known)]
 
     def listed(self) -> dict[str, str]:
-        """Hashes of all files, for the manifest."""
+        """Return the hashes of all files, for the manifest."""
         return dict(sorted(self._known.items()))
 
     def forget(self, *paths: Path) -> None:
-        """Files that the run has removed, or is about to write anew."""
+        """Remove files from the list that the run has deleted or is about to replace."""
         for path in paths:
             self._known.pop(self._name(path), None)
 
@@ -57,63 +63,67 @@ class FileHashes:
 
 
 @contextlib.contextmanager
-def record_hashes(folder: CampaignFolder, known: Mapping[str, str]) -> Iterator[FileHashes]:
-    """The hashes that are known, and those of all files that are put whole in the folder meanwhile."""
-    hashes = FileHashes(folder, known)
-    with recording(hashes.note):
-        yield hashes
+def record_hashes(folder: CampaignFolder, hashes: Mapping[str, str]) -> Iterator[FileHashes]:
+    """Collect the known hashes, and those of all files written to the folder in the block."""
+    recorder = FileHashes(folder, hashes)
+    with recording(recorder.note):
+        yield recorder
 
 
 def find_damage(
     folder: CampaignFolder, manifest: Manifest, paths: Iterable[Path] | None = None
 ) -> Iterator[tuple[Path, str]]:
-    """What of the folder (or of ``paths`` in it) is not as the campaign wrote it, each file with what is wrong."""
+    """Yield each damaged or missing file of the folder (or of ``paths``), with a description."""
     files = FileHashes(folder, manifest.files)
     for path in files.paths() if paths is None else [path for path in paths if files.knows(path)]:
-        if words := files.damage(path):
-            yield path, words
+        if damage := files.damage(path):
+            yield path, damage
 
 
 def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) -> Manifest:
-    """The manifest of a folder whose files (all, or ``paths``) are as the campaign wrote them.
+    """Return the manifest of a folder after a check of its files (all, or ``paths``).
 
-    Raises InputError, which names the first file that is not.
+    Raise InputError, which names the first damaged or missing file.
     """
     manifest = read_manifest(folder.manifest)
-    for path, words in find_damage(folder, manifest, paths):
+    for path, damage in find_damage(folder, manifest, paths):
         if holder := lock_holder(folder.lock):
-            found = (
-                f"a file that is not as the manifest says, while {holder} flies a campaign there"
-            )
-            raise InputError(path, found, "the end of that run, and the same command once more")
-        raise damage_error(path, words)
+            problem = f"the file differs from the manifest while {holder} runs a campaign there"
+            raise InputError(path, problem, "the same command after the end of that run")
+        raise damage_error(path, damage)
     return manifest
 
 
 def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
-    """For the end of a reading. Raises InputError where a run has replaced or removed files that ``manifest`` names."""
+    """Raise InputError if a run has replaced or removed files that ``manifest`` lists.
+
+    To be called after reading.
+    """
     if not manifest.files.items() <= read_manifest(folder.manifest).files.items():
-        found = "files of another campaign, or of more flights, than a moment ago: a run has written here meanwhile"
-        raise InputError(folder.root, found, "the folder opened anew, once that run is done")
+        problem = "a run has replaced files of this folder while they were read"
+        raise InputError(folder.root, problem, "the same command after the end of that run")
 
 
 @contextlib.contextmanager
-def unchanged(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
-    """The same at the end of a block, in the place of any error there: it tells more."""
+def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
+    """Call :func:`refuse_changes` at the end of a block, also after an error.
+
+    The changes then explain the error.
+    """
     try:
         yield
     finally:
         refuse_changes(folder, manifest)
 
 
-def damage_error(path: Path, words: str) -> InputError:
-    """The error for a damaged file, and what helps."""
-    wish = "a copy of the file as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
-    return InputError(path, words, wish)
+def damage_error(path: Path, damage: str) -> InputError:
+    """Return the error for a damaged file."""
+    remedy = "the original file, or a new run in another folder (-o DIR) or with --fresh"
+    return InputError(path, damage, remedy)
 
 
 def data_files(folder: CampaignFolder, manifest: Manifest) -> list[Path]:
-    """The data files that the manifest names, in the order of their names."""
+    """Return the data files that the manifest lists, sorted by name."""
     single = {folder.samples, folder.envelopes, folder.nominal, folder.reference, folder.margins}
     paths = FileHashes(folder, manifest.files).paths()
     return [

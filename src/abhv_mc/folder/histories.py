@@ -1,5 +1,7 @@
-"""What is recorded over time as Parquet: histories of flights, the nominal flights, the reference; and the envelopes, a
-row per controller, channel and recorded time."""
+"""Parquet files of time histories: of flights, nominal flights and the reference, and envelopes.
+
+The file of envelopes has a row per controller, channel and recorded time.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,10 +21,11 @@ _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
-MOST_MEDIAN = "q50_most"  # with unknowns the median, too, has two edges
+MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band if there are unknowns
 _DOCS = {
-    "min": "smallest value at any control tick, or returned sample, from the time before to the time after",
-    "max": "largest value at any control tick, or returned sample, from the time before to the time after",
+    name: f"{adjective} value at any control tick, or returned sample, from the time before to the "
+    "time after"
+    for name, adjective in (("min", "smallest"), ("max", "largest"))
 } | {
     name: f"{name[1:]} % quantile over the flights, linear between order statistics"
     for name in QUANTILE_COLUMNS
@@ -42,16 +45,16 @@ def write_histories(
     *,
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
-    known: Sequence[Signal] = CHANNELS,
+    recorded: Sequence[Signal] = CHANNELS,
 ) -> None:
-    """Write ``history[flight, time, channel]`` (all of the plan's) as rows of the named ones of its ``known`` channels.
+    """Write ``channels`` of ``history[flight, time, channel]``, whose last axis is ``recorded``.
 
-    A flight that ended early has rows up to its end: those with a number in the first channel.
+    A flight that terminated early has rows up to its end, where the first channel is not NaN.
     """
     rows = ~np.isnan(history[:, :, 0])
     number, time = np.nonzero(rows)
-    places = {signal.name: i for i, signal in enumerate(known)}
-    fields = [known[places[name]] for name in channels]
+    positions = {signal.name: i for i, signal in enumerate(recorded)}
+    fields = [recorded[positions[name]] for name in channels]
     schema = pa.schema(
         [
             _FLIGHT,
@@ -65,7 +68,7 @@ def write_histories(
         number_column(np.asarray(flights, np.int64)[number]),
         text_column([controller] * len(number)),
         number_column(times[time]),
-        *(number_column(history[:, :, places[name]][rows]) for name in channels),
+        *(number_column(history[:, :, positions[name]][rows]) for name in channels),
     ]
     write_parquet(
         path,
@@ -78,7 +81,7 @@ def write_histories(
 def write_nominal(
     path: Path, times: Floats, nominal: dict[str, NDArray[np.float32]], key: str = ""
 ) -> None:
-    """Write each controller's nominal flight ``[time, channel]``."""
+    """Write the nominal flight ``[time, channel]`` of each controller."""
     fields = [
         _CONTROLLER,
         _TIME,
@@ -95,7 +98,7 @@ def write_nominal(
 
 
 def write_reference(path: Path, reference: Mapping[str, Floats], key: str = "") -> None:
-    """Write the mission's reference: ``time`` and REFERENCE_CHANNELS [time], in their units."""
+    """Write the mission's reference trajectory: ``time`` and REFERENCE_CHANNELS, each [time]."""
     fields = [
         _TIME,
         *(
@@ -112,16 +115,20 @@ def write_reference(path: Path, reference: Mapping[str, Floats], key: str = "") 
 
 @dataclass(frozen=True)
 class EnvelopeTable:
-    """Envelopes of one controller, ``[time, channel]`` each."""
+    """Envelopes of one controller, each ``[time, channel]``.
 
-    count: NDArray[np.int64]  # flights still flying
+    With unknown parameters, quantiles are computed over the flights at each point; ``least`` and
+    ``most`` are the smallest and largest of all points.
+    """
+
+    count: NDArray[np.int64]  # flights that have not ended
     low: Floats
     high: Floats
-    least: Floats  # [quantile, time, channel]; with unknowns over the flights at one point, the least of all points
+    least: Floats  # [quantile, time, channel]
     most: Floats
 
     def at(self, times: Mask) -> "EnvelopeTable":
-        """Some of its times."""
+        """Return the envelopes at some of the times."""
         return EnvelopeTable(
             self.count[times],
             self.low[times],
@@ -131,7 +138,10 @@ class EnvelopeTable:
         )
 
     def columns(self, points: int) -> dict[str, Floats]:
-        """What a file has of them: the lower edge of what is below the median, the upper edge of what is above."""
+        """Return the columns of the file.
+
+        Quantiles up to the median have their lower edge, those above it their upper edge.
+        """
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]
         named = {
@@ -146,7 +156,8 @@ def _doc(column: str, points: int) -> str:
     if points == 1 or column in ("min", "max"):
         return _DOCS[column]
     which = "least" if column in QUANTILE_COLUMNS[:3] else "most"
-    return f"{which} of {points} values, each the {_DOCS[column.removesuffix('_most')]} at one point of the unknowns"
+    doc = _DOCS[column.removesuffix("_most")]
+    return f"{which} of {points} values, each the {doc} at one point of the unknowns"
 
 
 def write_envelopes(
@@ -159,9 +170,10 @@ def write_envelopes(
     points: int = 1,
     key: str = "",
 ) -> None:
-    """Write the envelopes of every controller over its first ``flights`` flights, which the file's metadata say.
+    """Write the envelopes of every controller over its first ``flights`` flights.
 
-    ``channels`` are those of the tables' last axis; ``points`` the number of points of the unknowns.
+    ``channels`` is the last axis of the tables; ``points`` is the number of points of the
+    unknown parameters.
     """
     shape = (len(channels), len(times))
     columns: dict[str, list[Floats]] = {}

@@ -1,4 +1,4 @@
-"""The inputs of a campaign's flights as a CSV file, for another simulator to run."""
+"""Inputs of a campaign's flights as a CSV file, for another simulator to run."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +13,18 @@ from abhv_mc.io.csv_table import write_batches
 
 
 def write_inputs(campaign: Experiment, path: Path) -> int:
-    """Write a row per flight: its number from 0, then each input with its unit; return the number of rows."""
+    """Write a row per flight: its number from 0, then each input with its unit.
+
+    Return the number of rows.
+    """
     source = campaign.make_samples()
     inputs = [campaign.parameters[name] for name in source.names]
     fields = [("flight", pa.int64())]
-    for each in inputs:
-        head = each.name if each.unit == "-" else f"{each.name} [{each.unit}]"
-        fields.append((head, pa.int64() if each.seed and each.of_user else pa.float64()))
+    for parameter in inputs:
+        header = parameter.name if parameter.unit == "-" else f"{parameter.name} [{parameter.unit}]"
+        fields.append(
+            (header, pa.int64() if parameter.seed and parameter.of_user else pa.float64())
+        )
     schema = pa.schema(fields)
 
     def batches() -> Iterator[pa.RecordBatch]:

@@ -1,7 +1,7 @@
-"""A campaign independent of where it came from: its inputs as copies, its references inside the folder.
+"""Copies of a campaign's input files in its results folder, and hashes that identify the campaign.
 
-The file as the folder holds it and the copies are all that it takes to fly the campaign again; their hash is its
-identity: a folder goes on with the same campaign alone, and seeds of one question are judged together.
+The stored campaign file, whose references point to the copies, and the copies reproduce the
+campaign. A run resumes a folder only if its campaign has the same hash.
 """
 
 import hashlib
@@ -27,45 +27,55 @@ from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.io.input_files import read_input
 
-_HEAD = """A campaign as it was flown, with everything that it refers to beside it in inputs/.
-Flying it again gives the same results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
+_HEAD = """Campaign of this folder; the files that it refers to are copied to inputs/.
+To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
 
 @dataclass(frozen=True)
 class FolderInputs:
-    """A campaign's plain data with references into its folder, and the files that are copied there."""
+    """Campaign file with references into its folder, and the files that are copied there.
+
+    Names of files are paths relative to the folder.
+    """
 
     document: Document
-    copies: dict[str, bytes]  # place in the folder -> content
-    hashes: dict[str, str]  # place in the folder -> SHA-256
-    executables: frozenset[str] = frozenset()  # places of the copies that are programs
+    copies: dict[str, bytes]  # name -> content
+    hashes: dict[str, str]  # name -> SHA-256
+    executables: frozenset[str] = frozenset()  # names of the copies that are programs
 
     @property
     def data(self) -> dict[str, Any]:
+        """Entries of the campaign file."""
         return self.document.entries
 
     @property
     def systems(self) -> dict[str, Any]:
-        """What is compared, as the file has it."""
-        held: dict[str, Any] = self.data.get(systems_key(self.data)) or {}
-        return held
+        """Entries of the compared controllers or systems, by name."""
+        systems: dict[str, Any] = self.data.get(systems_key(self.data)) or {}
+        return systems
 
     @property
     def identity(self) -> str:
-        """Hash of what rows depend on: the campaign file without requirements and labels, and every file it names."""
+        """Hash of the campaign file, without requirements and labels, and of every file it names.
+
+        Flights depend on nothing else.
+        """
         return self._hash_without()
 
     @property
     def question(self) -> str:
-        """Hash of what is asked: the identity without the seed and the number of flights. With unknowns the seed finds
-        the points, so that flights of different seeds are not counted together."""
+        """Hash of the campaign without its seed and number of flights.
+
+        Campaigns with the same hash can be pooled. With unknown parameters the seed is included,
+        because it determines the points at which flights are simulated.
+        """
         return self._hash_without(
             "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",))
         )
 
-    def _hash_without(self, *left_out: str) -> str:
+    def _hash_without(self, *excluded: str) -> str:
         rows = data_of_rows(self.data)
-        data = {key: value for key, value in rows.items() if key not in left_out}
+        data = {key: value for key, value in rows.items() if key not in excluded}
         return hashlib.sha256(json.dumps([data, self.hashes], sort_keys=True).encode()).hexdigest()
 
     @property
@@ -81,8 +91,8 @@ class FolderInputs:
 
     def write_copies(self, folder: CampaignFolder) -> None:
         """Write the copies into the folder."""
-        for place, content in self.copies.items():
-            write_bytes(folder.root / place, content, executable=place in self.executables)
+        for name, content in self.copies.items():
+            write_bytes(folder.root / name, content, executable=name in self.executables)
 
     def write_campaign(self, folder: CampaignFolder) -> None:
         """Write the campaign file into the folder."""
@@ -94,11 +104,11 @@ class FolderInputs:
 
 
 def collect_inputs(campaign: Experiment) -> FolderInputs:
-    """What the folder of a checked campaign is to hold of its files."""
+    """Return the input files of a checked campaign, as its folder stores them."""
     model = campaign.model
     data = dict(campaign.document.entries)
     files: dict[str, Path] = {}
-    data |= campaign.simulator.pack(lambda path, place: _take(path, place, files), files)
+    data |= campaign.simulator.pack(lambda path, location: _take(path, location, files), files)
     if model.channels is not None:
         data["channels"] = _take(model.channels, "inputs/channels", files)
     if isinstance(model.metrics, Path):
@@ -106,35 +116,38 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     if model.sampling.path:
-        place = _take(model.sampling.path, "inputs/samples", files)
-        data["sampling"] = {**data["sampling"], "path": place}
-    copies = {place: read_input(path) for place, path in files.items()}
-    programs = frozenset(place for place, path in files.items() if os.access(path, os.X_OK))
-    hashes = {place: hashlib.sha256(content).hexdigest() for place, content in copies.items()}
+        location = _take(model.sampling.path, "inputs/samples", files)
+        data["sampling"] = {**data["sampling"], "path": location}
+    copies = {location: read_input(path) for location, path in files.items()}
+    programs = frozenset(location for location, path in files.items() if os.access(path, os.X_OK))
+    hashes = {location: hashlib.sha256(content).hexdigest() for location, content in copies.items()}
     return FolderInputs(replace(campaign.document, data=data), copies, hashes, programs)
 
 
-def _take(path: Path, place: str, copies: dict[str, Path]) -> str:
-    """Put ``path`` and all that it refers to under ``place``, in the same positions to each other."""
+def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
+    """Add ``path`` and the files it refers to below ``location``, with the same relative paths.
+
+    Return the name of ``path`` in the folder.
+    """
     files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
-        copy = f"{place}/{file.relative_to(root).as_posix()}"
+        copy = f"{location}/{file.relative_to(root).as_posix()}"
         if not is_inside(copy):
             raise InputError(
-                file, "characters in the file's name that nothing shows", "another name"
+                file, "the file name has characters that are not printable", "another name"
             )
         copies[copy] = file
-    return f"{place}/{path.resolve().relative_to(root).as_posix()}"
+    return f"{location}/{path.resolve().relative_to(root).as_posix()}"
 
 
-def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool) -> list[str]:
-    """What keeps ``asked`` from going on with the folder of ``flown``, in words; empty when nothing does.
+def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: bool) -> list[str]:
+    """Return the changes that prevent ``requested`` from resuming the folder of ``stored``.
 
-    More flights (of an extensible design), more controllers and another way of execution do not.
+    More flights (of an extensible design), more controllers and other execution settings do not.
     """
-    shared = [name for name in flown.systems if name in asked.systems]
-    old, new = (_flat(_rows_of(data, shared)) for data in (flown.data, asked.data))
+    shared = [name for name in stored.systems if name in requested.systems]
+    old, new = (_flat(_rows_of(data, shared)) for data in (stored.data, requested.data))
     changes = []
     for key in sorted(old.keys() | new.keys()):
         before, after = old.get(key), new.get(key)
@@ -142,8 +155,8 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
             continue
         if key == "runs" and extensible and (before or 0) < (after or 0):
             continue
-        changes.append(f"{key}: {_words(before)} -> {_words(after)}")
-    for part in (
+        changes.append(f"{key}: {_value_text(before)} -> {_value_text(after)}")
+    for kind in (
         "vehicle",
         "mission",
         "samples",
@@ -151,37 +164,39 @@ def describe_changes(flown: FolderInputs, asked: FolderInputs, extensible: bool)
         "simulator",
         *(f"controllers/{name}" for name in shared),
     ):
-        for name in sorted(flown.hashes.keys() | asked.hashes.keys()):
-            if name.startswith(f"inputs/{part}/") and flown.hashes.get(name) != asked.hashes.get(
+        for name in sorted(stored.hashes.keys() | requested.hashes.keys()):
+            if name.startswith(f"inputs/{kind}/") and stored.hashes.get(
                 name
-            ):
+            ) != requested.hashes.get(name):
                 changes.append(f"{name}: other content")
     return changes
 
 
-def merge_inputs(flown: FolderInputs, asked: FolderInputs, selected: bool = False) -> FolderInputs:
-    """``asked`` and the controllers that only ``flown`` has, with their requirements.
+def merge_inputs(
+    stored: FolderInputs, requested: FolderInputs, selected: bool = False
+) -> FolderInputs:
+    """Return ``requested`` with the controllers that only ``stored`` has, and their requirements.
 
-    The first controller, to which requirements apply where they name none, is that of ``asked``; where that is
-    ``selected`` controllers of a campaign it stays that of ``flown``.
+    Requirements that name no controller apply to the first one, which is that of ``requested``,
+    or that of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.
     """
-    first, then = (flown, asked) if selected else (asked, flown)
-    controllers = {**first.systems, **then.systems, **asked.systems}
-    new, old = (part.data.get("requirements") or [] for part in (asked, flown))
-    absent = [name for name in controllers if name not in asked.systems]
-    kept = [entry for entry in select_requirements(old, absent) if entry.get("controllers")]
-    requirements = join_requirements(new, kept, controllers)
+    first, second = (stored, requested) if selected else (requested, stored)
+    controllers = {**first.systems, **second.systems, **requested.systems}
+    new, old = (inputs.data.get("requirements") or [] for inputs in (requested, stored))
+    absent = [name for name in controllers if name not in requested.systems]
+    retained = [entry for entry in select_requirements(old, absent) if entry.get("controllers")]
+    requirements = join_requirements(new, retained, controllers)
     if sorted(map(_order, requirements)) == sorted(map(_order, old)):
-        requirements = old  # in their order
-    asks = {"asks": flown.data["asks"]} if selected and "asks" in flown.data else {}
-    changed = {**asked.data, **asks, "requirements": requirements}
-    points = {"points": flown.data["points"]} if "points" in flown.data else {}
+        requirements = old  # keeps their order
+    asks = {"asks": stored.data["asks"]} if selected and "asks" in stored.data else {}
+    changed = {**requested.data, **asks, "requirements": requirements}
+    points = {"points": stored.data["points"]} if "points" in stored.data else {}
     data = with_requirements(
-        {**asked.data, **points, "requirements": old, systems_key(asked.data): controllers},
+        {**requested.data, **points, "requirements": old, systems_key(requested.data): controllers},
         changed,
     )
     return FolderInputs(
-        replace(flown.document, data=data), asked.copies, flown.hashes | asked.hashes
+        replace(stored.document, data=data), requested.copies, stored.hashes | requested.hashes
     )
 
 
@@ -190,7 +205,7 @@ def _order(entry: object) -> str:
 
 
 def _rows_of(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
-    """The data that rows of these systems depend on."""
+    """Return the entries on which flights of these systems depend."""
     systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if SYSTEMS in data else {}
     return {**data_of_rows(data), **systems}
 
@@ -204,20 +219,20 @@ def _flat(value: Any, prefix: str = "") -> dict[str, Any]:
     return {prefix: value}
 
 
-def _words(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return "nothing" if value is None else json.dumps(value, ensure_ascii=False)
 
 
 def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
-    """What a folder holds of its campaign's files. Raises InputError."""
+    """Return the inputs stored in a folder. Raise InputError if its campaign file is invalid."""
     return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
-    """The campaign of a results folder. Raises InputError where there is none."""
+    """Return the campaign of a results folder. Raise InputError if there is none."""
     return check_campaign(read_document(folder.campaign))
 
 
 def first_controller(folder: Path) -> str:
-    """The first controller, or system, of a results folder: what a command means that names none."""
+    """Return the first controller or system of a results folder, the default of commands."""
     return read_folder_campaign(CampaignFolder(folder)).controllers[0]

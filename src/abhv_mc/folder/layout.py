@@ -1,4 +1,4 @@
-"""Where things lie in a campaign's folder, and how a file gets there: whole or not at all."""
+"""Paths of a campaign's folder, and functions that write files there completely or not at all."""
 
 import contextlib
 import errno
@@ -22,21 +22,22 @@ _CLOSED = (
     errno.ELOOP,
 )
 _UNWRITABLE = (
-    *_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT, errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP,
-)  # fmt: skip
+    *(*_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT),
+    *(errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP),
+)
 _LARGEST_LOG = 1 << 20  # bytes
-_recorders: list[Callable[[Path, str], None]] = []  # told of every file that is put whole
+_recorders: list[Callable[[Path, str], None]] = []  # called for every file that is written
 
 
 class StorageFullError(Exception):
-    """The disk is full; what was flown is kept and the same command resumes."""
+    """Full disk. Completed flights are kept, and the same command resumes."""
 
 
 class CampaignFolder:
     """Paths of a campaign's folder."""
 
     def __init__(self, root: Path) -> None:
-        # pyarrow takes a relative path with a colon for an address.
+        # pyarrow interprets a relative path with a colon as an address.
         self.root = root = root.absolute() if ":" in str(root) else root
         self.campaign = root / "campaign.yaml"
         self.manifest = root / "manifest.json"
@@ -62,18 +63,18 @@ class CampaignFolder:
         return self.plans / f"{controller}.npz"
 
     def input_files(self) -> list[Path]:
-        """The copies of the campaign's input files."""
+        """Return the copies of the campaign's input files."""
         return [path for path in sorted(self.inputs.rglob("*")) if path.is_file()]
 
     @property
     def report(self) -> tuple[Path, ...]:
-        """What a report writes."""
+        """Files and folders that a report writes."""
         pages = (self.root / f"report.{kind}" for kind in ("html", "json"))
         return (*pages, self.matrix, self.metrics, self.root / "figures")
 
     @property
-    def parts(self) -> tuple[Path, ...]:
-        """Everything that a campaign writes, apart from the lock."""
+    def contents(self) -> tuple[Path, ...]:
+        """Files and folders that a campaign writes, without the lock."""
         files = (
             self.campaign,
             self.manifest,
@@ -95,23 +96,28 @@ class CampaignFolder:
         )
         return (*files, *self.report, *folders)
 
-    def refuse_strange(self, fresh: bool) -> None:
-        """Raises InputError, without a manifest, for files of others, and for flights that only ``fresh`` deletes."""
+    def refuse_foreign_files(self, fresh: bool) -> None:
+        """Raise InputError if a folder without a manifest is not empty.
+
+        Files of a campaign are allowed; its flights only if ``fresh`` permits to delete them.
+        """
         for path in sorted(self.root.iterdir() if self.root.is_dir() else ()):
-            is_own = path in self.parts or path.name.startswith(self.lock.name)
+            is_own = path in self.contents or path.name.startswith(self.lock.name)
             if not is_own and not path.name.endswith(TEMPORARY):
-                found = f"a folder with '{path.name}', which no campaign wrote"
-                raise InputError(self.root, found, "an empty folder or a campaign's")
+                problem = f"'{path.name}' is in the folder and does not belong to a campaign"
+                raise InputError(self.root, problem, "an empty folder or that of a campaign")
         if not fresh and any(self.flights.glob("*.parquet")):
-            found = "flights without the manifest that says what they are"
-            raise InputError(self.root, found, "another folder (-o DIR), or --fresh to delete them")
+            problem = "the folder has flights, but no manifest"
+            raise InputError(
+                self.root, problem, "another folder (-o DIR), or --fresh to delete them"
+            )
 
     def clear(self) -> None:
-        """Delete what a campaign wrote, the manifest first, so that no half of it looks whole."""
+        """Delete a campaign's files, first the manifest, without which it is not a campaign."""
         import shutil
 
         self.manifest.unlink(missing_ok=True)
-        for path in self.parts:
+        for path in self.contents:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
@@ -119,31 +125,32 @@ class CampaignFolder:
         self.sweep()
 
     def sweep(self) -> None:
-        """Delete what a killed process was writing."""
-        folders = [part for part in self.parts if part.is_dir()]
+        """Delete unfinished files of killed processes."""
+        folders = [path for path in self.contents if path.is_dir()]
         for path in chain(
             self.root.glob(f"*{TEMPORARY}"), *(folder.rglob(f"*{TEMPORARY}") for folder in folders)
         ):
             path.unlink(missing_ok=True)
 
 
-def find_user_place(path: Path) -> Path | None:
-    """Where in a campaign's folder a path lies that is, or is in, a part of it; empty for the folder itself."""
+def find_in_campaign(path: Path) -> Path | None:
+    """Return the path relative to the campaign's folder to which it belongs; None if to none.
+
+    The path of the folder itself is empty.
+    """
     target = Path(os.path.realpath(path))
     for root in (target, *target.parents):
         folder = CampaignFolder(root)
-        others, parts = (
-            (folder.campaign, folder.samples, folder.flights),
-            (*folder.parts, folder.lock),
-        )
-        is_campaigns = folder.manifest.exists() and any(part.exists() for part in others)
-        if is_campaigns and (target == root or any(map(target.is_relative_to, parts))):
+        markers = (folder.campaign, folder.samples, folder.flights)
+        contents = (*folder.contents, folder.lock)
+        is_campaign = folder.manifest.exists() and any(marker.exists() for marker in markers)
+        if is_campaign and (target == root or any(map(target.is_relative_to, contents))):
             return target.relative_to(root)
     return None
 
 
 def is_inside(name: str) -> bool:
-    """Whether a path names something below the folder that it starts from, and can be one."""
+    """Return whether a name is a printable relative path that does not leave its folder."""
     path = Path(name)
     return (
         bool(path.parts)
@@ -155,30 +162,29 @@ def is_inside(name: str) -> bool:
 
 @contextlib.contextmanager
 def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
-    """Say what a full disk or a closed folder means instead of a bare OSError.
+    """Convert OSError of a full disk or missing permission to StorageFullError or InputError.
 
-    With ``writing``, all that keeps ``path`` from being written, which elsewhere may be a defect (no such file).
+    With ``writing`` further errors are explained that prevent writing ``path``, such as a missing
+    folder, which elsewhere may be a defect.
     """
     try:
         yield
     except OSError as error:
         if error.errno in _FULL:
             raise StorageFullError(
-                f"{path}: no space left. What was flown is kept: make room and run the same command again."
+                f"{path}: no space left on the disk. Completed flights are kept: "
+                "make room and run the same command again."
             ) from error
         if error.errno in (_UNWRITABLE if writing else _CLOSED):
-            what = "written" if writing else "written or read"
-            found, expected = (
-                f"a place that cannot be {what} ({error.strerror})",
-                f"a place that can be {what}",
-            )
-            raise InputError(path, found, expected) from error
+            action = "written" if writing else "written or read"
+            problem = f"the path cannot be {action} ({error.strerror})"
+            raise InputError(path, problem, f"a path that can be {action}") from error
         raise
 
 
 @contextlib.contextmanager
 def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
-    """Let ``note`` know every file that is put whole meanwhile, with the SHA-256 of what was written."""
+    """Call ``note`` with the path and SHA-256 of every file that is written in the block."""
     _recorders.append(note)
     try:
         yield
@@ -187,9 +193,10 @@ def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
 
 
 def write_whole(path: Path, write: Callable[[Path], object], durable: bool = False) -> None:
-    """Put the file that ``write`` makes into place, whole; ``durable`` waits until the disk has it.
+    """Replace a file by what ``write`` writes, completely or not at all.
 
-    Raises StorageFullError or InputError where the folder takes nothing.
+    With ``durable`` the function waits until the file is on the disk. Raise StorageFullError or
+    InputError if it cannot be written.
     """
     digest = ""
     with explain_os_error(path, writing=True), atomic_write(path, durable) as temporary:
@@ -201,7 +208,7 @@ def write_whole(path: Path, write: Callable[[Path], object], durable: bool = Fal
 
 
 def hash_file(path: Path) -> str:
-    """SHA-256 of a file's bytes."""
+    """Return the SHA-256 of a file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -209,7 +216,7 @@ def hash_file(path: Path) -> str:
 def write_bytes(
     path: Path, content: bytes, durable: bool = False, executable: bool = False
 ) -> None:
-    """Write a file whole; ``executable`` lets everybody who may read it run it."""
+    """Write a file completely; ``executable`` lets all who may read it execute it."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(content)
@@ -221,12 +228,12 @@ def write_bytes(
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole and durably."""
+    """Write a text file completely and durably."""
     write_bytes(path, text.encode(), durable=True)
 
 
 def append_log(path: Path, head: str, text: str) -> None:
-    """Append an excerpt to a log with a line above it; a log of a megabyte takes no more."""
+    """Append a text and a heading to a log, unless the log has reached a megabyte."""
     with explain_os_error(path, writing=True), path.open("a", encoding="utf-8") as file:
         if file.tell() < _LARGEST_LOG:
             file.write(f"== {head}\n{text.rstrip()}\n")

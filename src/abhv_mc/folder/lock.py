@@ -1,7 +1,8 @@
 """Lock of a campaign's folder: one process computes flights there at a time.
 
-The lock is `flock`, which the system drops when its holder dies. Some file systems have none; there the holder
-creates a lease, a file that names its host, its process and the time when the process started.
+The lock is `flock`, which the system drops when its holder dies. Some file systems have none; there
+the holder creates a lease, a file that names its host, its process and the time when the process
+started.
 """
 
 import contextlib
@@ -21,40 +22,41 @@ from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 _PATIENCE = 0.5  # s: `runs` holds a lock briefly to learn whether it is free
-_POLL = 0.01  # s between two attempts
+_POLL = 0.01  # s between attempts
 _SETTLE = 0.2  # s until another process has put back a lease that it moved by mistake
 
 
 class _HeldError(Exception):
-    """Another process holds the lock; ``holder`` describes it, ``remedy`` says what frees the folder."""
+    """Lock held by another process: its description, and what frees the folder."""
 
-    def __init__(self, holder: str, remedy: str = "its end") -> None:
+    def __init__(self, holder: str, remedy: str = "the end of that process") -> None:
         super().__init__(holder, remedy)
         self.holder, self.remedy = holder, remedy
 
 
 @contextlib.contextmanager
 def hold_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path`` and create its folder; both are removed again if nothing else is written there.
+    """Hold the lock file ``path``, whose folder is created if necessary.
 
-    Raise InputError, which names the holder, if another process has the lock.
+    The file and the folder are removed again if nothing else is written there. Raise
+    InputError, which names the holder, if another process has the lock.
     """
     created = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
-    before = set() if created else _names(path.parent)
+    earlier = set() if created else _names(path.parent)
     with contextlib.ExitStack() as stack:
         try:
             with explain_os_error(path, writing=True):
                 descriptor, is_locked = _open_locked(path)
                 stack.callback(os.close, descriptor)
-                if path.name not in before:
-                    stack.callback(_remove_unused, path, before, created)
+                if path.name not in earlier:
+                    stack.callback(_remove_unused, path, earlier, created)
                 if not is_locked:
                     lease = _lease_of(path)
                     stack.callback(_drop_lease, lease, _take_lease(lease))
         except _HeldError as error:
-            found = f"a campaign that {error.holder} is flying"
+            problem = f"the folder is in use by {error.holder}"
             raise InputError(
-                path.parent, found, f"{error.remedy}, or another folder (-o DIR)"
+                path.parent, problem, f"{error.remedy}, or another folder (-o DIR)"
             ) from None
         with contextlib.suppress(OSError):  # the lock holds on a full disk, too
             os.ftruncate(descriptor, 0)
@@ -63,7 +65,7 @@ def hold_lock(path: Path) -> Iterator[None]:
 
 
 def lock_holder(path: Path) -> str | None:
-    """Describe the holder of the lock; None if nobody holds it, or if the lock cannot be tried."""
+    """Return a description of the lock's holder; None if it is free or cannot be tested."""
     with contextlib.suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
@@ -79,7 +81,7 @@ def lock_holder(path: Path) -> str | None:
 
 
 def _open_locked(path: Path) -> tuple[int, bool]:
-    """Return the open lock file and whether it is locked, which it is not if the file system has no locks."""
+    """Return the open lock file, and whether it is locked: some file systems have no locks."""
     deadline = time.monotonic() + _PATIENCE
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,7 +111,7 @@ def _names(folder: Path) -> set[str]:
 
 
 def _remove_unused(path: Path, before: set[str], created: list[Path]) -> None:
-    """Delete the lock file, and the folders ``created`` for it, if nothing else was written there."""
+    """Delete the lock file and the folders created for it if nothing else was written there."""
     with contextlib.suppress(OSError):
         if _names(path.parent) == {*before, path.name}:
             path.unlink()
@@ -128,9 +130,10 @@ def _lease_of(path: Path) -> Path:
 
 
 def _take_lease(lease: Path) -> str:
-    """Create the lease and return its text; take over the lease of a process of this host that has died.
+    """Create the lease and return its text; take over the lease of a dead process of this host.
 
-    The dead lease is moved aside and read again, because another process may have replaced it in the meantime.
+    The dead lease is moved aside and read again, because another process may have replaced it
+    in the meantime.
     """
     text = json.dumps([platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4)])
     while not _create(lease, text):
@@ -179,7 +182,7 @@ def _read_lease(lease: Path) -> str | None:
 
 
 def _parse(text: str) -> tuple[str, int, str] | None:
-    """Return the host, the process and its start; None for a lease that is being written or was cut off."""
+    """Return the host, the process and its start; None if the lease is incomplete."""
     try:
         host, process, start, _ = json.loads(text)
         return str(host), int(process), str(start)
@@ -201,16 +204,21 @@ def _has_died(text: str) -> bool:
 def _held_error(lease: Path, text: str) -> _HeldError:
     holder = _parse(text)
     is_here = holder is not None and holder[0] == platform.node()
-    remedy = "its end" if is_here else f"its end (if it was killed: rm '{lease}')"
+    if is_here:
+        return _HeldError(_describe(text))
+    remedy = f"the end of that process (if it was killed: rm '{lease}')"
     return _HeldError(_describe(text), remedy)
 
 
 def _start_of(process: int) -> str | None:
-    """Return when a process started, by the kernel's clock; "" if only its existence is known, None if it has ended."""
+    """Return when a process started, by the kernel's clock.
+
+    Return "" if only its existence is known, and None if it has ended.
+    """
     try:
         fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
-        state, *rest = fields.rpartition(")")[2].split()
-        return None if state in "ZX" else rest[18]  # field 22; a zombie has ended
+        state, *values = fields.rpartition(")")[2].split()
+        return None if state in "ZX" else values[18]  # field 22; a zombie has ended
     except OSError:
         pass
     try:

@@ -1,4 +1,4 @@
-"""The manifest: what a campaign's folder holds, and where it came from."""
+"""Manifest of a campaign's folder: its content, its state and its provenance."""
 
 import hashlib
 import json
@@ -17,24 +17,27 @@ from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
 
 Ranges = tuple[tuple[int, int], ...]  # of flights: the first, one after the last
-FORMAT = 1  # of the folder: what lies in it, and how
+FORMAT = 1  # version of the folder's format
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
 _HASH = "manifest_hash"  # of the other entries
-_WISH = "a copy of the manifest as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
+_REMEDY = "the original manifest, or a new run in another folder (-o DIR) or with --fresh"
 
 
 @dataclass(frozen=True)
 class ControllerCount:
-    """How the flights of one controller ended."""
+    """Numbers of flights of one controller by outcome."""
 
     outcomes: Mapping[str, int] = field(default_factory=dict)
     flights_done: int = 0
-    failed_to_run: tuple[int, ...] | None = None  # flights that could not be computed
+    failed_to_run: tuple[int, ...] | None = None  # numbers of the flights that failed to run
 
 
 @dataclass(frozen=True)
 class RequirementVerdict:
-    """A requirement as one controller met it; flights that could not be computed are failures of none."""
+    """Verdict on a requirement for one controller.
+
+    Flights that failed to run are counted separately from failures.
+    """
 
     metric: str
     probability: float
@@ -63,7 +66,7 @@ class RequirementVerdict:
 
 @dataclass(frozen=True)
 class FlownBy:
-    """A process that flew, and its flights."""
+    """Process that computed flights, and their numbers."""
 
     code: str
     versions: str
@@ -75,7 +78,7 @@ class FlownBy:
 
 @dataclass(frozen=True)
 class Pooled:
-    """Flights of one seed in a campaign that was merged of several."""
+    """Flights of one seed in a campaign that was merged from several."""
 
     seed: int
     runs: int
@@ -83,7 +86,7 @@ class Pooled:
 
 @dataclass(frozen=True)
 class RequirementSet:
-    """A set of requirements by which the flights were judged."""
+    """Set of requirements by which the flights were judged."""
 
     file: str  # in the folder
     time: str | None  # when it was set
@@ -92,7 +95,7 @@ class RequirementSet:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What `manifest.json` says; an entry that is None stands there not at all."""
+    """Content of ``manifest.json``, which leaves out entries that are None."""
 
     name: str
     state: str
@@ -102,15 +105,15 @@ class Manifest:
     runs_planned: int = 0
     runs_done: int = 0
     runs_failed: int = 0
-    question: str | None = None  # hash of it; a search asks none
+    question: str | None = None  # hash of the campaign without its seed; None for a search
     started: str | None = None
     wall_time_s: float = 0.0
     digest: str | None = None
     digests: Mapping[str, str] = field(default_factory=dict)
     controllers: Mapping[str, ControllerCount] = field(default_factory=dict)
-    requirements: tuple[RequirementVerdict, ...] = ()  # that bind
-    requirements_shown: tuple[RequirementVerdict, ...] = ()
-    requirement_sets: tuple[RequirementSet, ...] = ()  # in their order, if there were several
+    requirements: tuple[RequirementVerdict, ...] = ()  # for controllers that must meet them
+    requirements_shown: tuple[RequirementVerdict, ...] = ()  # for the other controllers
+    requirement_sets: tuple[RequirementSet, ...] = ()  # in chronological order, if several
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None
@@ -118,27 +121,27 @@ class Manifest:
     command: tuple[str, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     warnings: tuple[str, ...] = ()
-    repeatable: Repeatability | None = None  # of a user's simulator
+    repeatable: Repeatability | None = None  # of a custom simulator
     not_made: tuple[str, ...] = ()
     shard: tuple[int, int] | None = None  # part i of n
-    merged_from: tuple[str, ...] | None = None  # digests
+    merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
-    file_runs: int | None = None  # flights at each point that the campaign file asks for, if more
+    file_runs: int | None = None  # flights at each point in the campaign file, if more
     stopped_at: int | None = None  # flights of a campaign that stops when proven
-    search: Mapping[str, Any] | None = None  # what a search was asked for
-    result: Mapping[str, Any] | None = None  # and what it found
+    search: Mapping[str, Any] | None = None  # settings of a search
+    result: Mapping[str, Any] | None = None  # result of a search
     files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
     flown_by: tuple[FlownBy, ...] = ()
-    # Of a user's simulator by system: how often "surplus", "repeated" and "restarts" occurred.
+    # Of a custom simulator, by system: number of "surplus", "repeated" and "restarts".
     simulator_events: Mapping[str, Mapping[str, int]] | None = None
 
     @property
     def complete(self) -> bool:
-        """Whether everything was flown."""
+        """True if all flights are computed."""
         return self.state == COMPLETE
 
     def as_entries(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Return the entries for JSON."""
         content: dict[str, Any] = _FILE.dump_python(self, exclude_none=True)
         return {"format": FORMAT} | content
 
@@ -147,38 +150,40 @@ _FILE = TypeAdapter(Manifest)
 
 
 def manifest_schema() -> dict[str, Any]:
-    """The JSON Schema of `manifest.json`."""
+    """Return the JSON Schema of ``manifest.json``."""
     return _FILE.json_schema()
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
-    """Write it whole, with the folder's format number and its own hash."""
+    """Write the manifest with the format number of the folder and a hash of its entries."""
     content = manifest.as_entries()
     write_text(path, json.dumps(content | {_HASH: _hash(content)}, indent=2) + "\n")
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read it. Raises InputError where there is none, one of another format, or one that is not as it was written."""
+    """Read a manifest. Raise InputError if it is missing, damaged or has another format."""
     if not path.is_file():
         raise InputError(path, "no such file", "the folder of a campaign")
     try:
         manifest = json.loads(path.read_bytes())
     except ValueError as error:
-        raise InputError(path, f"a damaged manifest ({error})", _WISH) from None
-    held = manifest.get("format") if isinstance(manifest, dict) else None
-    if held != FORMAT:
-        found = "a folder without a format number" if held is None else f"a folder of format {held}"
+        raise InputError(path, f"damaged manifest ({error})", _REMEDY) from None
+    version = manifest.get("format") if isinstance(manifest, dict) else None
+    if version != FORMAT:
+        problem = "no format number" if version is None else f"format {version} of the folder"
         raise InputError(
-            path, found, f"format {FORMAT}: the version that wrote it, or the campaign anew"
+            path,
+            problem,
+            f"format {FORMAT}: use the version that wrote it, or run the campaign again",
         )
     if manifest.pop(_HASH, None) != _hash(manifest):
-        raise InputError(path, "a damaged manifest (its entries have another hash)", _WISH)
+        raise InputError(path, "damaged manifest (its hash differs)", _REMEDY)
     try:
         return _FILE.validate_python(manifest)
     except ValidationError as error:
         first = error.errors()[0]
         raise InputError(
-            path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}", _WISH
+            path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}", _REMEDY
         ) from None
 
 
@@ -189,37 +194,40 @@ def _hash(content: dict[str, Any]) -> str:
 def note_flyers(
     entries: Iterable[FlownBy], flyers: tuple[Flyer, ...], controller: str, first: int, stop: int
 ) -> tuple[FlownBy, ...]:
-    """The entries with the flights ``first`` .. ``stop - 1`` as theirs, and no longer anybody else's."""
-    kept = []
+    """Return the entries after ``flyers`` computed the flights ``first`` .. ``stop - 1``.
+
+    These flights are removed from the entries of other processes.
+    """
+    updated = []
     for entry in entries:
         ranges = entry.blocks.get(controller, ())
-        others = [(a, min(b, first)) for a, b in ranges if a < first] + [
+        remaining = [(a, min(b, first)) for a, b in ranges if a < first] + [
             (max(a, stop), b) for a, b in ranges if b > stop
         ]
-        kept.append(replace(entry, blocks={**entry.blocks, controller: tuple(others)}))
-    theirs = [FlownBy(*flyer[:5], blocks={controller: ((first, stop),)}) for flyer in flyers]
-    return tuple(entry for entry in join_flyers([*kept, *theirs]) if any(entry.blocks.values()))
+        updated.append(replace(entry, blocks={**entry.blocks, controller: tuple(remaining)}))
+    added = [FlownBy(*flyer[:5], blocks={controller: ((first, stop),)}) for flyer in flyers]
+    return tuple(entry for entry in join_flyers([*updated, *added]) if any(entry.blocks.values()))
 
 
 def add_events(
-    parts: Iterable[Mapping[str, Mapping[str, int]] | None],
+    events_by_process: Iterable[Mapping[str, Mapping[str, int]] | None],
 ) -> dict[str, dict[str, int]] | None:
     """Return the sums of simulators' events by system; None without any."""
     sums = defaultdict[str, Counter[str]](Counter)
-    for part in parts:
-        for name, events in (part or {}).items():
+    for counts in events_by_process:
+        for name, events in (counts or {}).items():
             sums[name].update(events)
     return {name: dict(events) for name, events in sums.items()} or None
 
 
 def shift_flyers(entries: Iterable[FlownBy], flights: int) -> list[FlownBy]:
-    """The entries with so much higher numbers of flights."""
+    """Return the entries with all flight numbers increased by ``flights``."""
     return [
         replace(
             entry,
             blocks={
-                name: tuple((a + flights, b + flights) for a, b in part)
-                for name, part in entry.blocks.items()
+                name: tuple((a + flights, b + flights) for a, b in ranges)
+                for name, ranges in entry.blocks.items()
             },
         )
         for entry in entries
@@ -227,7 +235,7 @@ def shift_flyers(entries: Iterable[FlownBy], flights: int) -> list[FlownBy]:
 
 
 def join_flyers(entries: Iterable[FlownBy]) -> tuple[FlownBy, ...]:
-    """The entries of each process as one."""
+    """Return one entry per process."""
     joined: dict[tuple[str, str, str, str, str], dict[str, Ranges]] = {}
     for entry in entries:
         blocks = joined.setdefault(
@@ -235,11 +243,11 @@ def join_flyers(entries: Iterable[FlownBy]) -> tuple[FlownBy, ...]:
         )
         for controller, ranges in entry.blocks.items():
             blocks[controller] = _join((*blocks.get(controller, ()), *ranges))
-    return tuple(FlownBy(*who, blocks=blocks) for who, blocks in joined.items())
+    return tuple(FlownBy(*process, blocks=blocks) for process, blocks in joined.items())
 
 
 def _join(ranges: Ranges) -> Ranges:
-    """Ranges in order, those that touch as one."""
+    """Return the ranges in ascending order, with adjacent ones merged."""
     joined: list[tuple[int, int]] = []
     for first, stop in sorted(ranges):
         if joined and first <= joined[-1][1]:

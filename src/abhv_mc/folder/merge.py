@@ -1,4 +1,4 @@
-"""The shards of a campaign joined in one folder, once they are proven to be its parts; how any folders are joined."""
+"""Merge of a campaign's shards into one folder, and functions for merging any folders."""
 
 import shutil
 from collections.abc import Iterator, Sequence
@@ -30,87 +30,92 @@ from abhv_mc.folder.manifest import (
     read_manifest,
     write_manifest,
 )
-from abhv_mc.folder.plan_file import read_stored_parts
+from abhv_mc.folder.plan_file import read_stored_arrays
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.io.documents import InputError
 
 _SAME = ("source_hash", "inputs")
 
 
-def order_shards(parts: Sequence[Path]) -> list[CampaignFolder]:
-    """The shards in the order of their flights. Raises InputError where they are not all those of one campaign."""
-    folders = [CampaignFolder(part) for part in parts]
+def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
+    """Return the shards in the order of their flights.
+
+    Raise InputError if they are not all shards of one campaign.
+    """
+    folders = [CampaignFolder(path) for path in paths]
     manifests = [read_manifest(folder.manifest) for folder in folders]
     for folder, manifest in zip(folders, manifests, strict=True):
         if manifest.shard is None:
             raise InputError(
-                folder.root, "no shard of a campaign", "a folder flown with --shard i/n"
+                folder.root, "the folder is not a shard of a campaign", "a run with --shard i/n"
             )
         if not manifest.complete:
-            raise InputError(folder.root, f"a shard that is {manifest.state}", "a complete one")
-        if list(manifest.controllers) != list(
-            manifests[0].controllers
-        ):  # requirements bind the first
-            found = f"controllers in another order than in {folders[0].root}"
-            raise InputError(folder.root, found, "shards of one campaign file")
-        refuse_other(
-            folder, manifest, folders[0], manifests[0], _SAME, wish="shards of one campaign"
+            raise InputError(folder.root, f"the shard is {manifest.state}", "a complete shard")
+        # The order matters because requirements apply to the first controller by default.
+        if list(manifest.controllers) != list(manifests[0].controllers):
+            problem = f"the controllers have another order than in {folders[0].root}"
+            raise InputError(folder.root, problem, "shards of one campaign file")
+        require_same_entries(
+            folder, manifest, folders[0], manifests[0], _SAME, expected="shards of one campaign"
         )
-        _refuse_other_campaign(folder, manifest, folders[0], manifests[0])
+        _require_same_campaign(folder, manifest, folders[0], manifests[0])
     numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
         if number[1] != count or numbers.count(number) > 1:
-            found = f"shard {number[0]}/{number[1]}" + " a second time" * (number[1] == count)
-            raise InputError(folder.root, found, f"each shard of {count} once")
+            is_repeated = " is given twice" if number[1] == count else f" is not one of {count}"
+            problem = f"shard {number[0]}/{number[1]}{is_repeated}"
+            raise InputError(folder.root, problem, f"each of the {count} shards once")
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
-        raise InputError("merge", f"no shard {', '.join(missing)} of {count}", "all shards")
+        raise InputError("merge", f"shard {', '.join(missing)} of {count} is missing", "all shards")
     return [
         folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])
     ]
 
 
-def _refuse_other_campaign(
-    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, held: Manifest
+def _require_same_campaign(
+    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
 ) -> None:
-    """Raise InputError if a shard's rows depend on another campaign than the first one's."""
-    for each in (first, folder):
-        read_checked(each, [each.campaign])
-    ours, theirs = read_folder_inputs(first, held), read_folder_inputs(folder, manifest)
-    if ours.identity != theirs.identity:
-        changes = "; ".join(describe_changes(ours, theirs, extensible=False))
-        found = f"another campaign than in {first.root} ({changes})"
-        raise InputError(folder.root, found, "shards of one campaign")
+    """Raise InputError if a shard's campaign differs from the first one's."""
+    for shard in (first, folder):
+        read_checked(shard, [shard.campaign])
+    expected = read_folder_inputs(first, first_manifest)
+    inputs = read_folder_inputs(folder, manifest)
+    if expected.identity != inputs.identity:
+        changes = "; ".join(describe_changes(expected, inputs, extensible=False))
+        problem = f"the campaign differs from that in {first.root} ({changes})"
+        raise InputError(folder.root, problem, "shards of one campaign")
 
 
-def refuse_other_requirements(folders: Sequence[CampaignFolder]) -> None:
-    """Raise InputError if folders to join are judged by different requirements."""
-    first, *others = (read_folder_inputs(each, read_manifest(each.manifest)) for each in folders)
-    for folder, other in zip(folders[1:], others, strict=True):
-        if changes := [*describe_requirement_changes(first.data, other.data)]:
-            found = f"other requirements than in {folders[0].root} ({'; '.join(changes)})"
-            wish = "one set for all: --requirements FILE, such as the campaign.yaml of one folder"
-            raise InputError(folder.root, found, wish)
+def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
+    """Raise InputError if the folders to merge have different requirements."""
+    inputs = [read_folder_inputs(folder, read_manifest(folder.manifest)) for folder in folders]
+    for folder, further in zip(folders[1:], inputs[1:], strict=True):
+        if changes := [*describe_requirement_changes(inputs[0].data, further.data)]:
+            problem = f"the requirements differ from {folders[0].root} ({'; '.join(changes)})"
+            remedy = "one set for all: --requirements FILE, such as the campaign.yaml of one folder"
+            raise InputError(folder.root, problem, remedy)
 
 
 def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
-    """Copy complete shards, as :func:`order_shards` gave them, into ``out``: a folder that a run goes on with.
+    """Copy complete shards from :func:`order_shards` into ``out``, which a run then completes.
 
-    The manifest comes last: a copy that was interrupted is begun anew, one that is whole is left as it is. Raises
-    InputError, before anything is written, where the shards differ in plans or samples or are damaged (apart from
-    blocks of flights, which are flown again), and where ``out`` holds anything else.
+    The manifest is written last: an interrupted copy is started again, a complete one is kept.
+    Raise InputError, before any file is written, if the shards differ in plans or samples, if
+    they are damaged (except blocks of flights, which are run again), or if ``out`` has other
+    content.
     """
     first, target = shards[0], CampaignFolder(out)
     manifests = [read_manifest(shard.manifest) for shard in shards]
     digests = tuple(manifest.digest or "" for manifest in manifests)
-    if is_joined(target, digests):
+    if is_merged(target, digests):
         return
     damaged: set[Path] = set()
     for shard, manifest in zip(shards, manifests, strict=True):
-        for path, words in find_damage(shard, manifest):
+        for path, damage in find_damage(shard, manifest):
             if path.parent != shard.flights:
-                raise damage_error(path, words)
+                raise damage_error(path, damage)
             damaged.add(path)
         _check_content(first, shard, list(manifests[0].controllers))
     flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
@@ -118,7 +123,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
                      wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
                      repeatable=weakest(manifest.repeatable for manifest in manifests),
                      simulator_events=add_events(manifest.simulator_events for manifest in manifests))  # fmt: skip
-    with begin_joined(shards, target, [first.campaign, first.samples]) as files:
+    with begin_merged(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
@@ -127,14 +132,14 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
 
 
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
-    """Raises InputError where two shards do not have the same plans and the same samples, to the bit."""
-    refuse_other_plans(
-        first, other, controllers, "shards flown with the first one's plans (run --plans DIR)"
+    """Raise InputError if two shards have different plans or samples, bit by bit."""
+    require_same_plans(
+        first, other, controllers, "shards run with the plans of the first (run --plans DIR)"
     )
     readers = SampleReader(first.samples), SampleReader(other.samples)
     if not _same_samples(*readers):
         raise InputError(
-            other.root, f"other samples than in {first.root}", "shards of one campaign"
+            other.root, f"the samples differ from {first.root}", "shards of one campaign"
         )
 
 
@@ -146,59 +151,79 @@ def _same_samples(a: SampleReader, b: SampleReader) -> bool:
     return same and all(np.array_equal(a.rows(*piece), b.rows(*piece)) for piece in pieces)
 
 
-def refuse_other(
+def require_same_entries(
     folder: CampaignFolder,
     manifest: Manifest,
     first: CampaignFolder,
-    held: Manifest,
+    first_manifest: Manifest,
     keys: Sequence[str],
     *,
-    wish: str,
+    expected: str,
 ) -> None:
-    """Raises InputError where a manifest differs from that of the first folder in an entry of ``keys``."""
+    """Raise InputError if a manifest differs from the first folder's in an entry of ``keys``."""
     for key in keys:
-        if (this := getattr(manifest, key)) != (other := getattr(held, key)):
-            flown = f" ({this}, not {other})" if key == "source_hash" else ""
-            found = f"another {key.replace('_', ' ')}{flown} than in {first.root}"
-            raise InputError(folder.root, found, f"{wish}, flown by the same code")
+        if (own := getattr(manifest, key)) != (other := getattr(first_manifest, key)):
+            hashes = f" ({own}, not {other})" if key == "source_hash" else ""
+            problem = f"the {key.replace('_', ' ')} differs from {first.root}{hashes}"
+            raise InputError(folder.root, problem, f"{expected}, computed by the same code")
 
 
-def refuse_other_plans(
-    first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], wish: str
+def require_same_plans(
+    first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], expected: str
 ) -> None:
-    """Raises InputError where two folders do not have the same plans, to the bit; a user's simulator has none."""
+    """Raise InputError if the plans of two folders differ in a bit.
+
+    Plans of custom simulators are not stored.
+    """
     for name in controllers if first.plans.exists() else ():
-        ours, theirs = (read_stored_parts(folder.plan(name)) for folder in (first, other))
-        if {k: v.tobytes() for k, v in ours.items()} != {k: v.tobytes() for k, v in theirs.items()}:
-            found = f"another plan of '{name}' than in {first.root}: another machine computes other last bits"
-            raise InputError(other.root, found, wish)
+        plans = [
+            {key: value.tobytes() for key, value in read_stored_arrays(folder.plan(name)).items()}
+            for folder in (first, other)
+        ]
+        if plans[0] != plans[1]:
+            problem = (
+                f"the plan of '{name}' differs from that in {first.root}; "
+                "other machines round differently"
+            )
+            raise InputError(other.root, problem, expected)
 
 
-def is_joined(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
-    """Whether the folder holds what is joined of these already. Raises InputError where it holds anything else."""
+def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
+    """Return whether the folder already has the merge of these campaigns.
+
+    Raise InputError if it has other content.
+    """
     if not target.manifest.exists():
-        target.refuse_strange(fresh=True)
+        target.refuse_foreign_files(fresh=True)
         return False
     if read_manifest(target.manifest).merged_from != digests:
-        raise InputError(target.root, "a folder that is not empty", "a new or an empty one")
+        raise InputError(target.root, "the folder is not empty", "a new or an empty folder")
     return True
 
 
 @contextmanager
-def begin_joined(
-    parts: Sequence[CampaignFolder], target: CampaignFolder, also: Sequence[Path] = ()
+def begin_merged(
+    folders: Sequence[CampaignFolder], target: CampaignFolder, extra_files: Sequence[Path] = ()
 ) -> Iterator[FileHashes]:
-    """Lock the parts; empty the target, which the caller has locked, and give it the first part's inputs, plans,
-    nominal flights and ``also``."""
-    first = parts[0]
+    """Lock the folders, and start their merge in the target, which the caller has locked.
+
+    The target is emptied and receives the first folder's inputs, plans, nominal flights and
+    ``extra_files``.
+    """
+    first = folders[0]
     with ExitStack() as stack:
-        for folder in parts:
+        for folder in folders:
             stack.enter_context(hold_lock(folder.lock))
         target.clear()
         files = stack.enter_context(record_hashes(target, {}))
-        made = [path for path in (first.nominal, first.reference) if path.exists()]
-        made += sorted(first.requirements.glob("*.yaml"))
-        for path in (*also, *made, *first.input_files(), *sorted(first.plans.glob("*.npz"))):
+        results = [path for path in (first.nominal, first.reference) if path.exists()]
+        results += sorted(first.requirements.glob("*.yaml"))
+        for path in (
+            *extra_files,
+            *results,
+            *first.input_files(),
+            *sorted(first.plans.glob("*.npz")),
+        ):
             write_whole(target.root / path.relative_to(first.root), partial(_copy, path))
         yield files
 

@@ -1,4 +1,4 @@
-"""How a run gets its folder: locked; begun anew, or with all that it holds proven whole; perhaps grown."""
+"""Opening of a campaign's folder by a run: lock, check, create and extend it."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -16,7 +16,7 @@ from abhv_mc.interfaces import Plan
 
 @dataclass(frozen=True)
 class FlownFolder:
-    """A folder that holds flights to go on with; it stays locked, and every file that is written there is noted."""
+    """Locked folder with flights to resume from; ``files`` records every file written to it."""
 
     folder: CampaignFolder
     manifest: Manifest
@@ -24,22 +24,24 @@ class FlownFolder:
 
 
 def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownFolder | None:
-    """Lock a folder until ``stack`` closes and check its files; None if it holds nothing that a run can resume.
+    """Lock a folder until ``stack`` closes and check its files.
 
-    A damaged or missing block of flights is no error: its flights are run again. Raise InputError for any other
-    damaged file, if another process has the lock, and for a folder that holds something else.
+    Return None if the folder has no campaign that a run can resume. A damaged or missing block
+    of flights is not an error: its flights are run again. Raise InputError for any other
+    damaged file, if another process has the lock, and for a folder with other files.
     """
-    stack.enter_context(hold_lock(folder.lock))  # before the first look: another run may start
+    # The lock is taken before the folder is read because another run may start.
+    stack.enter_context(hold_lock(folder.lock))
     if not folder.manifest.exists():
-        folder.refuse_strange(fresh)
+        folder.refuse_foreign_files(fresh)
         return None
     if fresh:
         return None
     manifest = read_manifest(folder.manifest)
     files = stack.enter_context(record_hashes(folder, manifest.files))
     for path in files.paths():
-        if path.parent != folder.flights and (words := files.damage(path)):
-            raise damage_error(path, words)
+        if path.parent != folder.flights and (damage := files.damage(path)):
+            raise damage_error(path, damage)
     folder.sweep()
     return FlownFolder(folder, manifest, files)
 
@@ -47,9 +49,10 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
 def begin_folder(
     folder: CampaignFolder, inputs: FolderInputs, plans: Mapping[str, Plan], stack: ExitStack
 ) -> FileHashes:
-    """Delete a campaign from a folder that open_folder has locked, and write the inputs and plans of a new one.
+    """Delete the campaign of a locked folder, and write the inputs and plans of a new one.
 
-    The caller writes the manifest once everything it lists is there: until then nothing looks like a campaign.
+    The caller writes the manifest when all files that it lists exist; until then the folder is
+    not read as a campaign.
     """
     folder.clear()
     files = stack.enter_context(record_hashes(folder, {}))
@@ -60,7 +63,7 @@ def begin_folder(
 
 
 def _write_plans(folder: CampaignFolder, plans: Mapping[str, Plan]) -> None:
-    """The plans of a mission; those of flights with times of their own follow from the campaign file."""
+    """Write the plans of a mission; plans of custom simulators follow from the campaign file."""
     for name, plan in plans.items():
         if plan.timing is not None:
             write_plan(folder.plan(name), plan)
@@ -75,11 +78,11 @@ def grow_folder(
     *,
     longer: bool,
 ) -> Manifest:
-    """Make room for more flights (``longer``), for the controllers of ``plans``, or for another order of controllers;
-    the manifest from now on.
+    """Extend a campaign by flights (``longer``), controllers (of ``plans``) or a new order of them.
 
-    ``inputs`` are of the campaign that is asked for, ``merged`` and ``products`` those of the folder from now on. What
-    is about to be replaced is listed no more before it is: a run that goes on after a kill makes it anew.
+    ``inputs`` are those of the requested campaign, ``merged`` and ``products`` those of the
+    extended folder. Return the new manifest. A file that will be replaced is first removed from
+    the manifest's list, so that a run that resumes after a kill computes it again.
     """
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     inputs.write_copies(folder)

@@ -1,7 +1,7 @@
-"""Flight plans as .npz without pickle: the numbers of nested named tuples and dataclasses as named arrays.
+"""Flight plans as .npz files without pickle: nested records as named arrays.
 
-Compiled code follows a plan's index arrays without a look at their bounds. So no file holds them: they are rebuilt from
-the campaign's inputs, and what is read are floating-point numbers, of the shapes that belong to them.
+Index arrays are not stored but rebuilt from the campaign's inputs, because compiled code uses them
+without a check of their bounds. Only floating-point numbers of the expected shapes are read.
 """
 
 import dataclasses
@@ -19,14 +19,12 @@ from abhv_mc.folder.layout import write_bytes
 from abhv_mc.io.input_error import InputError
 
 T = TypeVar("T")
-WISH = (
-    "a copy of the plan as it was, or the campaign flown anew: another folder (-o DIR), or --fresh"
-)
-REBUILT = "effectiveness."  # follows from the vehicle
+REMEDY = "the original file, or a new run in another folder (-o DIR) or with --fresh"
+REBUILT = "effectiveness."  # computed from the vehicle
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    """Arrays and scalars of a nested record by dotted name."""
+    """Return the arrays and scalars of a nested record by dotted name."""
     if not _is_record(type(value)):
         return {prefix: np.asarray(value)}
     flat: dict[str, np.ndarray] = {}
@@ -36,17 +34,18 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 
 
 def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
-    """The record of type ``kind`` from what :func:`flatten` gave, with contiguous arrays.
+    """Return the record of type ``kind`` from the result of :func:`flatten`.
 
-    Raises KeyError for a missing part and ValueError for one that is no such number or array.
+    Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if one has the
+    wrong type.
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
-        parts = {
+        fields = {
             name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name)
             for name in _fields(kind)
         }
-        return kind(**parts)
+        return kind(**fields)
     value = flat[prefix]
     if kind in (bool, int, float, str):
         return kind(value.item())
@@ -57,19 +56,18 @@ def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
 
 
 def write_plan(path: Path, plan: Any) -> None:
-    """Store a plan's numbers and words."""
+    """Write the numbers and texts of a plan."""
     content = io.BytesIO()
-    with zipfile.ZipFile(
-        content, "w", zipfile.ZIP_DEFLATED, compresslevel=1
-    ) as archive:  # numpy's own takes thrice that
-        for name, value in stored_parts(plan).items():
+    # np.savez_compressed takes three times as long.
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, value in stored_arrays(plan).items():
             with archive.open(f"{name}.npy", "w") as member:
                 np.lib.format.write_array(member, value, allow_pickle=False)
     write_bytes(path, content.getvalue(), durable=True)
 
 
-def stored_parts(plan: FlightPlan) -> dict[str, np.ndarray]:
-    """What of a plan is stored: no array of whole numbers, and nothing that follows from the rest."""
+def stored_arrays(plan: FlightPlan) -> dict[str, np.ndarray]:
+    """Return the arrays of a plan to store: no integers, and none that are computed from others."""
     numbers = {
         name: value
         for name, value in flatten(plan).items()
@@ -78,15 +76,15 @@ def stored_parts(plan: FlightPlan) -> dict[str, np.ndarray]:
     return {name: value for name, value in numbers.items() if not name.startswith(REBUILT)}
 
 
-def read_stored_parts(path: Path) -> dict[str, np.ndarray]:
-    """What :func:`stored_parts` gave. Raises InputError."""
+def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Read the arrays of :func:`stored_arrays`. Raise InputError if missing or damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)
     except FileNotFoundError:
-        raise InputError(path, "no such file", WISH) from None
+        raise InputError(path, "no such file", REMEDY) from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, f"a damaged plan ({error})", WISH) from None
+        raise InputError(path, f"damaged plan ({error})", REMEDY) from None
 
 
 def _is_record(kind: Any) -> bool:
@@ -100,5 +98,5 @@ def _fields(kind: Any) -> tuple[str, ...]:
 
 
 def is_stored(field: "dataclasses.Field[Any]") -> bool:
-    """Return whether files of plans hold a field."""
+    """Return whether plan files contain a field."""
     return bool(field.metadata.get("stored", True))

@@ -1,8 +1,9 @@
-"""Products of a campaign's folder: files that follow from its inputs and its flights.
+"""Products of a campaign's folder: files that are computed from its inputs and its flights.
 
-Flights are evidence: a run adds to them and replaces none. A product is current if it is complete and has its key,
-which names everything that it depends on and that may change in a folder. Inputs, settings and code are the same for
-all of a folder and stand in no key; nor do workers, blocks and shards, on which nothing depends.
+Flights are evidence: a run adds flights and replaces none. A product is current if it is complete
+and has its key, which names all values that the product depends on and that may change in a folder.
+Keys contain neither inputs, settings and code, which are the same for the whole folder, nor
+workers, blocks and shards, on which no result depends.
 """
 
 import json
@@ -16,17 +17,17 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder
 
-KEY = "key"  # entry of a JSON file; of a Parquet file in its metadata
+KEY = "key"  # entry of a JSON file, or of a Parquet file's metadata
 
 
 class Product(NamedTuple):
-    """A file and its key."""
+    """File and its key."""
 
     path: Path
     key: str
 
     def is_current(self, files: FileHashes) -> bool:
-        """Return whether the file is complete and of this key, or of an older version, which wrote no keys."""
+        """Return whether the file is complete and has this key, or none (older versions)."""
         return files.knows(self.path) and _read_key(self.path) in (None, self.key)
 
 
@@ -39,7 +40,7 @@ def _read_key(path: Path) -> str | None:
 
 
 class Products:
-    """Products of a campaign of ``runs`` flights with each of its controllers; histories have keys of their own."""
+    """Products of a campaign of ``runs`` flights with each controller, without histories."""
 
     def __init__(self, folder: CampaignFolder, controllers: Iterable[str], runs: int) -> None:
         names = " ".join(sorted(controllers))
@@ -51,5 +52,7 @@ class Products:
         self.margins = Product(folder.margins, names)
 
     def forget_stale(self, files: FileHashes) -> None:
-        """Strike those that are not current off the list of files: a run that goes on after a kill makes them anew."""
-        files.forget(*(each.path for each in vars(self).values() if not each.is_current(files)))
+        """Remove stale products from the list of files; a resumed run computes them again."""
+        files.forget(
+            *(product.path for product in vars(self).values() if not product.is_current(files))
+        )

@@ -1,4 +1,4 @@
-"""The sets of requirements by which a folder's flights were judged, each a file that is never replaced."""
+"""Requirement sets by which a folder's flights were judged; their files are never replaced."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -19,17 +19,17 @@ from abhv_mc.folder.manifest import Manifest, RequirementSet, read_manifest, wri
 from abhv_mc.io.documents import read_document, write_document
 
 _HEAD = (
-    "Requirements by which the flights of this folder were judged; the next number replaced them."
+    "Requirements by which this folder's flights were judged, until the set with the next number."
 )
 
 
 @dataclass(frozen=True)
 class RequirementChange:
-    """Requirements that were changed after results had been seen."""
+    """Change of requirements after results had been seen."""
 
-    time: str  # empty if they are those of a report alone
+    time: str  # empty if only a report uses the changed requirements
     flights: int  # of each controller that had been run by then
-    words: tuple[str, ...]  # 'speed_error_max_mps: below 5 -> 3'
+    changes: tuple[str, ...]  # 'speed_error_max_mps: below 5 -> 3'
 
 
 def add_requirement_set(
@@ -38,12 +38,12 @@ def add_requirement_set(
     before: Mapping[str, Any],
     after: Mapping[str, Any],
 ) -> Manifest:
-    """Write the set of a changed campaign, and the first one if it stands in the campaign file alone.
+    """Write the requirements after a change, and those before if only the campaign file has them.
 
-    Return the manifest that names them.
+    Return the manifest that lists both.
     """
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    flights = max((each.flights_done for each in manifest.controllers.values()), default=0)
+    flights = max((count.flights_done for count in manifest.controllers.values()), default=0)
     sets = manifest.requirement_sets or (_write(folder, before, manifest.started, 0, 1),)
     added = _write(folder, after, now, flights, len(sets) + 1)
     return replace(manifest, requirement_sets=(*sets, added))
@@ -61,7 +61,7 @@ def _write(
 
 
 def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Judge a folder, which the caller has locked, by the requirements of another campaign from now on."""
+    """Replace the requirements of a folder, which the caller has locked, by those of a campaign."""
     manifest = read_manifest(folder.manifest)
     before = read_folder_inputs(folder, manifest)
     judged = before.judged_by(campaign.document.entries)
@@ -76,34 +76,42 @@ def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
 def mark_later_choices(
     folder: CampaignFolder, manifest: Manifest, campaign: Experiment, is_stored: bool = True
 ) -> tuple[Experiment, tuple[RequirementChange, ...]]:
-    """Return the campaign that knows which requirements were chosen after results, and all changes made after results.
+    """Return the campaign with its late requirements marked, and all late changes.
 
-    ``is_stored``: whether the campaign's requirements are the folder's, or those of a report alone.
+    Late means after results had been seen. ``is_stored`` tells whether the requirements are the
+    folder's; otherwise only a report uses them.
     """
     if is_stored and not manifest.requirement_sets:
         return campaign, ()
     now = campaign.document.entries
-    stored = [(each, _read(folder, each)) for each in manifest.requirement_sets] or [
-        (RequirementSet("", manifest.started, 0), _read_campaign(folder))
-    ]
+    stored = [
+        (stored_set, _read(folder, stored_set)) for stored_set in manifest.requirement_sets
+    ] or [(RequirementSet("", manifest.started, 0), _read_campaign(folder))]
     if not is_stored:
-        flights = max((each.flights_done for each in manifest.controllers.values()), default=0)
+        flights = max(
+            (stored_set.flights_done for stored_set in manifest.controllers.values()), default=0
+        )
         stored.append((RequirementSet("", "", flights), now))
-    blind = [entry for each, data in stored if not each.flights for entry in data["requirements"]]
+    blind = [
+        entry
+        for stored_set, data in stored
+        if not stored_set.flights
+        for entry in data["requirements"]
+    ]
     changes = tuple(_find_changes(stored))
     later = find_later_choices(blind, now.get("requirements") or [])
     return replace(campaign, later_choices=later), changes
 
 
 def _find_changes(stored: list[tuple[RequirementSet, Any]]) -> Iterator[RequirementChange]:
-    for (_, before), (each, after) in pairwise(stored):
-        words = tuple(describe_requirement_changes(before, after))
-        if each.flights and words:
-            yield RequirementChange(each.time or "", each.flights, words)
+    for (_, before), (changed, after) in pairwise(stored):
+        changes = tuple(describe_requirement_changes(before, after))
+        if changed.flights and changes:
+            yield RequirementChange(changed.time or "", changed.flights, changes)
 
 
-def _read(folder: CampaignFolder, each: RequirementSet) -> Any:
-    return read_document(folder.root / each.file).data
+def _read(folder: CampaignFolder, stored_set: RequirementSet) -> Any:
+    return read_document(folder.root / stored_set.file).data
 
 
 def _read_campaign(folder: CampaignFolder) -> Any:

@@ -1,4 +1,4 @@
-"""The samples of a campaign as Parquet: what is flown is what is stored here."""
+"""Samples of a campaign as a Parquet file, from which the simulated flights are read."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +14,7 @@ from abhv_mc.io.parquet_columns import column_values, number_column
 from abhv_mc.plant.parameters import OURS, Parameters
 
 POINT = "point"
-ROW_GROUP = 65536  # flights drawn, written and read at once
+ROW_GROUP = 65536  # flights drawn, written and read together
 
 
 def write_samples(
@@ -27,8 +27,11 @@ def write_samples(
     points: int = 1,
     table: Parameters = OURS,
 ) -> None:
-    """Write all samples; ``draw(first, stop)`` gives values ``[flight, parameter]``. Of several ``points`` of unknowns
-    each flight is at the next one, which a column says."""
+    """Write all samples; ``draw(first, stop)`` returns values ``[flight, parameter]``.
+
+    With several ``points`` of the unknown parameters, flight k is at point k modulo ``points``,
+    which is stored in a column.
+    """
     parameters = [table[name] for name in names]
     schema = pa.schema(
         [
@@ -57,7 +60,10 @@ def write_samples(
 
 
 class SampleReader:
-    """Rows of a samples file by flight number; holds two row groups in memory. Threads may share it."""
+    """Rows of a samples file by flight number.
+
+    Two row groups are kept in memory. Threads may share a reader.
+    """
 
     def __init__(self, path: Path) -> None:
         self._file = pq.ParquetFile(path, page_checksum_verification=True)
@@ -69,7 +75,7 @@ class SampleReader:
         self._lock = threading.Lock()
 
     def rows(self, first: int, stop: int) -> Floats:
-        """Values ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
+        """Return values ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
         pieces = []
         while first < stop:
             group = first // ROW_GROUP
@@ -79,13 +85,15 @@ class SampleReader:
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
 
     def _read(self, group: int) -> Floats:
-        with self._lock:  # blocks take off in one thread and land in another, perhaps a group apart
+        with self._lock:  # one thread starts blocks, another stores them, perhaps a group later
             if group not in self._groups:
                 table = self._file.read_row_group(group)
                 columns = [column_values(table[name]) for name in self.names]
                 values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
                 self._groups = {
-                    number: kept for number, kept in self._groups.items() if number == group - 1
+                    number: group_values
+                    for number, group_values in self._groups.items()
+                    if number == group - 1
                 }
                 self._groups[group] = values
             return self._groups[group]

@@ -12,7 +12,7 @@ from abhv_mc.io.input_error import InputError
 
 @dataclass(frozen=True)
 class Status:
-    """A campaign's folder: what its manifest says, who holds it, and its size in bytes."""
+    """Manifest of a campaign's folder, description of the lock's holder, and size in bytes."""
 
     folder: str
     manifest: Manifest
@@ -20,7 +20,7 @@ class Status:
     bytes: int
 
     def as_entries(self) -> dict[str, Any]:
-        """As JSON has it: the manifest's entries and these."""
+        """Return the entries of the manifest, the folder, the holder and the size, for JSON."""
         return self.manifest.as_entries() | {
             "folder": self.folder,
             "holder": self.holder,
@@ -31,11 +31,12 @@ class Status:
 def read_status(root: Path, store: Store, name: str = "") -> Status:
     """Return the status of the folder ``name`` of a store, whose manifest is in ``root``.
 
-    A campaign whose manifest says ``running`` while nobody holds its lock was killed: its state is ``interrupted``.
+    A campaign whose manifest says ``running`` while its lock is free was killed: its state is
+    ``interrupted``. Raise InputError if the folder is that of a search.
     """
     manifest = read_manifest(CampaignFolder(root).manifest)
     if manifest.search:
-        raise InputError(root, "the flights of a search", "the folder of a campaign")
+        raise InputError(root, "the folder is that of a search", "the folder of a campaign")
     holder, size = store.describe(name)
     if manifest.state == RUNNING and holder is None:
         manifest = replace(manifest, state=INTERRUPTED)

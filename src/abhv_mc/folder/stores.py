@@ -1,4 +1,4 @@
-"""Campaign folders by path or address: local folders, and the stores that packages register for addresses."""
+"""Campaign folders by path or address: local folders, and stores of packages for addresses."""
 
 import contextlib
 import os
@@ -15,9 +15,9 @@ from abhv_mc.io.input_error import InputError
 
 
 class LocalStore:
-    """Campaign folders on this machine, by the contract :class:`abhv_mc.interfaces.Store`.
+    """Campaign folders on this machine; implements :class:`abhv_mc.interfaces.Store`.
 
-    The command that writes takes the lock of the folder itself (:mod:`abhv_mc.folder.lock`).
+    The command that writes locks the folder itself (:mod:`abhv_mc.folder.lock`).
     """
 
     def __init__(self, path: Path) -> None:
@@ -34,29 +34,29 @@ class LocalStore:
         yield self.local
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return who writes to the folder ``name``, and its size in bytes."""
+        """Return a description of the process that writes to the folder, and its size in bytes."""
         root = self.local / name
         return lock_holder(CampaignFolder(root).lock), _size(root)
 
 
 def _size(root: Path) -> int:
-    """Bytes of all files; a run that goes on removes some meanwhile."""
+    """Return the size of all files in bytes; a run may delete some in the meantime."""
     size = 0
-    for place, _, names in os.walk(root):
+    for directory, _, names in os.walk(root):
         for name in names:
             with contextlib.suppress(OSError):
-                size += Path(place, name).lstat().st_size
+                size += Path(directory, name).lstat().st_size
     return size
 
 
 def open_store(path: Path) -> Store:
-    """Return the store of a path, or of an address by its scheme. Raises InputError."""
+    """Return the store of a path or an address. Raise InputError if its scheme is unknown."""
     address = read_address(path)
     if address is None:
         return LocalStore(path)
-    scheme, _, place = address.text.partition("://")
+    scheme, _, location = address.text.partition("://")
     if scheme == "file":
-        return LocalStore(Path(url2pathname(place)))
+        return LocalStore(Path(url2pathname(location)))
     entry = find_entry_points(STORES).get(scheme)
     if entry is None:
         raise InputError(

@@ -1,4 +1,4 @@
-"""A campaign's tables as CSV, and as SQL sees them: in a database that reaches nothing else."""
+"""Tables of a campaign as CSV files and as an SQL database without access to other files."""
 
 import contextlib
 import threading
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import pyarrow.parquet as pq
 
-from abhv_mc.folder.hashes import data_files, read_checked, unchanged
+from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes_after
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.csv_table import write_batches
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 T = TypeVar("T")
-_INTERRUPTS, _PAUSE = 300, 0.1  # and s between them: what duckdb may take to heed one
+_INTERRUPTS, _PAUSE = 300, 0.1  # attempts to interrupt duckdb, and s between them
 _CLOSED: dict[str, str | bool | int | float | list[str]] = {
     "enable_external_access": "false",
     "python_enable_replacements": "false",
@@ -30,7 +30,7 @@ _CLOSED: dict[str, str | bool | int | float | list[str]] = {
 
 
 def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Path]]:
-    """The files of every table that the folder holds."""
+    """Return the files of each table in the folder."""
     tables: dict[str, list[Path]] = {
         name: []
         for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")
@@ -43,14 +43,14 @@ def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Pa
 
 
 def export_csv(root: Path, out: Path) -> Iterator[Path]:
-    """Write ``<table>.csv`` of every table into ``out`` and yield its path; memory does not grow with the campaign.
+    """Write each table to ``out/<table>.csv`` and yield the path.
 
-    Raises InputError without a campaign, and where a run has changed it meanwhile: what is there then belongs together
-    no more.
+    Memory does not grow with the campaign. Raise InputError if there is no campaign, or if a run
+    has changed it in the meantime: the files written until then may not be consistent.
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
-    with unchanged(folder, manifest):
+    with refuse_changes_after(folder, manifest):
         for name, files in table_files(folder, manifest).items():
             path = out / f"{name}.csv"
             write_whole(path, partial(_write_csv, files))
@@ -64,24 +64,24 @@ def _write_csv(files: list[Path], path: Path) -> None:
 
 def _read_batches(files: list[Path]) -> "Iterator[pa.RecordBatch]":
     for file in files:
-        with pq.ParquetFile(file) as part:
-            yield from part.iter_batches()
+        with pq.ParquetFile(file) as table:
+            yield from table.iter_batches()
 
 
 @contextlib.contextmanager
 def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
-    """A database in memory with the campaign's tables. SQL can neither read nor write a file, nor load an extension.
+    """Open a database in memory with the campaign's tables.
 
-    Raises InputError where there is no campaign, or a file of it is damaged, and at its end where a run has changed the
-    folder meanwhile.
+    SQL statements cannot read or write files or load extensions. Raise InputError if there is no
+    campaign or a file is damaged, and on exit if a run has changed the folder in the meantime.
     """
     import duckdb
     from pyarrow import dataset
 
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
-    Path.cwd()  # where the working folder has been deleted this raises, and duckdb would end the process
-    with duckdb.connect(config=_CLOSED) as connection, unchanged(folder, manifest):
+    Path.cwd()  # raises if the working folder was deleted, with which duckdb ends the process
+    with duckdb.connect(config=_CLOSED) as connection, refuse_changes_after(folder, manifest):
         for name, files in table_files(folder, manifest).items():
             connection.register(
                 name, dataset.dataset([str(file) for file in files], format="parquet")
@@ -89,50 +89,43 @@ def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
         yield connection
 
 
-def ask(folder: Path, sql: str, take: "Callable[[DuckDBPyRelation], T]") -> T | None:
-    """What ``take`` makes of the answer; None for a statement without one. Ctrl-C is heeded. Raises InputError."""
+def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]") -> T | None:
+    """Return the converted result of an SQL statement; None if the statement has no result.
+
+    Ctrl-C interrupts the statement. Raise InputError if it fails.
+    """
     import duckdb
 
-    opened: list[DuckDBPyConnection] = []
+    connections: list[DuckDBPyConnection] = []
     ended = threading.Event()
 
     def answer() -> T | None:
         with open_database(folder) as database:
-            opened.append(database)
-            found = database.sql(sql)
-            return None if found is None else take(found)
+            connections.append(database)
+            relation = database.sql(sql)
+            return None if relation is None else convert(relation)
 
     def work() -> T | None:
         try:
             return answer()
-        finally:  # nothing of duckdb's is left to this thread: Python cannot end while it takes its objects down
+        finally:  # Python cannot exit while this thread destroys objects of duckdb
             ended.set()
 
     try:
-        return run_in_thread(
-            work
-        )  # in a thread of its own, as duckdb heeds no interrupt in the main one
+        return run_in_thread(work)  # duckdb cannot be interrupted in the main thread
     except KeyboardInterrupt:
-        for _ in range(_INTERRUPTS):  # until it heeds one, as it knows none of before it begins
-            for database in opened:
-                with contextlib.suppress(
-                    duckdb.Error
-                ):  # it may have ended and been closed this moment
+        for _ in range(_INTERRUPTS):  # duckdb ignores interrupts before the statement has started
+            for database in connections:
+                with contextlib.suppress(duckdb.Error):  # the connection may just have been closed
                     database.interrupt()
             if ended.wait(_PAUSE):
                 break
         raise
-    except (
-        duckdb.Error,
-        ArithmeticError,
-        ValueError,
-    ) as error:  # the last two: of values that Python cannot hold
-        words = str(error).partition("\nTraceback")[
-            0
-        ]  # duckdb adds one where Python lacks what a type needs
-        wish = "SQL that duckdb can answer"
+    # ArithmeticError and ValueError come from values that Python cannot represent.
+    except (duckdb.Error, ArithmeticError, ValueError) as error:
+        # duckdb adds a traceback if a Python package for a type is missing.
+        problem = str(error).partition("\nTraceback")[0]
+        expected = "a valid SQL statement of duckdb"
         if isinstance(error, duckdb.BinderException):
-            wish += (
-                '; a name with a dot is written in double quotes: select "aero.lift" from samples'
-            )
-        raise InputError("query", words, wish) from None
+            expected += '; quote names with a dot: select "aero.lift" from samples'
+        raise InputError("query", problem, expected) from None

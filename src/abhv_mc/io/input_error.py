@@ -20,9 +20,24 @@ _SYNONYMS = {
 
 
 class InputError(Exception):
-    """Bad input: source location, value found and value expected.
+    """Invalid input with its source location, the value found and the value expected.
 
     The command line prints it and exits with code 2.
+
+    Attributes
+    ----------
+    file, line, column
+        Source location; line and column are None if they are unknown.
+    found, expected
+        Value found and value expected.
+
+    Examples
+    --------
+    >>> try:
+    ...     abhv_mc.fly("level", dispersions={"aero.dragg": 1.1})
+    ... except abhv_mc.InputError as error:
+    ...     print(error)
+    dispersions: unknown parameter 'aero.dragg'; did you mean 'aero.drag'?
     """
 
     def __init__(
@@ -50,7 +65,17 @@ class InputError(Exception):
 class InputErrors(InputError):
     """All problems of one input, sorted by file and location.
 
-    The attributes are those of the first.
+    Attributes
+    ----------
+    errors
+        Each problem as an :class:`InputError`; the other attributes are those of the first.
+
+    Examples
+    --------
+    >>> try:
+    ...     abhv_mc.Campaign.make({"name": "study", "missing": "turn", "runs": 0})
+    ... except abhv_mc.InputErrors as problems:
+    ...     messages = [str(error) for error in problems.errors]
     """
 
     def __init__(self, errors: Sequence[InputError]) -> None:

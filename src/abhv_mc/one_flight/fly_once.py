@@ -68,25 +68,34 @@ def fly(
     Parameters
     ----------
     mission, vehicle, controller
-        A shipped name, a path, or a mapping: a file's content, or ``base`` and the entries that differ, nested ones by
-        dotted keys, as ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be a law's function.
+        Shipped name, path or mapping. A mapping is the content of a file, or ``base`` and the
+        entries that differ, nested ones by dotted keys, as in
+        ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be the function of a law.
     dispersions
-        Parameters of this flight (``abhv-mc list parameters`` lists them), the others nominal; a number is a factor or
-        SI, text has its unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. One without effect is an error.
+        Parameters of this flight that are not nominal (``abhv-mc list parameters`` lists them). A
+        number is a factor or in SI, a text has a unit, as in
+        ``{"aero.drag": "110 %", "wind.north": 12.0}``. A parameter without effect is an error.
     every
-        Control ticks from row to row.
+        Control ticks between rows.
 
     Returns
     -------
     pandas.DataFrame
-        ``time`` (s) and every recorded channel; fewer rows where the flight ends early. ``attrs`` hold ``units`` (of
-        the columns), ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and ``metric_units`` by name, and
-        ``warnings``.
+        ``time`` (s) and every recorded channel, up to the end of the flight. ``attrs`` has
+        ``units`` by column, ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and
+        ``metric_units`` by name, and ``warnings``.
 
     Raises
     ------
     InputError
         If an input is invalid.
+
+    Examples
+    --------
+    >>> flight = abhv_mc.fly("level", dispersions={"aero.drag": "110 %"}, every=100)
+    >>> flight.attrs["outcome"]
+    'ok'
+    >>> bank = flight["bank_deg"].abs().max()
     """
     import pandas as pd
 
@@ -116,7 +125,7 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     """
     import numpy as np
 
-    from abhv_mc.execution.probe_dispersions import differs
+    from abhv_mc.execution.dispersion_probes import differs
     from abhv_mc.flight.fly import fly
     from abhv_mc.flight.vehicle_parameters import vehicle_parameters
     from abhv_mc.kernel.plant.parameter_names import NEVER

@@ -119,7 +119,9 @@ def make_parameters(
         {} if dispersions is None else dispersions, "dispersions"
     ).items():
         if name not in table.dispersible:
-            raise InputError("dispersions", f"parameter '{name}'", one_of(table.dispersible, name))
+            raise InputError(
+                "dispersions", f"unknown parameter '{name}'", one_of(table.dispersible, name)
+            )
         try:
             dimension = dimension_of(table[name].unit)
             row[0, table.index[name]] = parse_quantity(value, dimension, dimension.unit)

@@ -48,7 +48,19 @@ class Place(NamedTuple):
 
 
 class StateSpace(NamedTuple):
-    """Linear system as tables with names; ``attrs["units"]`` holds the units by name."""
+    """Linear system as tables with names; ``attrs["units"]`` holds the units by name.
+
+    Attributes
+    ----------
+    A, B, C, D
+        Matrices [state, state], [state, input], [output, state] and [output, input].
+
+    Examples
+    --------
+    >>> plant = abhv_mc.linearize("level").plant
+    >>> list(plant.B.columns)
+    ['aileron', 'rudder', 'elevator', 'equivalence_ratio']
+    """
 
     A: "pd.DataFrame"  # [state, state]
     B: "pd.DataFrame"  # [state, input]
@@ -62,6 +74,31 @@ class LinearModel:
 
     ``control.ss(*model.loop, model.period_s)`` accepts each system. All but ``plant_continuous``
     are sampled: ``x+ = A x + B u``, ``y = C x + D u`` once a control period.
+
+    Attributes
+    ----------
+    plant_continuous
+        Path coordinates and actuators, from commands to path coordinates.
+    plant
+        The same under held commands.
+    law
+        Controller, from measurements to commands.
+    loop
+        All loops cut at the actuators, from actuator inputs to minus the commands.
+    closed
+        Closed loop, from disturbances of the commands to path coordinates and commands.
+    period_s, measurement_delay_periods
+        Control period, s, and delay of the measurements.
+    point
+        States at the point.
+    warnings
+        Remarks, such as a table's node near the point.
+
+    Examples
+    --------
+    >>> model = abhv_mc.linearize("level")
+    >>> model.plant.A.shape, model.measurement_delay_periods
+    ((18, 18), 0)
     """
 
     plant_continuous: (
@@ -182,7 +219,8 @@ def linearize(
     mission, vehicle, controller, dispersions
         See :func:`abhv_mc.fly`; custom controllers are run.
     at
-        ``trim``, the trim of the true plant at the mission's start, or a time of the flight (s, or text with a unit).
+        ``trim``, the trim of the true plant at the mission's start, or a time of the flight (s, or
+        text with a unit).
     bank
         Bank of the steady turn to trim for (rad, or text with a unit).
 
@@ -197,6 +235,12 @@ def linearize(
     ------
     InputError
         If an input is invalid or the point does not exist.
+
+    Examples
+    --------
+    >>> loop = abhv_mc.linearize("level", "abhv", "tlc", at="30 s").loop
+    >>> loop.C.shape[0]
+    4
     """
     import pandas as pd
 
@@ -233,21 +277,28 @@ def margins(
     Parameters
     ----------
     mission, vehicle, controller, at, bank, dispersions
-        As of :func:`linearize`.
+        See :func:`abhv_mc.linearize`.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each loop (``aileron``, ``rudder``, ``elevator``, ``equivalence_ratio``), broken at its actuator with
-        the others closed, and the row ``all`` for all inputs at once, which alone has the disk margin. A margin that
-        nothing ends is infinite; all are not-a-number where the closed loop is unstable, and those of a loop that is
-        not there: ``attrs["reasons"]`` says why (``stuck``, or ``no effect``). ``attrs`` hold also ``units`` of the
-        columns, ``stable``, the ``poles`` of the closed loop (1/s, fastest growing first) and ``warnings``.
+        One row for each loop (``aileron``, ``rudder``, ``elevator``, ``equivalence_ratio``), broken
+        at its actuator with the others closed, and the row ``all`` for a simultaneous perturbation
+        of all loops, which has the disk margin. Unlimited margins are infinite. Margins are NaN if
+        the closed loop is unstable or the loop does not exist; ``attrs["reasons"]`` is then
+        ``stuck`` or ``no effect``. ``attrs`` also has ``units`` by column, ``stable``, the
+        ``poles`` of the closed loop (1/s, fastest growing first) and ``warnings``.
 
     Raises
     ------
     InputError
-        As of :func:`linearize`.
+        See :func:`abhv_mc.linearize`.
+
+    Examples
+    --------
+    >>> table = abhv_mc.margins("level", "abhv", "tlc", at="trim")
+    >>> bool(table["gain_margin_high_db"].min() > 6.0)
+    True
     """
     import pandas as pd
 
@@ -284,9 +335,9 @@ def fly_on(
     Parameters
     ----------
     mission, vehicle, controller, dispersions
-        As of :func:`abhv_mc.fly`.
+        See :func:`abhv_mc.fly`.
     at
-        The time (s, or text with a unit).
+        Time of the disturbance (s, or text with a unit).
     disturbance
         Increments of states of ``linearize(...).closed``, by name, SI and radians.
     duration
@@ -295,12 +346,18 @@ def fly_on(
     Returns
     -------
     pandas.DataFrame
-        Those states as columns (old measurements left out), in double precision, with the time as its index.
+        States without delayed measurements, in double precision, one column each, indexed by time.
 
     Raises
     ------
     InputError
-        As of :func:`linearize`.
+        See :func:`abhv_mc.linearize`.
+
+    Examples
+    --------
+    >>> states = abhv_mc.fly_on("level", at="10 s", disturbance={"bank": 0.01}, duration="0.5 s")
+    >>> states.index.name
+    'time'
     """
     import numpy as np
     import pandas as pd

@@ -80,24 +80,33 @@ def trim(
     bank
         One angle or several.
     mass
-        Default: mass at the start.
+        Mass; by default that at the start.
     rotating
         Whether the Earth rotates.
 
     Returns
     -------
     pandas.DataFrame
-        One row a bank angle, indexed by ``bank_deg``; ``attrs`` have the ``units`` by column, ``mass_kg`` and
-        ``warnings``, which say what is implausible about the vehicle. ``trimmed`` is False where the
-        vehicle's limits allow no balance, and ``fault`` says why. The static margin is that of the air alone, about
-        the centre of gravity, the elevator fixed. Frequencies, dampings, times to double (infinite if the motion
-        decays) and control powers (angular acceleration per deflection) are those of small motions of the attitude
-        with fixed controls, speed and flight path. A mode that does not exist is not-a-number.
+        One row for each bank angle, indexed by ``bank_deg``. ``attrs`` has ``units`` by column,
+        ``mass_kg`` and ``warnings`` about implausible properties of the vehicle. ``trimmed`` is
+        False if the vehicle's limits allow no balance, and ``fault`` is the reason. The static
+        margin is aerodynamic, about the centre of gravity with fixed elevator. Frequencies,
+        dampings, times to double (infinite if the motion decays) and control powers (angular
+        acceleration per deflection) belong to small motions of the attitude with fixed controls,
+        speed and flight path. Values of modes that do not exist are NaN.
 
     Raises
     ------
     InputError
         If an input is invalid.
+
+    Examples
+    --------
+    >>> table = abhv_mc.trim("abhv", bank=["0 deg", "50 deg"])
+    >>> table["trimmed"].tolist()
+    [True, True]
+    >>> bool(table["angle_of_attack_deg"].is_monotonic_increasing)
+    True
     """
     import pandas as pd
 

@@ -1,5 +1,6 @@
-"""A campaign's report: numbers, figures, page."""
+"""Reports: numbers, figures and pages of campaigns, searches and comparisons."""
 
 from abhv_mc.kernel.cache import cache_root
 
-cache_root()  # before matplotlib is imported, which keeps files there if there is no home folder
+# Before matplotlib is imported, which writes its files there if there is no home folder.
+cache_root()

@@ -21,9 +21,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
+from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
-from abhv_mc.execution.probe_dispersions import fly_probes
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.folder.flights import (
@@ -34,7 +34,7 @@ from abhv_mc.folder.flights import (
     flights_schema,
     write_block,
 )
-from abhv_mc.folder.flown_blocks import read_own_block
+from abhv_mc.folder.flown_blocks import read_campaign_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import (
@@ -195,7 +195,7 @@ class SearchFlights:
         """Return the stored block of these samples; None if missing or not all were computed."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
-            ((rows, _),) = read_own_block(path, self.space.columns, self.files)
+            ((rows, _),) = read_campaign_block(path, self.space.columns, self.files)
             same = rows.columns == self.columns and np.array_equal(rows.samples, samples)
             if same and not not_computed(rows).any():
                 return rows
@@ -208,7 +208,7 @@ class SearchFlights:
             self.controller,
             samples,
             None,
-            self.executor.fly_side_by_side,
+            self.executor.fly_parallel,
             margins=self.margins,
         )
         outcome = self.campaign.outcomes.of(flown.outcome)

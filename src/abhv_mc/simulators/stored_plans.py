@@ -16,7 +16,7 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.plan_file import WISH, flatten, is_stored, read_stored_parts, rebuild
+from abhv_mc.folder.plan_file import REMEDY, flatten, is_stored, read_stored_arrays, rebuild
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import one_of
 from abhv_mc.io.input_error import InputError
@@ -44,9 +44,9 @@ def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
     Raise InputError if it is missing, damaged, or of another vehicle.
     """
     try:
-        return _rebuild_plan(read_stored_parts(path), vehicle)
+        return _rebuild_plan(read_stored_arrays(path), vehicle)
     except (KeyError, ValueError, TypeError) as error:
-        raise InputError(path, f"a damaged plan ({error})", WISH) from None
+        raise InputError(path, f"a damaged plan ({error})", REMEDY) from None
 
 
 def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan:
@@ -145,7 +145,7 @@ def _take(sources: Iterable[UserSource], folder: Path, digest: str, trusted: boo
         if source.hash == digest:
             check_trusted(source, trusted)
             return with_library(source)
-    raise InputError(folder, "no copy of the code that was flown", WISH)
+    raise InputError(folder, "no copy of the code that was flown", REMEDY)
 
 
 def code_of(plan: FlightPlan) -> Code:

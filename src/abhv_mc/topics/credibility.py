@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 
+from abhv_mc.topics.formatting import count_of, fixed, joined, percent
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
-from abhv_mc.topics.words import count_of, fixed, joined, percent
 
 _TEXT = (
-    "The factors of credibility of NASA-STD-7009. The middle column is what this folder shows; the evidence and the "
-    "assessment of everything else are the user's, in the empty column."
+    "Credibility factors of NASA-STD-7009. The middle column is the evidence in this folder; the empty column is for "
+    "the user's assessment and further evidence."
 )
 
 
@@ -18,7 +18,7 @@ def credibility_fold(names: Names) -> Fold:
         (Cell(name, head=True), Cell(evidence), Cell("")) for name, evidence in _factors(names)
     )
     title = "Credibility (NASA-STD-7009)"
-    heads = ("Factor", "Shown by this folder", "Assessment")
+    heads = ("Factor", "Evidence in this folder", "Assessment")
     return Fold(title, (Text(_TEXT), Table(title, heads, (rows,), numbers=False)))
 
 
@@ -50,7 +50,7 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     risks = sorted({item.consumer_risk for item in required})
     if required and campaign.judged:
         risk = joined([percent(risk, 2) for risk in risks])
-        sampled += f"; verdicts at a consumer's risk of {risk}, valid at any number of looks"
+        sampled += f"; verdicts at a consumer's risk of {risk}, valid for repeated checks"
     yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
     yield (
         "Results robustness",

@@ -18,11 +18,11 @@ from abhv_mc.statistics.failure_rules import (
     find_rules,
     rule_mask,
 )
+from abhv_mc.topics.formatting import count_of, fixed, joined, percent, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import count_of, fixed, joined, percent, shown_value, spoken_name
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _difference_words(
     return f"{description} (e.g. {example})" if example else description
 
 
-TITLE = "Why flights fail"
+TITLE = "Failure analysis"
 _LISTED = 2  # rules of a kind
 
 
@@ -200,15 +200,15 @@ def failure_section(failures: Failures, names: Names) -> Section:
     if failures.map is None:
         return _rules_section(failures, names)
     text = Text(
-        "At most three of a flight's own dispersions with which it still fails while all others are nominal, none of "
-        "which can be left out. A flight of several such sets is counted with the set that explains most. Values: "
-        "median (least to largest). Each again: "
+        "Smallest sets, of at most three dispersions, with which a flight still fails while all others are nominal. A "
+        "flight with several sets is counted with the set that explains most flights. Values: median (smallest to "
+        "largest). Re-run a flight with "
         + ", ".join(
             f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
             for name in failures.map
         )
     )
-    items = Heading("What each failed flight takes to fail"), text, map_table(failures.map, names)
+    items = Heading("Dispersions that cause the failures"), text, map_table(failures.map, names)
     return Section(TITLE, items)
 
 
@@ -217,10 +217,10 @@ def map_table(failure_maps: Mapping[str, ControllerFailures], names: Names) -> T
     heads = (
         names.campaign.kind.capitalize(),
         "Failed",
-        "Still fails with",
+        "Dispersions",
         "Values",
         "Flights",
-        "One of them",
+        "Example",
     )
     groups = tuple(
         _map_group(name, failure_map, names)
@@ -276,12 +276,12 @@ def _rest(failure_map: ControllerFailures) -> str:
     An example is '3 of 50 not explained by a set that was tried'.
     """
     total = failure_map.looked_at
-    tried = " by a set that was tried" if failure_map.unexplained else ""
+    tried = " by any tested set" if failure_map.unexplained else ""
     clauses = [f"{len(failure_map.unexplained)} of {total} not explained{tried}"]
     if failure_map.nominal:
-        clauses.append(f"{len(failure_map.nominal)} fail with nothing dispersed")
+        clauses.append(f"{len(failure_map.nominal)} fail without dispersions")
     if failure_map.failed > total:
-        clauses.append(f"the {total} worst of {failure_map.failed} failed flights were looked at")
+        clauses.append(f"the {total} worst of {failure_map.failed} failed flights were analysed")
     return "; ".join(clauses)
 
 
@@ -298,12 +298,12 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     if not items:
         return Section(TITLE, (Text("No flight failed."),))
     command = (
-        f"`abhv-mc explain {names.folder} --all` finds for the failed flights the smallest sets of dispersions with "
-        "which they still fail; this page then shows them."
+        f"`abhv-mc explain {names.folder} --all` finds the smallest sets of dispersions with which the flights still "
+        "fail; this page then shows them."
     )
     rate = percent(failures.false_discovery_rate, 1)
     note = (
-        f"Rules of one parameter or two at deciles of the samples, tested exactly, at a "
+        f"Rules have one or two parameters with thresholds at deciles of the samples, and pass an exact test at a "
         f"false-discovery rate of {rate}"
     )
     return Section(
@@ -320,8 +320,8 @@ def _sentence(kind: FailureKind, fewest: int) -> str:
         return f"{head}: {'; '.join(rule.rule for rule in kind.rules[:_LISTED])}"
     if kind.failures == kind.flights:
         return f"{head}: every flight."
-    few = " (too few to tell)" if kind.failures < fewest else ""
-    return f"{head}: no region holds more of them than chance explains{few}."
+    few = " (too few flights)" if kind.failures < fewest else ""
+    return f"{head}: no significant rule{few}."
 
 
 FAILURES = Topic("failures", Failures, compute_failures, failure_section)

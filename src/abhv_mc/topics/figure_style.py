@@ -1,7 +1,7 @@
 """Common style of figures: sizes, colours for colour-blind readers, small files.
 
-The background is transparent; ink and colours have a contrast of at least 3 on white and on a dark
-page.
+The background is transparent. Colours have a contrast of at least 3 on white, text of at least 12.
+Dark pages invert the lightness of figures (``style.css``), with the same contrasts or better.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
-INK = "#666666"
+INK = "#222222"
 PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # behind the number of a tick, as in the text
 GRID = "#80808050"
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.credibility import credibility_fold
+from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.names import Names, full_labels
 from abhv_mc.topics.section import Cell, Fold, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import significant
 
 
 @dataclass(frozen=True)
@@ -74,27 +74,26 @@ def _words(value: object) -> str:
 
 
 def _section(_found: Provenance, names: Names) -> Section:
-    title, again, manifest = "Where the numbers come from", "", names.results.manifest
+    rerun, manifest = "", names.results.manifest
     if names.campaign.can_rerun:
-        title = "How to fly it again"
-        again = f"To fly it again: `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; "
-        again += "the digest below must come out the same. "
+        rerun = f"Reproduce this campaign with `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; "
+        rerun += "the digest must match. "
     text = (
-        f"{again}To make this page again: `abhv-mc report {names.folder}`. "
-        f"To check every number on it against the data: `abhv-mc verify campaign {names.folder}`. `report.json` beside "
-        "this page holds every number unrounded, and the SHA-256 of every file that it was made from."
+        f"{rerun}Remake this page with `abhv-mc report {names.folder}`. "
+        f"Check its numbers against the data with `abhv-mc verify campaign {names.folder}`. `report.json` next to "
+        "this page has every number unrounded and the SHA-256 of every source file."
     )
     manifest_rows = tuple(
         (Cell(key, head=True), Cell(value)) for key, value in _rows(manifest.as_entries())
     )
     return Section(
-        title,
+        "Reproducibility",
         (
             Text(text),
             credibility_fold(names),
             Fold(
                 "Provenance",
-                (Table("Provenance", ("What", "Value"), (manifest_rows,), numbers=False),),
+                (Table("Provenance", ("Item", "Value"), (manifest_rows,), numbers=False),),
             ),
         ),
     )

@@ -9,7 +9,7 @@ from math import isfinite
 from typing import TypeAlias
 
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.words import bounds, estimate
+from abhv_mc.topics.formatting import bounds, estimate
 
 _IDLE = {"", "0", "\N{EM DASH}"}
 
@@ -87,7 +87,7 @@ class Table:
             for column, text in constant.items()
             if text not in _IDLE
         ]
-        caption = f"{self.caption or self.title}. Of all rows: {'; '.join(constants)}"
+        caption = f"{self.caption or self.title}. In all rows: {'; '.join(constants)}"
         return replace(
             self,
             heads=tuple(head for column, head in enumerate(self.heads) if column not in constant),

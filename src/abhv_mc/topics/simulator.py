@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
-from abhv_mc.topics.words import fixed
 
 _SHOWN = 20  # reasons per system
 _NO_REASON = "no reason is stored"
 _EVENTS = {
-    "restarts": "process started anew after a crash, a time-out or an answer that is none",
-    "surplus": "output that answers no request",
-    "repeated": "flight computed again, as its answer could belong to another one",
+    "restarts": "process restarted after a crash, a time-out or an invalid answer",
+    "surplus": "output without a request",
+    "repeated": "flight re-run, because its answer could belong to another one",
 }
 _PREFIX = "inputs/simulator/"
 
@@ -88,20 +88,22 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
             for name, events in facts.events.items()
             for event, count in events.items()
         )
-        columns = (names.campaign.kind.capitalize(), "Event", "How often")
-        items.append(Table("Events of its processes", columns, (rows,), numbers=False))
+        columns = (names.campaign.kind.capitalize(), "Event", "Count")
+        items.append(Table("Events of the simulator's processes", columns, (rows,), numbers=False))
     if facts.notes:
         items.append(Bullets(tuple(f"{note[:1].upper()}{note[1:]}." for note in facts.notes)))
     if facts.files:
         items.append(
-            Text(f"It consists of these files, whose hashes are stored: {', '.join(facts.files)}.")
+            Text(
+                f"The simulator consists of these files, with stored hashes: {', '.join(facts.files)}."
+            )
         )
     if facts.reasons:
         groups = tuple(
             tuple(_row(names.label(name), reason) for reason in reasons[:_SHOWN])
             for name, reasons in facts.reasons.items()
         )
-        heads = (names.campaign.kind.capitalize(), "Reason", "Flights", "First of them")
+        heads = (names.campaign.kind.capitalize(), "Reason", "Flights", "First flight")
         title = "Flights that failed to run, by reason"
         items.append(Table(title, heads, groups, numbers=False))
     return Section("Simulator", tuple(items)) if items else None

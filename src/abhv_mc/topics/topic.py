@@ -39,7 +39,7 @@ class Topic(Generic[M]):
     """Topic whose ``compute`` makes a model, a frozen dataclass of numbers.
 
     Sections, sentences and figures are made from the model alone. A field with ``metadata={DRAWN:
-    True}`` (:mod:`abhv_mc.topics.plain`) serves figures only and is not in JSON.
+    True}`` (:mod:`abhv_mc.topics.json_data`) serves figures only and is not in JSON.
     """
 
     name: str  # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results

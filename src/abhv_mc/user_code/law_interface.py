@@ -61,6 +61,9 @@ class Measured(NamedTuple):
 
 
 Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
+Reference.__doc__ = (
+    """Reference of the mission and its nominal controls at a tick, SI and radians."""
+)
 
 
 class Moment(NamedTuple):
@@ -190,10 +193,10 @@ class Thrust(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The motion that custom dynamics are given, body axes.
+    """Motion of the vehicle as an argument of custom dynamics, in body axes.
 
-    Accelerations are those of all other forces at this moment: aerodynamics, thrust and, but for the angular ones,
-    gravity. What a part feels that is carried along is ``acceleration`` minus ``gravity``.
+    Accelerations are due to all other forces at this time: aerodynamics, thrust and, except for
+    the angular ones, gravity. The specific force is ``acceleration`` minus ``gravity``.
     """
 
     u: float  # m/s, velocity relative to the Earth
@@ -218,9 +221,9 @@ class Motion(NamedTuple):
     gravity_z: float
 
 
-# What sensors feel of custom states: additions to the measured quantities, in their units.
 _N_MEASURED = len(Measured._fields)
 Sensed: Any = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0.0]])  # type: ignore[misc]
+Sensed.__doc__ = """Effect of custom states on sensors, added to the measurements in their units."""
 
 
 class Effect(NamedTuple):
@@ -235,8 +238,8 @@ class Effect(NamedTuple):
     sensed: Any = Sensed()
 
 
-# What a filter gives a law of the program in place of the measurement; what is left out stays as it is measured.
 Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED * [NOT_GIVEN]])  # type: ignore[misc]
+Filtered.__doc__ = """Result of a measurement filter; omitted fields keep the measured values."""
 FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
 # Arguments that a law may name, and the rest, which its file defines.

@@ -32,10 +32,21 @@ class LookUp:
 
 
 class Table(LookUp):
-    """Table on any number of grids: ``table(grid_0, grid_1, ..., values)``.
+    """Linear interpolation on any number of grids: ``table(grid_0, grid_1, ..., values)``.
 
-    ``extrapolate`` names the ends beyond which it extrapolates linearly: ``neither`` (default:
-    constant), ``min``, ``max`` or ``both``, for all grids or each.
+    Parameters
+    ----------
+    arrays
+        Ascending grids, and values [grid, grid, ...].
+    extrapolate
+        Ends beyond which the table is linear instead of constant: ``neither``, ``min``, ``max`` or
+        ``both``, for all grids or for each.
+
+    Examples
+    --------
+    >>> lift = table([0.0, 10.0], [0.0, 5.0])
+    >>> lift(4.0), lift(20.0)
+    (2.0, 5.0)
     """
 
     def __init__(self, *arrays: ArrayLike, extrapolate: str | Sequence[str] = "neither") -> None:
@@ -144,11 +155,23 @@ def _make_nd(table: Table) -> Any:
 
 
 class Scattered(LookUp):
-    """Values at scattered points: ``scattered(points, values)``.
+    """Linear interpolation of values at scattered points: ``scattered(points, values)``.
 
-    ``points`` are [point, axis] and ``values`` [point]. The look-up is linear in the simplices of
-    the Delaunay triangulation. Outside the hull the nearest simplex is used with its negative
-    coordinates set to zero.
+    The look-up is linear in the simplices of the Delaunay triangulation. Outside the hull the
+    nearest simplex is used with its negative coordinates set to zero.
+
+    Parameters
+    ----------
+    points
+        Coordinates [point, axis].
+    values
+        Values [point].
+
+    Examples
+    --------
+    >>> lift = scattered([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [0.0, 1.0, 2.0])
+    >>> lift(0.25, 0.25)
+    0.75
     """
 
     def __init__(self, points: ArrayLike, values: ArrayLike) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from abhv_mc.cli.options import Json
-from abhv_mc.cli.printing import announce_compiling, answer, say
+from abhv_mc.cli.printing import announce_compiling, say, show_result
 
 
 def bench(
@@ -28,7 +28,7 @@ def bench(
     say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
     figures |= measure_start(min(repetitions, 5))
     operations = read_operations()
-    answer(figures, json, lambda: _print_figures(figures, operations))
+    show_result(figures, json, lambda: _print_figures(figures, operations))
 
 
 def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, float]]) -> None:

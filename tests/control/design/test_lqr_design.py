@@ -15,6 +15,7 @@ from abhv_mc.control.design.lqr_design import (
     make_lqr_models,
     make_models,
     make_nominal,
+    regulator,
 )
 from abhv_mc.kernel.laws.columns import LQR_ELEVATOR, LQR_GAINS, LQR_GUIDANCE, LQR_LATERAL
 
@@ -67,6 +68,19 @@ def test_gains_satisfy_their_riccati_equations(
         assert poles.real.max() < 0.0
         theirs, _, _ = control.lqr(A, unit * B, Q, R, method="scipy")
         np.testing.assert_allclose(theirs, K, rtol=1e-8, atol=1e-10 * np.abs(K).max())
+
+
+def test_stacked_regulators_solve_equations_that_eigenvectors_do_not():
+    """A chain of integrators with equal closed-loop poles (1, 2, 1) has dependent eigenvectors."""
+    chain, push = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    A, B = np.array([chain, chain - np.eye(2), 3.0 * chain]), np.array([push, push, 2.0 * push])
+    Q, R = np.diag([1.0, 2.0]), np.eye(1)
+    gains = regulator(A, B, Q, R)
+    np.testing.assert_allclose(gains[0], [[1.0, 2.0]], rtol=1e-7)
+    for K, a, b in zip(gains, A, B, strict=True):
+        np.testing.assert_allclose(K, control.lqr(a, b, Q, R, method="scipy")[0], rtol=1e-7)
+    with pytest.raises(np.linalg.LinAlgError):
+        regulator(np.array([np.eye(2)]), np.zeros((1, 2, 1)), Q, R)
 
 
 def test_gains_are_not_interpolated_across_a_step(

@@ -1,4 +1,4 @@
-"""The judgement on a campaign: both answers and what would help; and what can be shown before it flies."""
+"""Assessment of a campaign with its next step, and chances of PASS of a planned campaign."""
 
 from dataclasses import replace
 
@@ -11,12 +11,17 @@ from scipy.stats import binom
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.judged import read_judgement
-from abhv_mc.report.numbers.judgement import ALONE, NO_DIFFERENCE, flights_jointly, judge_campaign
-from abhv_mc.report.numbers.planned import plan_campaign
+from abhv_mc.report.numbers.judgement import (
+    ALONE,
+    NO_DIFFERENCE,
+    flights_for_joint_verdicts,
+    judge_campaign,
+)
+from abhv_mc.report.numbers.judgement_record import read_judgement
+from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import judge
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
@@ -34,23 +39,23 @@ def judged(folder, requirements, **keys):
     [
         (1e6, 0.5, "yes", ""),
         (1e6, 0.98, "not shown", "--runs"),
-        (1e6, 0.999999, "not shown", ""),  # would take more than ten times the flights
+        (1e6, 0.999999, "not shown", ""),  # more than ten times the flights are needed
         (1e-9, 0.9, "no", "explain DIR --all"),
     ],
 )
 def test_what_is_met_and_what_would_help(tmp_path, limit, probability, met, command):
-    found, _ = judged(tmp_path / "c", [REQUIRED.format(limit=limit, probability=probability)])
-    assert found.met == met
-    assert command in found.next.command
-    assert (found.next.command == "") == (command == "")
+    judgement, _ = judged(tmp_path / "c", [REQUIRED.format(limit=limit, probability=probability)])
+    assert judgement.met == met
+    assert command in judgement.next.command
+    assert (judgement.next.command == "") == (command == "")
 
 
 def test_the_stored_judgement_is_the_same(tmp_path):
     folder = tmp_path / "c"
-    found, _ = judged(folder, [REQUIRED.format(limit=1e6, probability=0.99)])
+    judgement, _ = judged(folder, [REQUIRED.format(limit=1e6, probability=0.99)])
     build_page(folder)
     manifest = read_flown(folder).manifest
-    assert read_judgement(folder, manifest) == found
+    assert read_judgement(folder, manifest) == judgement
     assert (
         read_judgement(folder, replace(manifest, digest="another"))
         is read_judgement(tmp_path, manifest)
@@ -62,21 +67,21 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
     _, models = judged(tmp_path / "c", [REQUIRED.format(limit=1e6, probability=0.95)], runs=60)
     verdicts = models[VERDICTS]
     assert verdicts.held_together.dropped
-    flights = flights_jointly(verdicts)
+    flights = flights_for_joint_verdicts(verdicts)
     for runs, stand in ((flights, True), (flights - 1, False)):
-        held = hold_family(
+        verdicts_after = hold_family(
             [judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk
         )
-        assert all(each.status == "PASS" for each in held) is stand
+        assert all(verdict.status == "PASS" for verdict in verdicts_after) is stand
 
 
 def test_lost_flights_lead_what_is_better(tmp_path):
     requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
-    found, _ = judged(tmp_path / "c", requirements, failing=20)
+    judgement, _ = judged(tmp_path / "c", requirements, failing=20)
     assert (
-        found.better == "tlc"
-        and found.because[0].startswith("Lost flights: ")
-        and len(found.because) <= 3
+        judgement.better == "tlc"
+        and judgement.because[0].startswith("Lost flights: ")
+        and len(judgement.because) <= 3
     )
     assert judged(tmp_path / "one", requirements, controllers=["tlc"])[0].better == ALONE
     assert (
@@ -85,27 +90,29 @@ def test_lost_flights_lead_what_is_better(tmp_path):
 
 
 def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
-    """It said 'Requirements not met by TLC' and did not say that another controller meets them all."""
+    """Regression: the answer did not say that another controller meets all requirements."""
     limits = [REQUIRED.format(limit=1e6, probability=0.5)]
-    found, models = judged(tmp_path / "all", limits)
-    assert found.answer.startswith("TLC and LQR meet the requirement.")
+    judgement, models = judged(tmp_path / "all", limits)
+    assert judgement.answer.startswith("TLC and LQR meet the requirement.")
     values = models.results.flights
-    worst = {name: np.sort(each.metrics["speed_error_max_mps"]) for name, each in values.items()}
+    worst = {
+        name: np.sort(flights.metrics["speed_error_max_mps"]) for name, flights in values.items()
+    }
     order = sorted(worst, key=lambda name: worst[name][30])
     limit = float(worst[order[0]][-1] + 1e-6)  # met by one in all flights, and missed by the other
     if order[0] == "tlc":
-        found, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
-        assert found.answer.startswith("TLC meets the requirement.")
+        judgement, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
+        assert judgement.answer.startswith("TLC meets the requirement.")
     else:
-        found, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
-        assert found.answer.startswith("TLC misses the max speed error requirement (")
-        assert "; LQR meets the requirement." in found.answer
+        judgement, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
+        assert judgement.answer.startswith("TLC misses the max speed error requirement (")
+        assert "; LQR meets the requirement." in judgement.answer
 
 
 @pytest.mark.parametrize(
     ("asks", "begins"),
     [
-        ("drivers", "What moves the errors of TLC most: "),
+        ("drivers", "Largest drivers of the errors of TLC: "),
         ("worst", "The worst flight of TLC, "),
         ("{compare: [tlc, lqr_retuned]}", "TLC"),
     ],
@@ -113,10 +120,12 @@ def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
 def test_the_first_sentence_answers_the_question(tmp_path, asks, begins):
     controllers = ["tlc", "lqr", "lqr_retuned"]
     requirements = [REQUIRED.format(limit=1e-9, probability=0.9)]
-    found, _ = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
-    assert found.answer.startswith(begins)
+    judgement, _ = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
+    assert judgement.answer.startswith(begins)
     compares = "compare" in asks
-    assert ("LQR retuned misses" in found.answer) == compares and "LQR misses" not in found.answer
+    assert (
+        "LQR retuned misses" in judgement.answer
+    ) == compares and "LQR misses" not in judgement.answer
 
 
 @pytest.mark.parametrize(
@@ -140,14 +149,14 @@ def test_a_question_about_other_controllers_is_rejected_with_its_place(tmp_path,
 
 def test_fewer_flights_than_the_file_asks_for_are_said_first(tmp_path):
     requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
-    found, models = judged(tmp_path / "c", requirements)
+    judgement, models = judged(tmp_path / "c", requirements)
     manifest = replace(models.results.manifest, file_runs=2100)
-    found = judge_campaign(Models(replace(models.results, manifest=manifest)))
-    assert found.answer.startswith("60 of 2\u202f100 flights run. ")
-    assert found.next.command == "abhv-mc run DIR/campaign.yaml -o DIR --runs 2100"
+    judgement = judge_campaign(Models(replace(models.results, manifest=manifest)))
+    assert judgement.answer.startswith("60 of 2\u202f100 flights run. ")
+    assert judgement.next.command == "abhv-mc run DIR/campaign.yaml -o DIR --runs 2100"
     enough = replace(manifest, file_runs=60)
-    found = judge_campaign(Models(replace(models.results, manifest=enough)))
-    assert "flights run" not in found.answer
+    judgement = judge_campaign(Models(replace(models.results, manifest=enough)))
+    assert "flights run" not in judgement.answer
 
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
@@ -155,7 +164,7 @@ TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \
 
 
 def plan(folder, **entries):
-    return plain(
+    return json_data(
         plan_campaign(
             read_campaign(write_fake(folder, **{"requirements": TWO, "runs": "1000", **entries}))
         )
@@ -173,8 +182,8 @@ def test_flights_for_failures_and_chances(tmp_path):
         for chance in entry["pass_chance"]:
             assert chance["at_some_flight"][0] == 1.0 and chance["at_some_flight"][at_limit] <= 0.1
             assert all(
-                ever >= at - 1e-12
-                for ever, at in zip(chance["at_some_flight"], chance["at_runs"], strict=True)
+                repeated >= once - 1e-12
+                for repeated, once in zip(chance["at_some_flight"], chance["at_runs"], strict=True)
             )
     assert first["pass_chance"][0]["at_runs"][fifth] == pytest.approx(
         binom.cdf(0, 1000, 0.2 * 0.0027)

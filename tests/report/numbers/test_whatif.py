@@ -40,23 +40,29 @@ def flown(tmp_path_factory):
     return fly(tmp_path_factory.mktemp("whatif"))
 
 
-def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", "fuel_used_kg")):
-    """Every interval of the fresh campaign overlaps the one from the re-weighted flights."""
-    numbers = make_numbers(Models(read_flown(fresh)))
-    for name, part in found.controllers.items():
+def agree(
+    reweighted,
+    fresh_folder,
+    metrics=("altitude_error_max_m", "speed_error_max_mps", "fuel_used_kg"),
+):
+    """Assert that each interval of a fresh campaign overlaps that of the re-weighted flights."""
+    numbers = make_numbers(Models(read_flown(fresh_folder)))
+    for name, controller in reweighted.controllers.items():
         for metric in metrics:
             for level in ("q50", "q95"):
-                after, there = (
-                    part.metrics[metric][level].after,
+                after, quantiles = (
+                    controller.metrics[metric][level].after,
                     numbers["metrics"]["table"][metric]["controllers"][name]["quantiles"],
                 )
-                assert after.low <= there[level]["high"] and there[level]["low"] <= after.high, (
+                assert (
+                    after.low <= quantiles[level]["high"] and quantiles[level]["low"] <= after.high
+                ), (
                     metric,
                     level,
                 )
-            assert after != part.metrics[metric]["q95"].before
+            assert after != controller.metrics[metric]["q95"].before
         share, verdict = (
-            part.requirements[0].failure_share,
+            controller.requirements[0].failure_share,
             numbers["verdicts"]["requirements"][0]["controllers"][name],
         )
         low, high = clopper_pearson(verdict["failures"], verdict["flights"])
@@ -64,13 +70,13 @@ def agree(found, fresh, metrics=("altitude_error_max_m", "speed_error_max_mps", 
 
 
 def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
-    found = make_whatif(
+    reweighted = make_whatif(
         flown, parse_settings(["atmosphere.density.half_width=6%", "aero.lift.sigma=4 %"])
     )
-    agree(found, fly(tmp_path, "6 %", "4 %", seed="77"))
-    part = found.controllers["one"]
-    assert 0.5 * 1500 < part.effective_flights < 0.65 * 1500 and part.unseen < 1e-3
-    assert found.after["atmosphere.density"] == {"distribution": "uniform", "half_width": "6%"}
+    agree(reweighted, fly(tmp_path, "6 %", "4 %", seed="77"))
+    controller = reweighted.controllers["one"]
+    assert 0.5 * 1500 < controller.effective_flights < 0.65 * 1500 and controller.unseen < 1e-3
+    assert reweighted.after["atmosphere.density"] == {"distribution": "uniform", "half_width": "6%"}
 
 
 def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
@@ -93,7 +99,7 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
     assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / np.sqrt(4000))
 
 
-@pytest.mark.parametrize(("settings", "words"), [
+@pytest.mark.parametrize(("settings", "message"), [
     (["atmosphere.density.half_width=12%"], "beyond what was flown; expected a distribution within 0.9"),
     (["atmosphere.density.half_width=0.4%"], "an effective number of at least 750"),
     (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
@@ -101,10 +107,10 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
     (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
     (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
 ])  # fmt: skip
-def test_what_the_flights_do_not_say_is_refused(flown, settings, words):
+def test_what_the_flights_do_not_say_is_refused(flown, settings, message):
     with pytest.raises(InputError) as caught:
         make_whatif(flown, parse_settings(settings))
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_designs_without_independent_flights_are_refused(tmp_path):
@@ -115,11 +121,11 @@ def test_designs_without_independent_flights_are_refused(tmp_path):
 
 
 def test_the_command(flown):
-    words = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
-    shown = CliRunner().invoke(app, words)
-    assert shown.exit_code == 0 and "Altitude error, max < 1.85" in shown.stdout
-    assert "sigma 5 %  ->  distribution normal, sigma 4%" in shown.stdout
-    assert json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)[
+    arguments = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0 and "Altitude error, max < 1.85" in result.stdout
+    assert "sigma 5 %  ->  distribution normal, sigma 4%" in result.stdout
+    assert json.loads(CliRunner().invoke(app, [*arguments, "--json", "-"]).stdout)[
         "controllers"
     ].keys() == {"one", "two"}
 
@@ -152,12 +158,12 @@ def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
         campaign, parse_settings([f"aero.lift.parts={parts.replace('low: 1.0', 'low: 1.02')}"])
     )
     choice = parts.replace("uniform, low: 0.9, high: 0.95", "discrete, values: [0.9, 0.95]")
-    for changed, words in (
+    for changed, message in (
         (
             parts.replace("high: 0.95", "high: 1.1"),
             "aero.lift from 0.9 to 1.1, beyond what was flown",
         ),
         (choice, "mixture with a discrete choice"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             make_change(campaign, parse_settings([f"aero.lift.parts={changed}"]))

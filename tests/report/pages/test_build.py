@@ -1,4 +1,4 @@
-"""Reports are made when something is new; a bit that is another is told; what pipelines read of verdicts."""
+"""Creation and verification of reports, and verdicts as JUnit XML and CSV."""
 
 import csv
 import json
@@ -19,7 +19,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import ControllerCount, Manifest
 from abhv_mc.report.pages.build import build_report, hash_pages, is_up_to_date
-from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.report.pages.verify import find_differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.topics.envelopes import ENVELOPES
@@ -28,7 +28,7 @@ from abhv_mc.topics.topic import Models
 
 @pytest.fixture(scope="module")
 def lost(tmp_path_factory):
-    """A campaign whose flights all ended early; no flight was there after 5 s."""
+    """Write a campaign whose flights all terminate early, at 5 s, with its report."""
     controllers = ("lqr", "lqr_retuned")
     folder = write_campaign(
         tmp_path_factory.mktemp("lost") / "c", runs=30, failing=30, end=5.0, controllers=controllers
@@ -42,7 +42,7 @@ def test_a_campaign_without_a_whole_flight_gets_its_report(lost):
 
 
 def test_a_second_run_with_nothing_new_does_not_make_the_report_again(lost, monkeypatch, capsys):
-    """It took 12.5 s, almost all of them for the same report."""
+    """Regression: a second run took 12.5 s, almost all of them for the same report."""
 
     def never(*_):
         raise AssertionError("made again")
@@ -57,10 +57,10 @@ def test_a_second_run_with_nothing_new_does_not_make_the_report_again(lost, monk
 def test_a_report_is_up_to_date_until_something_changes(lost):
     assert is_up_to_date(lost)
     for name in ("report.html", "manifest.json"):
-        held = (lost / name).read_bytes()
-        (lost / name).write_bytes(held + b" ")
+        content = (lost / name).read_bytes()
+        (lost / name).write_bytes(content + b" ")
         assert not is_up_to_date(lost), name
-        (lost / name).write_bytes(held)
+        (lost / name).write_bytes(content)
         assert is_up_to_date(lost)
 
 
@@ -78,14 +78,14 @@ def copy(report_folder, tmp_path):
     return shutil.copytree(report_folder, tmp_path / "copy")
 
 
-def flipped(path, place):
+def flipped(path, position):
     data = bytearray(path.read_bytes())
-    data[place] ^= 1
+    data[position] ^= 1
     path.write_bytes(data)
 
 
 @pytest.mark.parametrize(
-    ("name", "place"),
+    ("name", "group"),
     [
         ("report.html", "pages"),
         ("metrics.csv", "pages"),
@@ -93,11 +93,11 @@ def flipped(path, place):
         ("figures/channels.png", "pictures"),
     ],
 )
-def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, place):
+def test_a_bit_of_a_page_or_figure_is_told_and_one_that_is_gone(copy, name, group):
     flipped(copy / name, (copy / name).stat().st_size // 2)
-    assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
+    assert next(verify_campaign(copy)).startswith(f"{group}.{name}: ")
     (copy / name).unlink()
-    assert next(verify_campaign(copy)).startswith(f"{place}.{name}: ")
+    assert next(verify_campaign(copy)).startswith(f"{group}.{name}: ")
 
 
 def test_flights_are_checked_without_a_report(copy):
@@ -172,7 +172,7 @@ def test_reports_of_shipped_campaigns_follow_from_their_data(name, runs, engine,
 
 def test_differences_name_their_place():
     written, remade = {"a": [1, {"b": 2}], "c": 1}, {"a": [1, {"b": 3}], "d": 1}
-    assert [line.split(":")[0] for line in differences(written, remade, "x")] == [
+    assert [line.split(":")[0] for line in find_differences(written, remade, "x")] == [
         "x.a[1].b",
         "x.c",
         "x.d",
@@ -203,7 +203,7 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
     assert cases["GNC-2 altitude_error_max_m below 4.9 in 99 % (two)"].find("failure") is not None
     page = build_page(out).read_text(encoding="utf-8")
     assert ">GNC-1 " in page and "stay, near · SRD" in page
-    CampaignFolder(out).refuse_strange(fresh=True)  # a fresh run deletes all of it
+    CampaignFolder(out).refuse_foreign_files(fresh=True)  # a fresh run deletes all of it
     with (out / "verification_matrix.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6  # three requirements on two controllers

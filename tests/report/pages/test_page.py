@@ -1,4 +1,4 @@
-"""The page's data, escaping and policy. What a browser makes of it is in test_browser."""
+"""Data, escaping and security policy of the page; test_browser tests it in a browser."""
 
 import base64
 import dataclasses
@@ -17,17 +17,17 @@ from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.topic import Models
 
 
-def unpack(places, text, name):
+def unpack(layout, text, name):
     steps = (
         np.frombuffer(gzip.decompress(base64.b64decode(text)), np.uint8).astype(int).reshape(2, -1)
     )
-    place = places[name]
-    size = int(np.prod(place["shape"]))
-    table = (steps[0] + 256 * steps[1])[place["start"] : place["start"] + size].reshape(
-        place["shape"]
+    entry = layout[name]
+    size = int(np.prod(entry["shape"]))
+    table = (steps[0] + 256 * steps[1])[entry["start"] : entry["start"] + size].reshape(
+        entry["shape"]
     )
     codes = np.cumsum(table, axis=-1) % 65536
-    values = place["low"] + (place["high"] - place["low"]) * codes / 65534
+    values = entry["low"] + (entry["high"] - entry["low"]) * codes / 65534
     return np.where(codes == 65535, np.nan, values)
 
 
@@ -41,12 +41,12 @@ def test_values_come_back_within_half_a_step_and_what_is_missing_is_missing():
         "flat": np.full(4, 2.5),
         "late": np.array([np.inf, 1.0, 3.0]),
     }
-    places, text = pack_arrays(arrays)
-    for name, given in arrays.items():
-        finite = np.where(np.isfinite(given), given, np.nan)
+    layout, text = pack_arrays(arrays)
+    for name, values in arrays.items():
+        finite = np.where(np.isfinite(values), values, np.nan)
         step = (np.nanmax(finite) - np.nanmin(finite)) / 65534
         np.testing.assert_allclose(
-            unpack(places, text, name), finite, rtol=1e-12, atol=0.5001 * step
+            unpack(layout, text, name), finite, rtol=1e-12, atol=0.5001 * step
         )
     assert pack_arrays(arrays)[1] == text
     assert len(pack_arrays({"wave": wave})[1]) < 0.6 * len(
@@ -68,7 +68,7 @@ def test_what_a_campaign_says_is_text_only(tmp_path):
 
 @pytest.fixture(scope="module")
 def packed(report_page):
-    """The page's data, and its arrays as its script reads them."""
+    """Return the page's data and its arrays as its script reads them."""
     data = json.loads(
         re.search(
             r'<script type="application/json" id="page-data">(.*?)</script>', report_page
@@ -92,7 +92,7 @@ def test_the_embedded_data_are_the_envelopes(packed, report_folder):
 def test_the_interactive_band_of_all_flights_holds_the_samples_that_it_leaves_out(
     packed, report_folder
 ):
-    """It was drawn from every other sample, and flights left it in between."""
+    """Regression: the band used every other sample, and flights left it in between."""
     data, arrays = packed
     for controller in data["envelopes"]["controllers"]:
         for channel in ("bank_deg", "aileron_deg", "sideslip_deg"):
@@ -117,7 +117,7 @@ def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histor
     assert len(rows["flight"]) == sum(
         results.flights[name].flight.size for name in results.controllers
     )
-    flown = results.flights["lqr"]
+    flights = results.flights["lqr"]
     lqr = [
         i
         for i, k in enumerate(rows["controller"])
@@ -126,10 +126,12 @@ def test_every_flight_is_a_point_and_the_worst_that_are_listed_have_their_histor
     metric = results.asked[0]
     drawn = arrays[f"column:{metric}"][lqr]
     np.testing.assert_allclose(
-        drawn, flown.metrics[metric], atol=1e-4 * np.ptp(arrays[f"column:{metric}"])
+        drawn, flights.metrics[metric], atol=1e-4 * np.ptp(arrays[f"column:{metric}"])
     )
-    kept = {rows["flight"][i] for i in lqr if rows["history"][i] >= 0}
-    assert kept and kept <= {each.flight for each in worst_flights(results)["lqr"]}
+    with_history = {rows["flight"][i] for i in lqr if rows["history"][i] >= 0}
+    assert with_history and with_history <= {
+        flight.flight for flight in worst_flights(results)["lqr"]
+    }
 
 
 def test_only_the_pages_own_scripts_may_run(report_page):

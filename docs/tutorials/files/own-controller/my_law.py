@@ -1,4 +1,4 @@
-"""A user law: guidance by altitude, heading and speed; attitude by feedback and rate damping."""
+"""Control law: guidance by altitude, heading and speed; attitude feedback and rate damping."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from abhv_mc.extend import Command, clamp, controller, wrap
 
 
 class Settings(NamedTuple):
-    """From the YAML file; a field's default is its default."""
+    """Settings from the YAML file, with their defaults."""
 
     altitude: float = 0.2  # 1/s
     path: float = 0.9
@@ -14,14 +14,14 @@ class Settings(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Kept from tick to tick; begins so."""
+    """Values kept between ticks, with their initial values."""
 
     speed_error: float = 0.0  # m, integral of the speed error
 
 
 @controller(units={"altitude": "1/s", "bank_limit": "rad"})
 def law(measured, reference, memory, settings, dt):
-    """One control tick of one flight."""
+    """Return the commands of one control tick."""
     # Altitude to flight path angle to angle of attack; heading to bank.
     rise = measured.altitude - reference.altitude
     path = reference.flight_path_angle - settings.altitude * rise / measured.speed

@@ -27,6 +27,7 @@ from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 _DEGREE = np.pi / 180.0
+_RESIDUAL = 1e-10  # of a Riccati equation, relative to its largest term
 _RAMP_SPACING = 0.1  # s between the knots in the ramps of the bank
 
 
@@ -121,7 +122,10 @@ def gains_of_models(controller: LqrController, pieces: list[Piece], times: Float
     """Return ``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
     gains = np.empty((times.size, len(LQR_GAINS)))
     for first, end, knots, models in pieces:
-        at_knots = np.array([gains_at(controller, model) for model in models])
+        stacked = LinearModels._make(
+            tuple(map(np.array, zip(*pairs, strict=True))) for pairs in zip(*models, strict=True)
+        )
+        at_knots = gains_at(controller, stacked)
         for gain in range(len(LQR_GAINS)):
             gains[first:end, gain] = np.interp(times[first:end], times[knots], at_knots[:, gain])
     return gains
@@ -158,28 +162,54 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
 
 
 def gains_at(controller: LqrController, models: LinearModels) -> Floats:
-    """Return all gains at one point, in the order of LQR_GAINS."""
-    guide = _gain(controller.guidance, models.guidance, 1.0)
-    pitch = _gain(controller.longitudinal, models.longitudinal, _DEGREE)
-    roll_yaw = _gain(controller.lateral, models.lateral, _DEGREE)
-    return np.concatenate([guide.ravel(), pitch.ravel(), roll_yaw.ravel()])
+    """Return all gains [..., gain] for models at one point or stacked, in the order of LQR_GAINS."""
+    gains = (
+        _gain(controller.guidance, models.guidance, 1.0),
+        _gain(controller.longitudinal, models.longitudinal, _DEGREE),
+        _gain(controller.lateral, models.lateral, _DEGREE),
+    )
+    return np.concatenate([gain.reshape(*gain.shape[:-2], -1) for gain in gains], axis=-1)
 
 
 def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float) -> Floats:
-    """Return a regulator's gain in SI; ``unit`` is the unit of the inputs in the weights."""
+    """Return a regulator's gains in SI; the weights are meant for inputs in ``unit``."""
     A, B = model
     Q, R = (
-        np.diag(np.array([w for _, w in weighted], dtype=np.float64))
-        for weighted in (weights.states, weights.inputs)
+        np.diag(np.array([weight for _, weight in pairs], dtype=np.float64))
+        for pairs in (weights.states, weights.inputs)
     )
     return unit * regulator(A, B * unit, Q, R)
 
 
 def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
-    """Return the gain K of ``u = -K x`` that minimizes the integral of ``x'Qx + u'Ru``."""
-    from scipy.linalg import solve_continuous_are
+    """Return the gains K of ``u = -K x`` that minimise the integral of ``x'Qx + u'Ru``.
 
-    return np.asarray(np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R)))
+    ``A`` [..., state, state] and ``B`` [..., state, input] may be stacked. The Riccati equations are
+    solved together from the stable eigenvectors of their Hamiltonians. Where these are too few or
+    nearly dependent, the equation is solved by the Schur method, which raises
+    numpy.linalg.LinAlgError if there is no stabilising gain.
+    """
+    n = A.shape[-1]
+    B_transposed = B.swapaxes(-1, -2)
+    G = B @ np.linalg.solve(R, B_transposed)
+    hamiltonian = np.block([[A, -G], [np.broadcast_to(-Q, A.shape), -A.swapaxes(-1, -2)]])
+    poles, vectors = np.linalg.eig(hamiltonian)
+    order = np.argsort(poles.real, axis=-1)[..., :n]
+    stable = np.take_along_axis(vectors, order[..., None, :], axis=-1).swapaxes(-1, -2)
+    try:
+        X = np.linalg.solve(stable[..., :n], stable[..., n:]).real
+    except np.linalg.LinAlgError:
+        X = np.full(A.shape, np.nan)
+    slopes = A.swapaxes(-1, -2) @ X
+    residual = slopes + X @ A - X @ G @ X + Q
+    scale = np.abs(slopes).max(axis=(-1, -2)) + np.abs(Q).max()
+    is_solved = np.abs(residual).max(axis=(-1, -2)) <= _RESIDUAL * scale
+    is_solved &= np.count_nonzero(poles.real < 0.0, axis=-1) == n
+    for index in np.argwhere(~is_solved):
+        from scipy.linalg import solve_continuous_are
+
+        X[(*index,)] = solve_continuous_are(A[(*index,)], B[(*index,)], Q, R)
+    return np.asarray(np.linalg.solve(R, B_transposed @ X))
 
 
 def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:

@@ -1,1 +1,1 @@
-"""Figures fit for print: every `plot_*` takes arrays and returns a matplotlib Figure; no pyplot, no global state."""
+"""Print-ready figures: functions from arrays to matplotlib figures, without pyplot."""

@@ -1,4 +1,4 @@
-"""Bode and Nichols figures of single loops, each broken at its actuator with the others closed."""
+"""Bode and Nichols figures of single loops, broken at the actuator with the others closed."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,11 +17,10 @@ _POINTS = 1500
 
 
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
-    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system; name what was written."""
-    top = (
-        0.999 * np.pi / linear.period
-    )  # at the whole, an even period's integrators answer as at zero
-    omega = np.geomspace(1e-2, top, _POINTS)
+    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system and yield the paths."""
+    # Below the Nyquist frequency, at which integrators of an even period respond as at zero.
+    highest = 0.999 * np.pi / linear.period
+    omega = np.geomspace(1e-2, highest, _POINTS)
     if linear.phases:
         gains = fundamental_gains(linear, omega)
     else:
@@ -37,7 +36,7 @@ def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path
 
 @styled
 def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
-    """Gain and phase of loops [frequency, loop] over frequency (rad/s)."""
+    """Plot gain and phase of loops [frequency, loop] over frequency (rad/s)."""
     figure = new_figure(4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     for i, name in enumerate(inputs):
@@ -59,7 +58,7 @@ def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str
 
 @styled
 def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
-    """Gain over phase of loops [frequency, loop]; the crosses are the points where a loop would be neutral."""
+    """Plot gain over phase of loops [frequency, loop]; crosses mark neutral stability."""
     figure = new_figure(4.2)
     axes = figure.subplots()
     turns: set[int] = set()
@@ -78,6 +77,6 @@ def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure
 
 
 def _phase(gains: NDArray[np.complex128]) -> Floats:
-    """Continuous phase, deg, that starts between -360 and 0 deg."""
+    """Return the continuous phase, deg, that starts between -360 and 0 deg."""
     phase = np.rad2deg(np.unwrap(np.angle(gains)))
     return np.asarray(phase - 360.0 * np.ceil(phase[0] / 360.0))

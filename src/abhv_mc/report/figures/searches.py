@@ -1,5 +1,4 @@
-"""Figures of searches (how the worst was closed in on, where it lies, how deep levels go, where failures live), of the
-flights that a search or an explanation sets beside the nominal one, and of what a campaign can show before it flies."""
+"""Figures of searches, of single flights beside the nominal one, and of planned campaigns."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.numbers.planned import Planned
+from abhv_mc.report.numbers.pass_chances import Planned
 from abhv_mc.topics.figure_style import (
     BLUE,
     CYCLE,
@@ -27,9 +26,9 @@ from abhv_mc.topics.figure_style import (
     styled,
 )  # fmt: skip
 
-_ROW = 0.22  # in, of one parameter
-_BESIDE = (CYCLE[1], CYCLE[0], *CYCLE[2:])  # the worst, or what makes a flight fail, stands out
-# Channels, axes and scales of a figure of single flights.
+_ROW = 0.22  # height of a parameter's row, in
+_FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])  # the first flight after the nominal stands out
+# Channel, axis label and scale of each panel of a figure of single flights.
 FLIGHT_PANELS = (
     ("altitude_m", "altitude (km)", 1e-3),
     ("speed_mps", "speed (m/s)", 1.0),
@@ -50,7 +49,10 @@ def plot_convergence(
     stages: Sequence[tuple[int, str]],
     limits: Sequence[float] = (),
 ) -> Figure:
-    """Draw the worst value so far of the search and of random flights, where each stage begins, and the limits."""
+    """Plot the worst value so far of a search and of random flights over the number of flights.
+
+    ``stages`` are the first flight and the name of each stage.
+    """
     figure = new_figure(2.8)
     axes = figure.subplots()
     axes.plot(
@@ -67,8 +69,8 @@ def plot_convergence(
         axes.axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
     for i, (start, name) in enumerate(stages):
         axes.axvline(start, color=SKY, linewidth=0.6)
-        place = start, 1.02 + 0.08 * (i % 2)
-        axes.annotate(name, place, xycoords=("data", "axes fraction"), fontsize=6.5, va="bottom")
+        anchor = start, 1.02 + 0.08 * (i % 2)
+        axes.annotate(name, anchor, xycoords=("data", "axes fraction"), fontsize=6.5, va="bottom")
     axes.set_ylabel(f"worst so far:\n{label}")
     pad_if_flat(axes)
     axes.set_xlabel("flights")
@@ -77,77 +79,82 @@ def plot_convergence(
 
 
 @styled
-def plot_place(names: Sequence[str], place: Floats, change: Floats, label: str) -> Figure:
-    """Place of each parameter in its range (-1 .. 1) at the worst, ``change`` [parameter, 2] below and above."""
+def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
+    """Plot the position (-1 to 1) of the worst case in each range and the sensitivity there.
+
+    ``change`` [parameter, 2] is the change of the value for a lower and a higher parameter.
+    """
     figure = new_figure(0.9 + _ROW * len(names) * 1.3)
     left, right = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(names))
-    left.hlines(rows, -1.0, 1.0, color="#BBBBBB", linewidth=1.0)
-    left.plot(place, rows, "o", color=VERMILION, markersize=5)
+    left.hlines(rows, -1.0, 1.0, color=INK, alpha=0.3, linewidth=1.0)
+    left.plot(position, rows, "o", color=VERMILION, markersize=5)
     left.set_yticks(rows, names)
     left.set_ylim(len(names) - 0.5, -0.5)
     left.set_xlim(-1.1, 1.1)
     left.set_xticks([-1.0, 0.0, 1.0], ["low end", "middle", "high end"])
-    left.set_title("Place in the box")
+    left.set_title("Position in the box")
     right.barh(rows - 0.18, change[:, 0], 0.34, color=BLUE, label="1/20 of the range lower")
     right.barh(rows + 0.18, change[:, 1], 0.34, color=VERMILION, label="1/20 of the range higher")
     right.axvline(0.0, color=INK, linewidth=0.6)
     right.set_xlabel(f"change of {label}")
-    right.set_title("About the worst")
+    right.set_title("Sensitivity at the worst case")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
 @styled
 def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Floats]]) -> Figure:
-    """Each repetition's way down: thresholds of the metric, and the probability of being beyond them."""
+    """Plot each repetition's thresholds of the metric and the probability of exceeding them."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     for i, (thresholds, probabilities) in enumerate(repetitions):
-        look = {
+        style = {
             "color": CYCLE[i % len(CYCLE)],
             "marker": MARKERS[i % len(MARKERS)],
             "markersize": 4,
         }
-        axes.semilogy(thresholds, probabilities, label=f"repetition {i + 1}", linewidth=0.9, **look)
+        axes.semilogy(
+            thresholds, probabilities, label=f"repetition {i + 1}", linewidth=0.9, **style
+        )
     axes.axvline(limit, color=INK, linestyle=(0, (4, 2)), label="the requirement's limit")
     axes.set_xlabel(label)
-    axes.set_ylabel("probability of being beyond")
+    axes.set_ylabel("exceedance probability")
     figure.legend(loc="outside right upper")
     return figure
 
 
 @styled
-def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], aim: float) -> Figure:
-    """Share of accepted moves and size of the moves at each level after the first, by repetition; ``aim`` is dashed."""
+def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
+    """Plot acceptance rate and move size at each level after the first; ``target`` is dashed."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
-        look = {
+        style = {
             "color": CYCLE[i % len(CYCLE)],
             "marker": MARKERS[i % len(MARKERS)],
             "markersize": 4,
             "linewidth": 0.9,
         }
         levels = np.arange(2, rates.size + 2)
-        left.plot(levels, rates, **look)
-        right.plot(levels, sizes, **look)
-    left.axhline(aim, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
-    for axes, words in ((left, "accepted moves"), (right, "size of a move (1: drawn afresh)")):
+        left.plot(levels, rates, **style)
+        right.plot(levels, sizes, **style)
+    left.axhline(target, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
+    for axes, label in ((left, "accepted moves"), (right, "size of a move (1: independent)")):
         axes.set_xlabel("level")
         axes.xaxis.get_major_locator().set_params(integer=True)
-        axes.set_ylabel(words)
+        axes.set_ylabel(label)
         axes.set_ylim(0.0, 1.05)
     return figure
 
 
 @styled
 def plot_failures(names: Sequence[str], points: Floats) -> Figure:
-    """Where failures live: quantiles of each parameter's standard normal number among failures, beside all flights'."""
+    """Plot quantiles of the parameters' standard normal numbers among failures and all flights."""
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)
     axes = figure.subplots()
     rows = np.arange(len(names))
-    axes.axvspan(-1.96, 1.96, color="#EEEEEE", label="95 % of all flights")
+    axes.axvspan(-1.96, 1.96, color=INK, alpha=0.1, linewidth=0, label="95 % of all flights")
     low, q25, median, q75, high = np.quantile(points, [0.025, 0.25, 0.5, 0.75, 0.975], axis=0)
     axes.hlines(rows, low, high, color=BLUE, linewidth=1.0, label="95 % of failures")
     axes.hlines(rows, q25, q75, color=BLUE, linewidth=4.0, label="half of failures")
@@ -165,11 +172,12 @@ def plot_flights(
     panels: Mapping[str, Floats],
     labels: Sequence[str],
     title: str = "",
-    levels: Sequence[float] = (),
+    limits: Sequence[float] = (),
 ) -> Figure:
-    """Channels ``[flight, time]``, NaN after a flight's end (a cross): the nominal flight first, dashed.
+    """Plot channels [flight, time] with the nominal flight first and dashed.
 
-    ``levels``: limits, drawn in the first panel.
+    Values are NaN after a flight's end, which is marked by a cross. ``limits`` are drawn in the
+    first panel.
     """
     figure, grid = new_panels(
         len(panels),
@@ -182,33 +190,37 @@ def plot_flights(
     figure.suptitle(title, fontsize=8.5)
     for axes, (label, curves) in zip(grid.flat, panels.items(), strict=False):
         for i, (curve, name) in enumerate(zip(curves, labels, strict=True)):
-            look: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+            style: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
             if i:
-                look = {
-                    "color": _BESIDE[(i - 1) % len(_BESIDE)],
+                style = {
+                    "color": _FLIGHT_COLORS[(i - 1) % len(_FLIGHT_COLORS)],
                     "linewidth": 1.5 if i == 1 else 0.9,
                 }
-            axes.plot(times, curve, label=name, **look)
-            flown = np.flatnonzero(np.isfinite(curve))
-            if flown.size and flown[-1] < times.size - 1:
+            axes.plot(times, curve, label=name, **style)
+            recorded = np.flatnonzero(np.isfinite(curve))
+            if recorded.size and recorded[-1] < times.size - 1:
                 axes.plot(
-                    times[flown[-1]], curve[flown[-1]], "x", color=look["color"], markersize=5
+                    times[recorded[-1]],
+                    curve[recorded[-1]],
+                    "x",
+                    color=style["color"],
+                    markersize=5,
                 )
         axes.set_ylabel(label)
         pad_if_flat(axes)
-    for level in levels:
-        grid[0, 0].axhline(level, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
+    for limit in limits:
+        grid[0, 0].axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
     label_lowest(grid, len(panels), "time (s)")
     legend_below(figure, grid[0, 0])
     return figure
 
 
-_PLANNED = (BLUE, VERMILION, GREEN)  # of the planned flights, twice and four times as many
+_PLANNED = (BLUE, VERMILION, GREEN)  # colours of the planned flights, twice and four times as many
 
 
 @styled
 def plot_planned(planned: Planned) -> Figure:
-    """Chance of PASS against the true failure rate: a panel a requirement, and one for all together where several."""
+    """Plot the chance of PASS over the true failure rate: a panel for each requirement and for all."""
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)
     figure, grid = new_panels(

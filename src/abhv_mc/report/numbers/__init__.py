@@ -1,1 +1,1 @@
-"""Every number of a report, as plain data."""
+"""Numbers and sentences of reports, as plain data."""

@@ -1,4 +1,4 @@
-"""Campaigns with unknowns, restricted to the points that both of two ran, so that their flights pair."""
+"""Restriction of two campaigns with unknowns to their common points, so that flights pair."""
 
 from dataclasses import replace
 
@@ -9,30 +9,34 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError
 
-_SAME = 1e-9  # relative difference of values that are one point
+_SAME = 1e-9  # relative tolerance of equal points
 
 
-def at_common_points(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
+def restrict_to_common_points(
+    a: FlownCampaign, b: FlownCampaign
+) -> tuple[FlownCampaign, FlownCampaign]:
     """Return both campaigns with the flights at the points of the unknowns that both ran.
 
-    Sample k at common point p is flight ``k * points + p`` of both. Raises InputError for other unknowns, or if there
-    is no common point.
+    Sample k at common point p is flight ``k * points + p`` of both. Raise InputError if the
+    unknowns differ or no point is common.
     """
-    mine, theirs = a.campaign.unknowns, b.campaign.unknowns
-    if mine.names != theirs.names:
-        found = f"the unknowns {', '.join(theirs.names) or 'of none'}"
-        raise InputError(b.folder, found, f"{', '.join(mine.names) or 'none'}, as in {a.folder}")
-    same = np.array(
+    unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
+    if unknowns_a.names != unknowns_b.names:
+        problem = f"the unknowns {', '.join(unknowns_b.names) or 'of none'}"
+        raise InputError(
+            b.folder, problem, f"{', '.join(unknowns_a.names) or 'none'}, as in {a.folder}"
+        )
+    pairs = np.array(
         [
             (i, j)
-            for i, one in enumerate(mine.points)
-            for j, other in enumerate(theirs.points)
-            if np.allclose(one, other, rtol=_SAME, atol=0.0)
+            for i, point_a in enumerate(unknowns_a.points)
+            for j, point_b in enumerate(unknowns_b.points)
+            if np.allclose(point_a, point_b, rtol=_SAME, atol=0.0)
         ]
     ).reshape(-1, 2)
-    if not len(same):
+    if not len(pairs):
         raise InputError(b.folder, "no common point of the unknowns", f"points of {a.folder}")
-    return _restrict(a, same[:, 0]), _restrict(b, same[:, 1])
+    return _restrict(a, pairs[:, 0]), _restrict(b, pairs[:, 1])
 
 
 def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign:
@@ -45,20 +49,20 @@ def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign
 
     def renumber(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
         """Return the new numbers in order, and the rows that have them."""
-        place = order[numbers % total]
-        rows = np.flatnonzero(place >= 0)
-        new = (numbers // total * len(points) + place)[rows]
+        position = order[numbers % total]
+        rows = np.flatnonzero(position >= 0)
+        new = (numbers // total * len(points) + position)[rows]
         return np.sort(new), rows[np.argsort(new)]
 
     flights = {}
-    for name, flown in results.flights.items():
-        number, rows = renumber(flown.flight)
+    for name, controller_flights in results.flights.items():
+        number, rows = renumber(controller_flights.flight)
         flights[name] = replace(
-            flown,
+            controller_flights,
             flight=number,
-            outcome=flown.outcome[rows],
-            metrics={metric: values[rows] for metric, values in flown.metrics.items()},
-            absent=renumber(flown.absent)[0],
+            outcome=controller_flights.outcome[rows],
+            metrics={metric: values[rows] for metric, values in controller_flights.metrics.items()},
+            absent=renumber(controller_flights.absent)[0],
         )
     unknowns: Unknowns = replace(
         results.campaign.unknowns,

@@ -1,4 +1,4 @@
-"""Two campaigns flown on the same samples, compared flight by flight."""
+"""Paired comparison of two campaigns on the same samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,77 +14,79 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, Refusal, one_of
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.report.numbers.common_points import at_common_points
+from abhv_mc.report.numbers.common_points import restrict_to_common_points
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
 from abhv_mc.statistics.paired import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
+from abhv_mc.topics.formatting import percent, significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.words import percent, significant
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignPair(ControllerPair):
-    """A controller of one campaign against one of the other."""
+    """Comparison of a controller of one campaign with one of the other."""
 
     controllers: tuple[str, str]
-    any_failure: PairedFailures  # of a requirement, or an early end
-    newly_lost: int  # flights that only the second one lost, on the same samples
-    not_worse: Mapping[str, Gate]  # by metric; with unknowns that of the point that is worst
+    any_failure: PairedFailures  # a missed requirement or an early termination
+    newly_lost: int  # flights that terminated early or failed to run in the second campaign alone
+    not_worse: Mapping[str, Gate]  # by metric; at the worst point of the unknowns
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Two campaigns, flight by flight."""
+    """Comparison of two campaigns flight by flight."""
 
-    requirements: tuple[str, ...]  # in words, as the pairs list them
+    requirements: tuple[str, ...]  # in words, in the order of the pairs' counts
     words: Mapping[str, Mapping[str, str]]  # of each metric
     paired: tuple[CampaignPair, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline(Compared):
-    """A campaign against an earlier one."""
+    """Comparison of a campaign with an earlier one."""
 
     folder: str
     digest: str | None
 
 
 def require_same_samples(
-    mine: Mapping[str, Floats], theirs: Mapping[str, Floats], folder: Path, path: Path
+    samples_a: Mapping[str, Floats], samples_b: Mapping[str, Floats], folder: Path, path: Path
 ) -> None:
-    """Raise InputError about ``path``: the parameter and flight where its samples differ from ``folder``."""
+    """Raise InputError for ``path`` if its samples ``b`` differ from the samples ``a`` of ``folder``."""
     expected = f"the samples of {folder}"
-    for name in mine:
-        if name not in theirs:
+    for name in samples_a:
+        if name not in samples_b:
             raise InputError(path, f"no column '{name}'", expected)
-    for name in theirs:
-        if name not in mine:
-            raise InputError(path, f"a column '{name}'", f"{expected}, which have none")
-    for name, values in mine.items():
-        others = theirs[name]
-        both = min(values.size, others.size)
-        differ = np.flatnonzero(values[:both] != others[:both])
+    for name in samples_b:
+        if name not in samples_a:
+            raise InputError(path, f"an additional column '{name}'", expected)
+    for name, values in samples_a.items():
+        values_b = samples_b[name]
+        count = min(values.size, values_b.size)
+        differ = np.flatnonzero(values[:count] != values_b[:count])
         if differ.size:
             k = int(differ[0])
-            found = f"{name} = {float(others[k])!r} in flight {k}"
-            raise InputError(path, found, f"{float(values[k])!r} as in {folder}")
+            problem = f"{name} = {float(values_b[k])!r} in flight {k}"
+            raise InputError(path, problem, f"{float(values[k])!r} as in {folder}")
 
 
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
-    """Raise InputError, before anything flies, where a campaign's flights will not pair with those of a folder."""
-    held = read_flown(baseline)
-    source, unknowns = campaign.make_samples(), held.campaign.unknowns
+    """Raise InputError if the flights of a campaign to be run cannot pair with a baseline's."""
+    results = read_flown(baseline)
+    source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
         expected = f"{', '.join(unknowns.names) or 'none'}, as in {baseline}"
         raise campaign.document.key_error(("unknowns",), "other unknowns", expected)
-    drawn = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
+    rows = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
     columns = {
-        name: drawn[:, i] for i, name in enumerate(source.names) if name not in unknowns.names
+        name: rows[:, i] for i, name in enumerate(source.names) if name not in unknowns.names
     }
-    theirs = {name: values[:: len(unknowns.points)] for name, values in _drawn(held).items()}
-    require_same_samples(theirs, columns, baseline, campaign.document.path)
-    if not set(campaign.controllers) & set(held.flights):
-        expected = f"one of {', '.join(held.controllers)}, as in {baseline}"
+    expected_samples = {
+        name: values[:: len(unknowns.points)] for name, values in _drawn(results).items()
+    }
+    require_same_samples(expected_samples, columns, baseline, campaign.document.path)
+    if not set(campaign.controllers) & set(results.flights):
+        expected = f"one of {', '.join(results.controllers)}, as in {baseline}"
         raise campaign.document.error(("controllers",), "no controller of the baseline", expected)
 
 
@@ -95,7 +97,7 @@ def _drawn(results: FlownCampaign) -> dict[str, Floats]:
 
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
-    """``METRIC=5%`` as shares by metric. Raises InputError."""
+    """Return the shares of ``METRIC=5%`` by metric. Raise InputError if a text is invalid."""
     margins = {}
     for text in texts:
         metric, sign, value = text.partition("=")
@@ -109,7 +111,7 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
             )
         if metric.strip() in margins:
             raise InputError(
-                "--fail-if-worse", f"'{metric.strip()}' a second time", "each metric once"
+                "--fail-if-worse", f"'{metric.strip()}' given twice", "each metric once"
             )
         margins[metric.strip()] = margin
     return margins
@@ -122,7 +124,7 @@ def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownC
 
 def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
     """Return two campaigns at their common points of unknowns. Raise InputError if their samples differ."""
-    a, b = at_common_points(a, b)
+    a, b = restrict_to_common_points(a, b)
     require_same_samples(_drawn(a), _drawn(b), a.folder, CampaignFolder(b.folder).samples)
     return a, b
 
@@ -133,11 +135,12 @@ def compare_results(
     controllers: Sequence[str] = (),
     margins: Mapping[str, float] | None = None,
 ) -> Compared:
-    """Compare each controller that both campaigns flew, on the same samples; requirements and metrics are those of `a`.
+    """Compare the controllers of two campaigns on the same samples.
 
-    `controllers` names two to compare across, the first campaign's and the second's. Where the numbers of flights
-    differ, those that both flew are compared. `margins` are shares by which `b` may be worse in metrics.
-    Raises InputError where nothing is in common.
+    Requirements and metrics are those of `a`. By default each controller that both campaigns ran
+    is compared; `controllers` names one of `a` and one of `b`. If the numbers of flights differ,
+    the common flights are compared. `margins` are the shares by which `b` may be worse, by metric.
+    Raise InputError if nothing is in common.
     """
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
@@ -150,10 +153,10 @@ def compare_results(
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
     independent, unknowns = a.campaign.judged, a.campaign.unknowns
     pairs = []
-    for one, other in pair_controllers(a, b, controllers):
-        flights = sides(a, b, one, other)
-        names = (f"{a.folder}: {one}", f"{b.folder}: {other}")
-        found = compare_pair(
+    for name_a, name_b in pair_controllers(a, b, controllers):
+        flights = select_flights(a, b, name_a, name_b)
+        names = (f"{a.folder}: {name_a}", f"{b.folder}: {name_b}")
+        pair = compare_pair(
             *flights,
             names,
             metrics,
@@ -162,7 +165,7 @@ def compare_results(
             independent=independent,
             points=len(unknowns.points),
         )
-        if found is not None:
+        if pair is not None:
             gates = {
                 metric: _gate(*flights, metric, margin, requirements, unknowns=unknowns)
                 for metric, margin in (margins or {}).items()
@@ -171,45 +174,50 @@ def compare_results(
             newly_lost = flights[1].failed[rows_b] & ~flights[0].failed[rows_a]
             pairs.append(
                 CampaignPair(
-                    **vars(found),
-                    controllers=(one, other),
+                    **vars(pair),
+                    controllers=(name_a, name_b),
                     any_failure=compare_any_failures(*flights, requirements),
                     newly_lost=int(newly_lost.sum()),
                     not_worse=gates,
                 )
             )
     if not pairs:
-        raise InputError(b.folder, "no flight that both campaigns flew", f"flights of {a.folder}")
-    asked = tuple(requirement_words(item, records) for item in requirements)
-    return Compared(asked, {name: records[name].as_texts() for name in metrics}, tuple(pairs))
+        raise InputError(b.folder, "no flight that both campaigns ran", f"flights of {a.folder}")
+    requirement_texts = tuple(requirement_words(item, records) for item in requirements)
+    return Compared(
+        requirement_texts, {name: records[name].as_texts() for name in metrics}, tuple(pairs)
+    )
 
 
-def sides(
-    a: FlownCampaign, b: FlownCampaign, one: str, other: str
+def select_flights(
+    a: FlownCampaign, b: FlownCampaign, controller_a: str, controller_b: str
 ) -> tuple[ControllerFlights, ControllerFlights]:
-    """The flights of a controller of each campaign; what is bad in a metric is what `a` says."""
-    return a.flights[one], replace(b.flights[other], records=a.campaign.metrics)
+    """Return the flights of a controller of each campaign, both with the metric records of `a`."""
+    return a.flights[controller_a], replace(b.flights[controller_b], records=a.campaign.metrics)
 
 
 def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
-    """A campaign against an earlier one on the same samples, as its report holds it. Raises InputError."""
-    held = read_flown(baseline)
-    before, after = at_common_points(held, results)
+    """Compare a campaign with an earlier one on the same samples. Raise InputError if they differ."""
+    earlier = read_flown(baseline)
+    before, after = restrict_to_common_points(earlier, results)
     require_same_samples(
         _drawn(before), _drawn(after), baseline, CampaignFolder(results.folder).samples
     )
-    found = compare_results(after, before)
-    held.refuse_changes()
-    return Baseline(**vars(found), folder=baseline.as_posix(), digest=held.manifest.digest)
+    comparison = compare_results(after, before)
+    earlier.refuse_changes()
+    return Baseline(**vars(comparison), folder=baseline.as_posix(), digest=earlier.manifest.digest)
 
 
-def gate_words(pair: CampaignPair, metric: str, b: str, requirements: Sequence[str]) -> str:
-    """What a metric's gate says of the second one, called ``b``; the requirements of the comparison are in words."""
+def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
+    """Return the result of a metric's gate in words; ``label`` names the second side."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
-    at = f"at {gate.at}, " if gate.at else ""
-    words = f"{at}{b} {'passes' if gate.shown else 'is stopped'}: {'' if gate.within_low > 0.5 else 'NOT '}shown to be"
-    words += f" at most {100.0 * gate.margin:g} % worse on more than half of the flights (on {gate.within} of "
-    words += f"{gate.pairs} flown; with 95 % confidence on at least {percent(gate.within_low, 2)} of all)"
+    point = f"at {gate.at}, " if gate.at else ""
+    text = (
+        f"{point}{label} {'passes' if gate.shown else 'is rejected'}: "
+        f"{'' if gate.within_low > 0.5 else 'NOT '}shown to be at most {100.0 * gate.margin:g} % worse on more "
+        f"than half of the flights ({gate.within} of {gate.pairs} flights; at 95 % confidence at least "
+        f"{percent(gate.within_low, 2)} of all)"
+    )
     reasons = [
         f"its {100.0 * level:.4g} % quantile is shown to be worse by more"
         for level in gate.worse_tails
@@ -218,9 +226,9 @@ def gate_words(pair: CampaignPair, metric: str, b: str, requirements: Sequence[s
         reasons.append(
             f"its worst flight has {significant(worst[1])}, against {significant(worst[0])}"
         )
-    reasons += ["it loses more flights"] if gate.loses_more else []
+    reasons += ["more of its flights are lost"] if gate.loses_more else []
     reasons += [f"it misses {requirements[k]} more often" for k in gate.misses_more]
-    return "; ".join([words, *reasons])
+    return "; ".join([text, *reasons])
 
 
 def _gate(
@@ -232,9 +240,10 @@ def _gate(
     *,
     unknowns: Unknowns,
 ) -> Gate:
-    """What stops `b`, which may be so much worse; with unknowns at the point that stops it, or is nearest to it.
+    """Return the gate of `b`, at the point of the unknowns that rejects it or comes closest to that.
 
-    `b` has to be shown not worse at each point, which costs no risk; the tests of whether it is worse share theirs.
+    `b` must be shown not worse at every point, which needs no correction of the risk; the tests
+    that reject it share the risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
@@ -245,12 +254,12 @@ def _gate(
     ]
     points, gates = len(unknowns.points), []
     for point in range(points):
-        at = a.flight[rows_a] % points == point
+        mask = a.flight[rows_a] % points == point
         gate = judge_change(
-            values[0][at],
-            values[1][at],
-            (lost[0][at], lost[1][at]),
-            [(x[at], y[at]) for x, y in missed],
+            values[0][mask],
+            values[1][mask],
+            (lost[0][mask], lost[1][mask]),
+            [(x[mask], y[mask]) for x, y in missed],
             margin,
             risk=RISK / points,
         )
@@ -264,8 +273,8 @@ def pair_controllers(
     """Yield the controllers to compare: the two that are named, or each that both campaigns ran."""
     if controllers:
         if len(controllers) != 2:
-            found = f"{len(controllers)} controllers"
-            raise InputError("--controllers", found, "two: the first folder's and the second's")
+            problem = f"{len(controllers)} controllers"
+            raise InputError("--controllers", problem, "two: the first folder's and the second's")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
                 expected = " or ".join(results.controllers)
@@ -274,6 +283,6 @@ def pair_controllers(
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
-        found = f"the controllers {', '.join(b.controllers)}"
-        raise InputError(b.folder, found, f"one of {', '.join(a.controllers)}")
+        problem = f"the controllers {', '.join(b.controllers)}"
+        raise InputError(b.folder, problem, f"one of {', '.join(a.controllers)}")
     yield from ((name, name) for name in common)

@@ -1,4 +1,4 @@
-"""Two campaigns on different samples: the verdicts of each, and differences of failures and quantiles."""
+"""Unpaired comparison of two campaigns: verdicts, and differences of failures and quantiles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.inputs import describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import pair_controllers, sides
+from abhv_mc.report.numbers.compare import pair_controllers, select_flights
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.unpaired import quantile_difference, share_difference
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.plain import level_name
 
 
 @dataclass(frozen=True)
 class SideVerdict:
-    """What one campaign says of a requirement."""
+    """Verdict of one campaign on a requirement."""
 
     status: str
     failures: int
@@ -28,7 +28,7 @@ class SideVerdict:
 
 @dataclass(frozen=True)
 class ContrastRequirement:
-    """A requirement in both campaigns; the difference is the second's share of failures less the first's."""
+    """Requirement in both campaigns and the change of the share of failures, second minus first."""
 
     words: str
     probability: float
@@ -39,16 +39,16 @@ class ContrastRequirement:
 
 @dataclass(frozen=True)
 class ContrastQuantile:
-    """A quantile in both campaigns; no difference if too few flights lie beyond it."""
+    """Quantile in both campaigns; no difference if too few flights lie beyond it."""
 
     before: Interval
     after: Interval
-    difference: Interval | None  # the second less the first
+    difference: Interval | None  # second minus first
 
 
 @dataclass(frozen=True)
 class ContrastController:
-    """A controller of each campaign."""
+    """Comparison of a controller of each campaign."""
 
     controllers: tuple[str, str]
     flights: tuple[int, int]
@@ -58,7 +58,7 @@ class ContrastController:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Two campaigns on different samples; requirements are the first's."""
+    """Comparison of two campaigns on different samples by the requirements of the first."""
 
     changes: tuple[str, ...]  # 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
     words: Mapping[str, Mapping[str, str]]  # of each metric
@@ -70,24 +70,28 @@ def contrast_results(
 ) -> Contrast:
     """Compare the distributions of two campaigns over the metrics that both have.
 
-    Raise InputError for campaigns with unknowns, whose flights are no draws of one distribution.
+    Raise InputError for campaigns with unknowns, whose flights do not share one distribution.
     """
-    for each in (a, b):
-        if each.campaign.unknowns.names:
-            found = "flights at points of unknowns, on other samples than the other folder's"
-            raise InputError(each.folder, found, "the same samples, or campaigns without unknowns")
+    for results in (a, b):
+        if results.campaign.unknowns.names:
+            problem = (
+                "flights at points of unknowns, on samples that differ from the other folder's"
+            )
+            raise InputError(
+                results.folder, problem, "the same samples, or campaigns without unknowns"
+            )
     metrics = [name for name in a.compared if name in b.metrics]
     requirements = [item for item in a.campaign.requirements if item.metric in b.metrics]
     is_judged = a.campaign.judged and b.campaign.judged
     contrasted = []
     for pair in pair_controllers(a, b, controllers):
-        flights = sides(a, b, *pair)
+        flights = select_flights(a, b, *pair)
         contrasted.append(
             ContrastController(
                 pair,
                 (flights[0].flight.size, flights[1].flight.size),
-                tuple(_required(item, *flights, is_judged) for item in requirements),
-                {metric: _quantiles(metric, *flights) for metric in metrics},
+                tuple(_contrast_requirement(item, *flights, is_judged) for item in requirements),
+                {metric: _contrast_quantiles(metric, *flights) for metric in metrics},
             )
         )
     records = a.campaign.metrics
@@ -100,22 +104,23 @@ def contrast_results(
 
 def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
     before, after = (
-        read_folder_inputs(CampaignFolder(each.folder), each.manifest) for each in (a, b)
+        read_folder_inputs(CampaignFolder(results.folder), results.manifest) for results in (a, b)
     )
     changes = describe_changes(before, after, extensible=False)
     changes += [
-        f"requirements, {words}" for words in describe_requirement_changes(before.data, after.data)
+        f"requirements, {change}"
+        for change in describe_requirement_changes(before.data, after.data)
     ]
     if a.manifest.source_hash != b.manifest.source_hash:
-        commits = (each.manifest.commit or each.manifest.source_hash for each in (a, b))
+        commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))
         changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))
     return changes
 
 
-def _required(
+def _contrast_requirement(
     item: Requirement, a: ControllerFlights, b: ControllerFlights, is_judged: bool
 ) -> ContrastRequirement:
-    before, after = (_verdict(item, each, is_judged) for each in (a, b))
+    before, after = (_verdict(item, flights, is_judged) for flights in (a, b))
     counts = before.failures, before.flights, after.failures, after.flights
     return ContrastRequirement(
         requirement_words(item, a.records),
@@ -133,17 +138,17 @@ def _verdict(item: Requirement, flights: ControllerFlights, is_judged: bool) -> 
     return SideVerdict(status, verdict.failures, verdict.flights)
 
 
-def _quantiles(
+def _contrast_quantiles(
     metric: str, a: ControllerFlights, b: ControllerFlights
 ) -> dict[str, ContrastQuantile]:
-    first, second = (severities(each, metric) for each in (a, b))
+    first, second = (severities(flights, metric) for flights in (a, b))
     sense = a.records[metric].bad
-    found = {}
+    quantiles = {}
     for level in LEVELS:
         difference = quantile_difference(first, second, level)
-        found[level_name(level)] = ContrastQuantile(
+        quantiles[level_name(level)] = ContrastQuantile(
             quantile(first, level).in_sense(sense),
             quantile(second, level).in_sense(sense),
             difference and difference.in_sense(sense),
         )
-    return found
+    return quantiles

@@ -1,8 +1,7 @@
-"""Every number of a report, as plain data, and its JSON Schema: `report.json` holds it, the page prints it, `verify
-campaign` remakes it.
+"""Content of `report.json` and its JSON Schema.
 
-The same folder gives the same numbers to the last bit: seeds are fixed and nothing depends on time or machine.
-Infinite and missing values are None.
+The same folder gives the same numbers to the last bit: seeds are fixed and nothing depends on time
+or machine. Infinite and missing values are None.
 """
 
 from collections.abc import Mapping
@@ -11,10 +10,10 @@ from types import NoneType, UnionType
 from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 from abhv_mc.report.numbers.compare import Baseline
-from abhv_mc.report.numbers.judged import Judgement
 from abhv_mc.report.numbers.judgement import judge_campaign
+from abhv_mc.report.numbers.judgement_record import Judgement
+from abhv_mc.topics.json_data import DRAWN, json_data
 from abhv_mc.topics.margins import MARGINS, missing_margins
-from abhv_mc.topics.plain import DRAWN, plain
 from abhv_mc.topics.registry import BUILT_IN
 from abhv_mc.topics.topic import Models, user_topics
 
@@ -22,7 +21,7 @@ FORMAT = 2
 
 
 def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, Any]:
-    """All numbers of the report of a campaign, as JSON holds them; those against a ``baseline`` where given."""
+    """Return the content of a campaign's `report.json`, with the comparison with a ``baseline``."""
     manifest, users = models.results.manifest, models.users
     return {
         "format": FORMAT,
@@ -30,18 +29,18 @@ def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, 
         "digest": manifest.digest,
         **({"requirement_sets": len(sets)} if (sets := manifest.requirement_sets) else {}),
         "warnings": warnings_of(models),
-        "judgement": plain(judge_campaign(models)),
-        **{topic.name: plain(models[topic]) for topic in BUILT_IN},
-        **({"topics": {topic.name: plain(models[topic]) for topic in users}} if users else {}),
-        **({"baseline": plain(baseline)} if baseline else {}),
+        "judgement": json_data(judge_campaign(models)),
+        **{topic.name: json_data(models[topic]) for topic in BUILT_IN},
+        **({"topics": {topic.name: json_data(models[topic]) for topic in users}} if users else {}),
+        **({"baseline": json_data(baseline)} if baseline else {}),
     }
 
 
 def warnings_of(models: Models) -> list[str]:
-    """What a run and the topics have to say of what is missing."""
+    """Return the warnings of a run and of the topics."""
     manifest = models.results.manifest
-    made = (*manifest.warnings, *manifest.not_made)
-    return [*made, *missing_margins(models[MARGINS], models.names)]
+    warnings = (*manifest.warnings, *manifest.not_made)
+    return [*warnings, *missing_margins(models[MARGINS], models.names)]
 
 
 _PLAIN = {str: "string", int: "integer", bool: "boolean", NoneType: "null"}
@@ -52,9 +51,9 @@ Schema: TypeAlias = dict[str, Any]
 
 
 def report_schema() -> Schema:
-    """What stands in report.json; an infinite or missing number is null."""
+    """Return the JSON Schema of `report.json`; infinite and missing numbers are null."""
     defs: dict[str, Schema] = {}
-    held = {"judgement": _schema(Judgement, defs)} | {
+    sections = {"judgement": _schema(Judgement, defs)} | {
         topic.name: _schema(topic.model, defs) for topic in BUILT_IN
     }
     users = {topic.name: _schema(topic.model, defs) for topic in user_topics()}
@@ -68,16 +67,19 @@ def report_schema() -> Schema:
             "requirement_sets": {"type": "integer"},
             "warnings": {"type": "array", "items": {"type": "string"}}, "baseline": {"type": "object"},
             "topics": {"type": "object", "properties": users},
-            **dict.fromkeys(("files", "pages", "pictures"), _HASHES), **held,
+            **dict.fromkeys(("files", "pages", "pictures"), _HASHES), **sections,
         },
-        "required": ["format", "state", "digest", "warnings", *held],
+        "required": ["format", "state", "digest", "warnings", *sections],
         "additionalProperties": False,
         "$defs": defs,
     }  # fmt: skip
 
 
 def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
-    """The schema of a type as :func:`abhv_mc.topics.plain.plain` writes its values; classes go to ``defs``."""
+    """Return the schema of a type as :func:`abhv_mc.topics.json_data.json_data` writes its values.
+
+    Classes are added to ``defs``.
+    """
     origin, arguments = get_origin(hint), get_args(hint)
     if hint in _PLAIN:
         return {"type": _PLAIN[hint]}
@@ -86,11 +88,11 @@ def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
     if origin is Literal:
         return {"enum": list(arguments)}
     if origin in (Union, UnionType):
-        return {"anyOf": [_schema(each, defs) for each in arguments]}
+        return {"anyOf": [_schema(item, defs) for item in arguments]}
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return {"type": "object", "additionalProperties": _schema(arguments[1], defs)}
     if origin is tuple and arguments[-1] is not Ellipsis:
-        items = [_schema(each, defs) for each in arguments]
+        items = [_schema(item, defs) for item in arguments]
         return {
             "type": "array",
             "prefixItems": items,
@@ -104,12 +106,12 @@ def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
     elif hasattr(hint, "_fields"):  # a named tuple
         names = list(hint._fields)
     else:
-        return {}  # anything
+        return {}  # any value
     name = f"{hint.__module__}.{hint.__name__}"
     if name not in defs:
         defs[name] = {}
         hints = get_type_hints(hint)
-        properties = {each: _schema(hints[each], defs) for each in names}
+        properties = {item: _schema(hints[item], defs) for item in names}
         defs[name] = {
             "type": "object",
             "properties": properties,

@@ -1,4 +1,4 @@
-"""Campaigns below a folder, from their manifests and `report.json` alone, and the pages that compare two of them."""
+"""List of the campaigns below a folder, read from manifests and `report.json`."""
 
 import json
 import os
@@ -12,17 +12,17 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.status import read_status
 from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.judged import read_judgement
+from abhv_mc.report.numbers.judgement_record import read_judgement
 
-COMPARISON_FILE = "comparison.json"  # beside the page of two compared campaigns
+COMPARISON_FILE = "comparison.json"  # next to the page of a comparison
 _MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignRun:
-    """One campaign's folder; ``problem`` says why nothing else is known."""
+    """Campaign in a folder; ``problem`` is the reason if it could not be read."""
 
-    folder: str  # relative to the folder that was searched
+    folder: str  # relative to the searched folder
     name: str = ""
     state: str = ""
     started: str = ""
@@ -40,14 +40,14 @@ class CampaignRun:
 
 @dataclass(frozen=True)
 class CampaignRuns:
-    """All campaigns below a folder, the latest first, and the pages that compare two, by their digests."""
+    """Campaigns below a folder, the latest first, and the pages of comparisons."""
 
     runs: tuple[CampaignRun, ...]
-    comparisons: Mapping[str, str]  # 'digest digest' -> page, relative
+    comparisons: Mapping[str, str]  # 'digest digest' -> relative path of the page
 
 
 def find_runs(root: Path, store: Store) -> CampaignRuns:
-    """Return every campaign below ``root``, where the files of a store are."""
+    """Return every campaign below ``root``, the local folder of a store."""
     runs, comparisons = [], {}
     for folder, files in _walk(root):
         name = folder.relative_to(root).as_posix()
@@ -63,23 +63,23 @@ def find_runs(root: Path, store: Store) -> CampaignRuns:
 
 
 def _walk(root: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield folders with their files; nothing below a campaign, nothing hidden, no links."""
-    for place, folders, files in os.walk(root):
-        yield Path(place), files
-        is_campaign = _MANIFEST in files and Path(place) != root
+    """Yield folders with their files, except hidden ones, links and folders inside a campaign."""
+    for path, folders, files in os.walk(root):
+        yield Path(path), files
+        is_campaign = _MANIFEST in files and Path(path) != root
         folders[:] = [] if is_campaign else sorted(f for f in folders if not f.startswith("."))
 
 
 def _digests(file: Path) -> str | None:
     try:
-        one, other = json.loads(file.read_text("utf-8"))["digests"]
+        digest_a, digest_b = json.loads(file.read_text("utf-8"))["digests"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    return f"{one} {other}"
+    return f"{digest_a} {digest_b}"
 
 
 def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
-    """Read a campaign's folder; None for a search and for another program's manifest."""
+    """Read a campaign's folder; return None for a search or another program's manifest."""
     paths = CampaignFolder(folder)
     try:
         if read_manifest(paths.manifest).search:
@@ -109,7 +109,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
 
 
 def _is_ours(manifest: Path) -> bool:
-    """Return whether a manifest that cannot be read may be this program's: damaged, or with a format number."""
+    """Return whether an unreadable manifest may be of this program: damaged, or with a format."""
     try:
         content = json.loads(manifest.read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -1,40 +1,42 @@
-"""What joins the topics of a campaign, in sentences, and how sure it is."""
+"""Sentences that combine the topics of a campaign, and the statement of confidence."""
 
 from collections.abc import Mapping, Sequence
 
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.flights import FLIGHTS, flight_sentences
+from abhv_mc.topics.formatting import fixed, joined, percent
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import fixed, joined, percent
 from abhv_mc.vehicle.shared_keys import IN_WIND
 
 
 def summary_sentences(models: Models) -> list[str]:
-    """What a reader with two minutes should know: the answer of each topic in words."""
+    """Return the summary of a campaign: the sentences of each topic."""
     return [sentence for topic in all_topics(models.users) for sentence in models.sentences(topic)]
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """What stands first in a topic's section and takes other topics to say; ``warnings``: what else is missing."""
-    siblings, command = name_siblings(models.results.folder, models.results.manifest)
-    held = models[VERDICTS].held_together
-    jointly = (
-        models.sentences(VERDICTS) if held is not None and held.dropped else ()
-    )  # tells which do not stand
+    """Return the first sentences of a topic's section that depend on other topics, by topic.
+
+    ``warnings`` are added to those of the run and the topics.
+    """
+    siblings, command = suggest_merge(models.results.folder, models.results.manifest)
+    joint = models[VERDICTS].held_together
+    # The sentences name the verdicts that do not hold jointly.
+    jointly = models.sentences(VERDICTS) if joint is not None and joint.dropped else ()
     windy = [
-        f"{words[:1].upper()}{words[1:]}."
-        for words in warnings_of(models)
-        if words.startswith(IN_WIND)
+        f"{warning[:1].upper()}{warning[1:]}."
+        for warning in warnings_of(models)
+        if warning.startswith(IN_WIND)
     ]
-    beside = [f"{siblings} All judged together: `{command}`"] if siblings else []
+    pooled = [f"{siblings} Merge and judge them with `{command}`"] if siblings else []
     flights = flight_sentences(models[FLIGHTS], models.names, off_cards=True)
     return {
-        VERDICTS.name: [*jointly, *windy, *flights, *beside],
+        VERDICTS.name: [*jointly, *windy, *flights, *pooled],
         CONVERGENCE.name: [confidence_sentence(models, warnings)],
     }
 
@@ -42,15 +44,15 @@ def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, 
 def _judged_words(unknowns: Unknowns) -> str:
     shared = unknowns.shared
     if shared is None or shared == len(unknowns.points):
-        return "A verdict is of every one of these"
+        return "Each verdict covers all of these values"
     return (
-        f"A verdict is of the first {shared} of these, and of those where the search saw its "
-        "requirement fail most often"
+        f"Each verdict covers the first {shared} values and those at which the search found the most "
+        "failures of its requirement"
     )
 
 
 def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
-    """What the intervals and verdicts rest on; ``warnings``: what else is missing."""
+    """Return the basis of the intervals and verdicts; ``warnings`` are added as notes."""
     campaign, names, requirements = (
         models.results.campaign,
         models.names,
@@ -59,28 +61,29 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     flights = joined(
         [
             fixed(count, 0)
-            for count in sorted({each.flown for each in models[FLIGHTS].counts.values()})
+            for count in sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
         ]
     )
     text = f"Based on {flights} flights of each {names.campaign.kind}, the same dispersions for all"
     text += "; intervals are 95 %." if campaign.independent else "."
     if campaign.unknowns.names:
         text += (
-            f" They are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
-            f"of the unknowns. {_judged_words(campaign.unknowns)}; what lies between them was searched, not proven. "
-            "Quantiles, envelopes and differences are of all of them together; a winner is named where it is one at "
-            "every value."
+            f" These are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
+            f"of the unknowns. {_judged_words(campaign.unknowns)}; values in between were searched, not proven. "
+            f"Quantiles, envelopes and differences combine all values; a {names.campaign.kind} is named better only "
+            "if it is better at every value."
         )
     elif not campaign.independent:
         text += (
-            f" {campaign.dependence[:1].upper()}{campaign.dependence[1:]}: exact binomial statistics do not hold, so "
+            f" {campaign.dependence[:1].upper()}{campaign.dependence[1:]}: exact binomial statistics do not apply, so "
             "quantiles, differences and their intervals are estimates and no verdict is given."
         )
     elif requirements:
         largest = max(entry.asked.consumer_risk for entry in requirements)
         text += (
-            f" A system that just misses a requirement would ever PASS with a probability of at most "
-            f"{percent(largest, 2)}, however often one looks or extends the campaign; the intervals are for one look."
+            f" A system that just misses a requirement gets a PASS with a probability of at most "
+            f"{percent(largest, 2)}, also if results are checked repeatedly or the campaign is extended; the intervals "
+            "hold for a single check."
         )
         if campaign.model.stop:
             text += (

@@ -1,4 +1,4 @@
-"""What a campaign's numbers would be under other dispersions, from the flights that were flown."""
+"""Numbers of a campaign under other dispersions, by re-weighting the stored flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.plain import level_name
 
 FEWEST_EFFECTIVE = 100.0  # flights
-LEAST_EFFECTIVE = 0.5  # of the flights: below it intervals miss too often
-MOST_UNSEEN = 0.01  # probability of values that no flight had
+LEAST_EFFECTIVE = 0.5  # share of the flights; below it the intervals' coverage is too low
+MOST_UNSEEN = 0.01  # probability of values beyond those of all flights
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A number as flown, and with other settings."""
+    """Estimate as simulated and with other settings."""
 
     before: Interval
     after: Interval
@@ -37,7 +37,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class WhatifRequirement:
-    """How often a requirement fails."""
+    """Share of flights that fail a requirement."""
 
     metric: str
     words: str
@@ -47,18 +47,18 @@ class WhatifRequirement:
 
 @dataclass(frozen=True)
 class WhatifController:
-    """The flights of one controller, and what they are worth under other settings."""
+    """Flights of one controller and their effective number with other settings."""
 
     flights: int
     effective_flights: float
-    unseen: float  # probability of values that no flight had
+    unseen: float  # probability of values beyond those of all flights
     requirements: tuple[WhatifRequirement, ...]
     metrics: Mapping[str, Mapping[str, Pair]]  # by metric and level
 
 
 @dataclass(frozen=True)
 class Whatif:
-    """A campaign under other settings of its dispersions."""
+    """Numbers of a campaign under other settings of its dispersions."""
 
     before: Mapping[str, Mapping[str, object]]
     after: Mapping[str, Mapping[str, object]]
@@ -73,7 +73,11 @@ def make_whatif(
     settings: Mapping[str, Mapping[str, Any]],
     requirements: RequirementSource | None = None,
 ) -> Whatif:
-    """Quantiles and failures as flown and with other ``settings``. Raises InputError where too few flights count."""
+    """Return quantiles and failures as simulated and with other ``settings``.
+
+    Raise InputError if the flights do not cover the new distributions or their effective number is
+    too small.
+    """
     results = read_flown(root, requirements)
     campaign = read_campaign(CampaignFolder(root).campaign)
     change = make_change(campaign, settings)
@@ -84,40 +88,39 @@ def make_whatif(
         rows = samples[flights.flight]
         weights = weigh_flights(campaign, change, rows)
         effective, unseen = effective_size(weights), unseen_probability(campaign, change, rows)
-        _refuse_too_little(root, effective, unseen, flights)
+        _check_coverage(root, effective, unseen, flights)
         metrics = {
-            metric: _levels(flights, metric, weights, unseen.joint) for metric in results.metrics
+            metric: _reweight_quantiles(flights, metric, weights, unseen.joint)
+            for metric in results.metrics
         }
-        required = tuple(
-            _required(flights, item, weights, unseen.joint)
+        reweighted = tuple(
+            _reweight_requirement(flights, item, weights, unseen.joint)
             for item in results.campaign.requirements
         )
         total = int(flights.flight.size)
-        controllers[name] = WhatifController(total, effective, unseen.joint, required, metrics)
+        controllers[name] = WhatifController(total, effective, unseen.joint, reweighted, metrics)
     results.refuse_changes()
-    words = {name: results.campaign.metrics[name].as_texts() for name in results.metrics}
+    labels = {name: results.campaign.metrics[name].as_texts() for name in results.metrics}
     stopped = campaign.model.stop is not None
-    return Whatif(change.before, change.after, stopped, results.compared, words, controllers)
+    return Whatif(change.before, change.after, stopped, results.compared, labels, controllers)
 
 
-def _refuse_too_little(
+def _check_coverage(
     root: Path, effective: float, unseen: Unseen, flights: ControllerFlights
 ) -> None:
     total = flights.flight.size
     most = max(unseen.single, unseen.joint)
     if most > MOST_UNSEEN:
-        found = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
-        raise InputError(root, found, f"at most {100.0 * MOST_UNSEEN:g} %: fly a fresh campaign")
+        problem = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
+        raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %; run a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
     if effective < least:
-        found = f"flights worth {effective:.0f}, of {total} flown"
-        expected = (
-            f"an effective number of at least {least:g}: a smaller change, more flights, or a fresh"
-        )
-        raise InputError(root, found, f"{expected} campaign")
+        problem = f"an effective number of {effective:.0f} flights out of {total}"
+        remedy = "a smaller change, more flights, or a new campaign"
+        raise InputError(root, problem, f"an effective number of at least {least:g}: {remedy}")
 
 
-def _required(
+def _reweight_requirement(
     flights: ControllerFlights, item: Requirement, weights: Floats, unseen: float
 ) -> WhatifRequirement:
     failed = requirement_failures(flights, item)
@@ -129,7 +132,7 @@ def _required(
     )
 
 
-def _levels(
+def _reweight_quantiles(
     flights: ControllerFlights, metric: str, weights: Floats, unseen: float
 ) -> dict[str, Pair]:
     values, sense = severities(flights, metric), flights.records[metric].bad

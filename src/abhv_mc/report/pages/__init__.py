@@ -1,1 +1,1 @@
-"""Pages, made of the numbers."""
+"""HTML pages, PDF and files for other programs, made from the numbers."""

@@ -1,4 +1,4 @@
-"""From a campaign's folder to its report: numbers, figures and a page."""
+"""Creation of a report in a campaign's folder: numbers, figures and a page."""
 
 import gc
 import hashlib
@@ -13,17 +13,17 @@ from abhv_mc.folder.flights import Digest, parse_block_name, read_digest
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import Manifest, read_manifest
-from abhv_mc.folder.siblings import name_siblings
+from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.io.input_error import InputError
 
 Stage = Callable[[str], AbstractContextManager[object]]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
-    """Return what a report is made from: the SHA-256 of files by path, and the digest of each controller's rows.
+    """Return the hashes of a report's input: SHA-256 of files by path, digests of flights.
 
-    How the rows are divided into block files says nothing about them: a block that is computed again may have another
-    name.
+    The digest covers all rows of a controller, because their division into block files may differ
+    after a block has been recomputed.
     """
     paths = CampaignFolder(folder)
     manifest = read_manifest(paths.manifest)
@@ -39,12 +39,12 @@ def hash_files(folder: Path) -> dict[str, str]:
 
 
 def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
-    """SHA-256 of written pages; None for one that is gone."""
+    """Return the SHA-256 of pages by name, None for a missing page."""
     return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
 
 
-def make_key(folder: Path, baseline: Path | None = None) -> str:
-    """What a report follows from: the data and manifests of the folder and its baseline, and the program."""
+def report_key(folder: Path, baseline: Path | None = None) -> str:
+    """Return a hash of everything a report depends on: data, manifests, baseline and program."""
     import abhv_mc
     from abhv_mc.topics.topic import user_topics
 
@@ -62,7 +62,7 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
     }
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
     data.append([topic.name for topic in user_topics()])
-    data += name_siblings(folder, read_manifest(CampaignFolder(folder).manifest))
+    data += suggest_merge(folder, read_manifest(CampaignFolder(folder).manifest))
     if CampaignFolder(folder).failure_map.is_file():
         data.append(hash_file(CampaignFolder(folder).failure_map))
     if baseline is not None:
@@ -72,57 +72,70 @@ def make_key(folder: Path, baseline: Path | None = None) -> str:
 
 
 def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
-    """Whether the page and its figures are there as this program would make them again from the same data."""
+    """Return whether the page and its figures are those this program makes from the data."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        made = {**written["pages"], **written["pictures"]}
-        known = written["key"] == make_key(folder, baseline) and "report.html" in made
-        return bool(known and hash_pages(folder, made) == made)
+        hashes = {**written["pages"], **written["pictures"]}
+        is_current = written["key"] == report_key(folder, baseline) and "report.html" in hashes
+        return bool(is_current and hash_pages(folder, hashes) == hashes)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
 
 
-SIDES: dict[str | None, tuple[str, ...]] = {"high": ("--above",), "low": ("--below",), None: ()}
+_SIDE_OPTIONS: dict[str | None, tuple[str, ...]] = {
+    "high": ("--above",),
+    "low": ("--below",),
+    None: (),
+}
 
 
 def refuse_search(root: Path, manifest: Manifest) -> None:
-    """Raise InputError for a search's folder, naming the command that makes its page again."""
+    """Raise InputError for the folder of a search; the message names the command for its page."""
     if manifest.search:
-        expected = f"the search's own command, which makes its page again from them: {search_command(root, manifest)}"
-        raise InputError(
-            root, "the flights of a search, of which there is no campaign's report", expected
-        )
+        expected = f"a campaign; for the page of the search run {search_command(root, manifest)}"
+        raise InputError(root, "the flights of a search", expected)
 
 
 def search_command(root: Path, manifest: Manifest) -> str:
-    """The command that answers the search again from what the folder holds."""
-    held = manifest.search or {}
-    words = [
+    """Return the command that remakes the page of a search from its folder."""
+    search = manifest.search or {}
+    arguments = [
         "abhv-mc",
-        held["kind"],
+        search["kind"],
         str(root / "campaign.yaml"),
         "--controller",
-        held["controller"],
+        search["controller"],
     ]
-    if held["kind"] == "worst":
-        words += ["--metric", held["metric"], *SIDES[held["bad"]], "--box", f"{held['box']:g}"]
+    if search["kind"] == "worst":
+        arguments += [
+            "--metric",
+            search["metric"],
+            *_SIDE_OPTIONS[search["bad"]],
+            "--box",
+            f"{search['box']:g}",
+        ]
     else:
-        words += ["--requirement", held["requirement"], "--target-cov", f"{held['target_cov']:g}"]
-    return shlex.join([*words, "--flights", str(held["flights"]), "-o", str(root)])
+        arguments += [
+            "--requirement",
+            search["requirement"],
+            "--target-cov",
+            f"{search['target_cov']:g}",
+        ]
+    return shlex.join([*arguments, "--flights", str(search["flights"]), "-o", str(root)])
 
 
 @contextmanager
-def _seldom_collecting() -> Iterator[None]:
-    """Figures are made of so many objects that looking for garbage among them takes an eighth of a report's time."""
-    held = gc.get_threshold()
+def _rare_garbage_collection() -> Iterator[None]:
+    """Collect garbage rarely: with the many objects of figures it takes an eighth of the time."""
+    thresholds = gc.get_threshold()
     gc.set_threshold(100_000, 20, 20)
     try:
         yield
     finally:
-        gc.set_threshold(*held)
+        gc.set_threshold(*thresholds)
 
 
-@_seldom_collecting()
+@_rare_garbage_collection()
 def build_report(
     folder: Path,
     baseline: Path | None = None,
@@ -132,10 +145,29 @@ def build_report(
     requirements: Path | None = None,
     junit: Path | None = None,
 ) -> Path:
-    """Write a folder's report into ``out``, by default the folder itself, and return its page.
+    """Write the report of a campaign's folder and return the path of its page.
 
-    ``svg`` also writes each figure as SVG; ``requirements`` judges the flights in place of the folder's; ``junit``
-    takes the verdicts as JUnit XML. Raise InputError.
+    Parameters
+    ----------
+    folder
+        Folder of the campaign.
+    baseline
+        Folder of an earlier campaign on the same samples, to compare with.
+    svg
+        Also write each figure as SVG.
+    stage
+        Called with the name of each stage; returns a context manager that shows progress.
+    out
+        Folder of the report, by default that of the campaign.
+    requirements
+        File of requirements that replace those of the folder.
+    junit
+        File for the verdicts as JUnit XML.
+
+    Raises
+    ------
+    InputError
+        If the folder is no campaign's, or a file is invalid.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import explain_os_error, write_text
@@ -150,12 +182,12 @@ def build_report(
     from abhv_mc.topics.verdicts import VERDICTS
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
-    key = make_key(folder, baseline)  # as it is now: a run may go on meanwhile
+    key = report_key(folder, baseline)  # before the data are read: a run may add flights meanwhile
     results = read_flown(folder, requirements)
     models = Models(results, page=out or folder)
-    held = compare_baseline(results, baseline) if baseline else None
+    comparison = compare_baseline(results, baseline) if baseline else None
     with stage("report: statistics"):
-        numbers = {**make_numbers(models, held), "files": hash_files(folder)}
+        numbers = {**make_numbers(models, comparison), "files": hash_files(folder)}
     out = out or folder
     written = CampaignFolder(out)
     figures_folder = out / "figures"
@@ -163,9 +195,9 @@ def build_report(
         figures_folder.mkdir(parents=True, exist_ok=True)
     figures, failed = [], []
     with stage("report: figures"):
-        for shown, made in make_figures(models).items():
+        for topic, topic_figures in make_figures(models).items():
             try:
-                for text, figure in made:
+                for text, figure in topic_figures:
                     path = figures_folder / f"{text.name}.png"
                     width, height = write_png(figure, path)
                     if svg:
@@ -180,17 +212,17 @@ def build_report(
                 ValueError,
             ) as error:
                 failed.append(
-                    f"figures of {shown} could not be made ({type(error).__name__}: {error})"
+                    f"figures of {topic} could not be made ({type(error).__name__}: {error})"
                 )
     results.refuse_changes()
-    kept = {
+    current_files = {
         figure.path.with_suffix(kind) for figure in figures for kind in (".png", *[".svg"] * svg)
     }
-    for stale in {*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")} - kept:
-        stale.unlink(missing_ok=True)  # another report of this folder may do the same
+    for stale in {*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")} - current_files:
+        stale.unlink(missing_ok=True)  # another process may delete it at the same time
     page = out / "report.html"
     pages = {
-        page: make_page(models, figures, failed, held),
+        page: make_page(models, figures, failed, comparison),
         written.metrics: make_metrics(models[METRICS]),
     }
     if results.campaign.requirements:
@@ -199,7 +231,7 @@ def build_report(
         write_text(path, content)
     if junit is not None:
         write_text(junit, make_junit(out.name, judged_cases(models[VERDICTS])))
-    pictures = hash_pages(out, [path.relative_to(out).as_posix() for path in sorted(kept)])
+    pictures = hash_pages(out, [path.relative_to(out).as_posix() for path in sorted(current_files)])
     names = [path.name for path in pages]
     numbers |= {"pages": hash_pages(out, names), "pictures": pictures, "key": key}
     write_text(out / "report.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")

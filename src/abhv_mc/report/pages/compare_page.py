@@ -1,4 +1,4 @@
-"""The page of a paired comparison: gates, who is better in what and by how much, the flights that only one loses."""
+"""Comparison of two campaigns: answer, gates, differences, and its page."""
 
 import json
 import shlex
@@ -19,10 +19,10 @@ from abhv_mc.report.numbers.compare import (
     compare_results,
     gate_words,
     pair_campaigns,
-    sides,
+    select_flights,
 )
 from abhv_mc.report.numbers.contrast import Contrast, contrast_results
-from abhv_mc.report.numbers.judgement import few
+from abhv_mc.report.numbers.judgement import shorten_list
 from abhv_mc.report.numbers.runs import COMPARISON_FILE
 from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_rows, contrast_section
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
@@ -31,11 +31,11 @@ from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.comparison.sentences import pair_words, standing, verdict_of
 from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.formatting import ends_of, fixed, joined, p_value
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.names import Names, full_labels, names_of
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import ends_of, fixed, joined, p_value
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,14 +44,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two campaigns compared: in numbers, in words and tables, as a figure, and as a page if one is asked for.
+    """Comparison of two campaigns as numbers, table, figure and optional page.
 
     Attributes
     ----------
     found
-        `Compared`, flight by flight, of the same samples; else `Contrast`.
+        `Compared`, flight by flight, for equal samples; else `Contrast`.
     page
-        The page that was written.
+        Path of the page, None if none was requested.
     """
 
     found: Compared | Contrast
@@ -61,15 +61,16 @@ class Comparison:
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers of ``abhv-mc compare --json``."""
-        numbers: dict[str, Any] = plain(self.found)
+        numbers: dict[str, Any] = json_data(self.found)
         return numbers
 
     @property
     def table(self) -> "pd.DataFrame":
-        """One row a controller and quantity: differences with their 95 % intervals.
+        """Differences with their 95 % intervals, one row for each controller and quantity.
 
-        Of the same samples the first minus the second: the median over flights, and quantiles. Of others the second
-        minus the first: the share of flights that fails each requirement, and quantiles, with both sides' values.
+        On the same samples, first minus second: the median over flights, and quantiles. On
+        different samples, second minus first: the share of flights that fails each requirement,
+        and quantiles, with the values of both campaigns.
         """
         import pandas as pd
 
@@ -82,21 +83,21 @@ class Comparison:
         return pd.DataFrame(list(rows), columns=list(columns))
 
     def figure(self) -> "Figure":
-        """Return the figure of the page. Raise InputError if no flight differs or nothing is drawn."""
+        """Return the figure of the page. Raise InputError if no metric differs."""
         for _, figure in self._draw():
             return figure
-        raise InputError("figure", "no metric that differs", "campaigns of which a flight differs")
+        raise InputError("figure", "no metric that differs", "campaigns with a flight that differs")
 
 
-def _paired_rows(found: Compared) -> Iterator[tuple[object, ...]]:
+def _paired_rows(comparison: Compared) -> Iterator[tuple[object, ...]]:
     """Yield the rows of :attr:`Comparison.table` of a paired comparison."""
-    for pair in found.paired:
+    for pair in comparison.paired:
         for metric, entry in pair.metrics.items():
             names = {"median": entry.median_difference, **entry.quantile_differences}
             for level, difference in names.items():
-                words = "median over flights" if level == "median" else f"{level[1:]} % quantile"
+                quantity = "median over flights" if level == "median" else f"{level[1:]} % quantile"
                 ends = difference.value, difference.low, difference.high
-                yield (*pair.controllers, metric, words, nan, nan, *ends)
+                yield (*pair.controllers, metric, quantity, nan, nan, *ends)
 
 
 def compare_folders(
@@ -108,10 +109,10 @@ def compare_folders(
     requirements: RequirementSource | None = None,
     is_paired: bool = False,
 ) -> Comparison:
-    """Compare two folders flight by flight if their samples are the same, else by their distributions.
+    """Compare two folders flight by flight if their samples are equal, else by distributions.
 
-    Write a page into ``out``. Raise InputError for folders that have nothing in common, and for different samples if
-    ``margins`` or ``is_paired`` need flight by flight.
+    Write a page into ``out``. Raise InputError for folders that have nothing in common, and for
+    different samples if ``margins`` or ``is_paired`` require a paired comparison.
     """
     a, b = (read_flown(folder, requirements) for folder in (folder_a, folder_b))
     try:
@@ -120,237 +121,268 @@ def compare_folders(
         if margins or is_paired or a.campaign.unknowns.names or b.campaign.unknowns.names:
             raise
         return _contrast(a, b, controllers, out)
-    found = compare_results(a, b, controllers, margins)
-    told = _told(a, b, found)
+    comparison = compare_results(a, b, controllers, margins)
+    pairs = _label_pairs(a, b, comparison)
 
     def draw() -> list[Drawn]:
-        return _figures(a, b, {words: pair for words, pair, _ in told if not _is_same(pair)})
+        return _figures(a, b, {title: pair for title, pair, _ in pairs if not _is_identical(pair)})
 
-    section = _section(a, b, found, told)
+    section = _section(a, b, comparison, pairs)
     page = None
     if out is not None:
-        one, other = _folder_names(a, b)
-        title = joined([words for words, *_ in told]) if one == other else f"{one} against {other}"
+        name_a, name_b = _folder_names(a, b)
+        title = (
+            joined([title for title, *_ in pairs])
+            if name_a == name_b
+            else f"{name_a} against {name_b}"
+        )
         kicker = f"Paired comparison · {a.campaign.question or a.campaign.name.replace('_', ' ')}"
-        whole = replace(section, items=(*section.items, _provenance(a, b, found, out)))
-        page = write_answer(Answer(title, kicker, whole, draw()), out / "report.html")
-        _write_numbers(a, b, found, out)
+        full_section = replace(section, items=(*section.items, _provenance(a, b, comparison, out)))
+        page = write_answer(Answer(title, kicker, full_section, draw()), out / "report.html")
+        _write_numbers(a, b, comparison, out)
     for results in (a, b):
         results.refuse_changes()
-    return Comparison(found, section, page, draw)
+    return Comparison(comparison, section, page, draw)
 
 
 def _write_numbers(
-    a: FlownCampaign, b: FlownCampaign, found: Compared | Contrast, out: Path
+    a: FlownCampaign, b: FlownCampaign, comparison: Compared | Contrast, out: Path
 ) -> None:
-    """Write `comparison.json`: the numbers, and the digests by which `abhv-mc runs` finds the page."""
-    digests = [each.manifest.digest for each in (a, b)]
-    content = {"digests": digests, **plain(found)}
+    """Write `comparison.json`: the numbers, and the digests with which `abhv-mc runs` finds them."""
+    digests = [results.manifest.digest for results in (a, b)]
+    content = {"digests": digests, **json_data(comparison)}
     write_text(out / COMPARISON_FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def _contrast(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str], out: Path | None
 ) -> Comparison:
-    """Compare two campaigns on different samples."""
-    found, titles = contrast_results(a, b, controllers), _folder_names(a, b)
-    section, page = contrast_section(a, b, found, titles), None
+    """Return the comparison of two campaigns on different samples."""
+    contrast, titles = contrast_results(a, b, controllers), _folder_names(a, b)
+    section, page = contrast_section(a, b, contrast, titles), None
 
     def draw() -> Iterator[Drawn]:
-        return contrast_figures(a, b, found, titles)
+        return contrast_figures(a, b, contrast, titles)
 
     if out is not None:
         kicker = f"Comparison on different samples · {a.campaign.question or a.campaign.name}"
-        words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out)]
-        words += ["--controllers", ",".join(controllers)] if controllers else []
-        rows = [(str(each.folder), str(each.manifest.digest)) for each in (a, b)]
-        made = make_table(
-            "What was compared",
-            f"This page again: `{shlex.join(words)}`",
-            ("folder", "digest of its flights"),
+        command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out)]
+        command += ["--controllers", ",".join(controllers)] if controllers else []
+        rows = [(str(results.folder), str(results.manifest.digest)) for results in (a, b)]
+        provenance = make_table(
+            "Compared campaigns",
+            f"Remake this page with `{shlex.join(command)}`",
+            ("folder", "digest of the flights"),
             rows,
         )
-        whole = replace(section, items=(*section.items, made))
-        shown = Answer(" and ".join(titles), kicker, whole, draw())
-        page = write_answer(shown, out / "report.html")
-        _write_numbers(a, b, found, out)
+        full_section = replace(section, items=(*section.items, provenance))
+        answer = Answer(" and ".join(titles), kicker, full_section, draw())
+        page = write_answer(answer, out / "report.html")
+        _write_numbers(a, b, contrast, out)
     for results in (a, b):
         results.refuse_changes()
-    return Comparison(found, section, page, draw)
+    return Comparison(contrast, section, page, draw)
 
 
 def _section(
     a: FlownCampaign,
     b: FlownCampaign,
-    found: Compared,
-    told: Sequence[tuple[str, CampaignPair, Names]],
+    comparison: Compared,
+    pairs: Sequence[tuple[str, CampaignPair, Names]],
 ) -> Section:
     answers: list[str] = []
     tables: list[Item] = []
-    for title, pair, names in told:
-        answers += _sentences(title, pair, names, found)
-        if not _is_same(pair):
-            tables += _tables(title, pair, names, found)
+    for title, pair, names in pairs:
+        answers += _sentences(title, pair, names, comparison)
+        if not _is_identical(pair):
+            tables += _tables(title, pair, names, comparison)
     answers.append(
-        "Differences are of the same flights, the first minus the second, with 95 % intervals; a flight that ended "
-        "early counts as worse than any that did not."
+        "Differences are taken flight by flight, first minus second, with 95 % intervals; an early termination "
+        "counts as worse than any completed flight."
     )
-    if any(names.campaign.judged for _, _, names in told):
+    if any(names.campaign.judged for _, _, names in pairs):
         answers[-1] += (
-            " Who is better allows for all metrics that are asked for and of control usage."
+            " The better side is found over all required metrics and the control effort, with a correction for "
+            "their number."
         )
     unknowns = a.campaign.unknowns
     if unknowns.names:
         count = len(unknowns.points)
         answers.append(
-            f"Compared at the {count} values of the unknowns that both ran; flight {count} k + p is sample k "
-            "at the p-th."
+            f"Compared at the {count} values of the unknowns that both campaigns ran; flight {count} k + p is "
+            "sample k at value p."
         )
-    flying = dict.fromkeys(str(each.folder) for each in (a, b) if each.campaign.can_rerun)
-    again = (
-        f"`{shlex.join(['abhv-mc', 'replay', one])} --controller NAME --flight NUMBER`"
-        for one in flying
+    folders = dict.fromkeys(str(results.folder) for results in (a, b) if results.campaign.can_rerun)
+    commands = (
+        f"`{shlex.join(['abhv-mc', 'replay', folder])} --controller NAME --flight NUMBER`"
+        for folder in folders
     )
-    if flying and not unknowns.names:
-        answers.append(f"A flight again, bit for bit: {' or '.join(again)}.")
+    if folders and not unknowns.names:
+        answers.append(f"Re-run a flight, bit for bit, with {' or '.join(commands)}.")
     return Section(
-        "Answer", (_lead(told, b), Bullets(tuple(answers)), Picture("differences"), *tables)
+        "Summary", (_lead(pairs, b), Bullets(tuple(answers)), Picture("differences"), *tables)
     )
 
 
-def _told(
-    a: FlownCampaign, b: FlownCampaign, found: Compared
+def _label_pairs(
+    a: FlownCampaign, b: FlownCampaign, comparison: Compared
 ) -> list[tuple[str, CampaignPair, Names]]:
-    """How each pair is called, and what its two sides are."""
-    told, names, (first, second) = [], names_of(a), _folder_names(a, b)
-    for pair in found.paired:
-        one, other = (
-            full_labels(of.folder, [name])[name]
-            for of, name in zip((a, b), pair.controllers, strict=True)
+    """Return the title of each pair, the pair, and names with the labels of its two sides."""
+    pairs, names, (first, second) = [], names_of(a), _folder_names(a, b)
+    for pair in comparison.paired:
+        label_a, label_b = (
+            full_labels(results.folder, [name])[name]
+            for results, name in zip((a, b), pair.controllers, strict=True)
         )
-        title, sides_of = f"{one} against {other}", (one, other)
-        if first != second and one == other:
-            title, sides_of = one, (first, second)
+        title, labels = f"{label_a} against {label_b}", (label_a, label_b)
+        if first != second and label_a == label_b:
+            title, labels = label_a, (first, second)
         elif first != second:
-            sides_of = f"{first} ({one})", f"{second} ({other})"
-            title = " against ".join(sides_of)
-        told.append(
+            labels = f"{first} ({label_a})", f"{second} ({label_b})"
+            title = " against ".join(labels)
+        pairs.append(
             (
                 title,
                 pair,
-                replace(names, controllers=dict(zip((pair.a, pair.b), sides_of, strict=True))),
+                replace(names, controllers=dict(zip((pair.a, pair.b), labels, strict=True))),
             )
         )
-    return told
+    return pairs
 
 
 def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
-    """Names of two folders that tell them apart; twice the same of one folder."""
-    one, other = a.folder.resolve(), b.folder.resolve()
-    return (str(one), str(other)) if one.name == other.name else (one.name, other.name)
+    """Return names that distinguish two folders, or equal names for the same folder."""
+    path_a, path_b = a.folder.resolve(), b.folder.resolve()
+    return (str(path_a), str(path_b)) if path_a.name == path_b.name else (path_a.name, path_b.name)
 
 
-def _lead(told: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> Lead:
-    """Which of the two is better with which controller, in what, and what to do where the second fails more."""
+def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> Lead:
+    """Return the answer: the better side of each pair, the reasons, and the next step."""
     answers: dict[str, list[str]] = {}
     because = []
-    for title, pair, names in told:
-        held, first, second = standing(pair, names), names.label(pair.a), names.label(pair.b)
-        words = {"better": f"{first} is better", "worse": f"{second} is better", "mixed": "mixed",
+    for title, pair, names in pairs:
+        metrics_by_side, first, second = (
+            standing(pair, names),
+            names.label(pair.a),
+            names.label(pair.b),
+        )
+        answer_of = {"better": f"{first} is better", "worse": f"{second} is better", "mixed": "mixed",
                  "open": "no difference is shown"}  # fmt: skip
         answer = "no winner is named, as the flights are not independent"
         if names.campaign.judged:
-            answer = words[verdict_of(pair, names)]
-            parts = (
-                [f"loses {'more' if pair.losing == 'b' else 'fewer'} flights"]
+            answer = answer_of[verdict_of(pair, names)]
+            differences = (
+                [f"has {'more' if pair.losing == 'b' else 'fewer'} lost flights"]
                 if pair.losing
                 else []
             )
-            sides_of = (("worse", held["better"]), ("better", held["worse"]))
-            parts += [f"is {word} in {few(metrics)}" for word, metrics in sides_of if metrics]
-            because += [f"{title}: {second} {joined(parts)}."] if parts else []
+            directions = (
+                ("worse", metrics_by_side["better"]),
+                ("better", metrics_by_side["worse"]),
+            )
+            differences += [
+                f"is {direction} in {shorten_list(metrics)}"
+                for direction, metrics in directions
+                if metrics
+            ]
+            because += [f"{title}: {second} {joined(differences)}."] if differences else []
         answers.setdefault(answer, []).append(title)
-    words_of = "; ".join(f"{answer} ({joined(titles)})" if len(answers) > 1 else answer
+    text = "; ".join(f"{answer} ({joined(titles)})" if len(answers) > 1 else answer
                          for answer, titles in answers.items())  # fmt: skip
-    command = f": `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
+    command = f" with `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
     if not b.campaign.can_rerun:
-        command = " in the second's report"
-    failed = any(pair.any_failure.only_b for _, pair, _ in told)
-    following = f"Next: see what makes flights fail{command}." if failed else ""
-    return Lead(f"{words_of[0].upper()}{words_of[1:]}.", tuple(because[:3]), next=following)
+        command = " in the report of the second campaign"
+    failed = any(pair.any_failure.only_b for _, pair, _ in pairs)
+    following = f"Next: find out why flights fail{command}." if failed else ""
+    return Lead(f"{text[0].upper()}{text[1:]}.", tuple(because[:3]), next=following)
 
 
-def _is_same(pair: CampaignPair) -> bool:
-    """Whether no flight differs in any metric, nor in what it fails."""
+def _is_identical(pair: CampaignPair) -> bool:
+    """Return whether all flights agree in every metric and every failure."""
     differ = any(entry.a_better or entry.b_better for entry in pair.metrics.values())
     return not differ and not pair.any_failure.only_a and not pair.any_failure.only_b
 
 
-def _provenance(a: FlownCampaign, b: FlownCampaign, found: Compared, folder: Path) -> Table:
-    """Which flights were compared, and how again."""
-    seeds = [(str(each.campaign.seed) if each.campaign.can_rerun else "adopted") for each in (a, b)]
-    rows = [
-        [str(each.folder), seed, fixed(each.manifest.runs_done, 0), str(each.manifest.digest)]
-        for each, seed in zip((a,) if a.folder == b.folder else (a, b), seeds, strict=False)
+def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder: Path) -> Table:
+    """Return the table of the compared campaigns, with the command that remakes the page."""
+    seeds = [
+        (str(results.campaign.seed) if results.campaign.can_rerun else "adopted")
+        for results in (a, b)
     ]
-    across = next(
-        (pair.controllers for pair in found.paired if len(set(pair.controllers)) > 1), None
+    rows = [
+        [
+            str(results.folder),
+            seed,
+            fixed(results.manifest.runs_done, 0),
+            str(results.manifest.digest),
+        ]
+        for results, seed in zip((a,) if a.folder == b.folder else (a, b), seeds, strict=False)
+    ]
+    controllers = next(
+        (pair.controllers for pair in comparison.paired if len(set(pair.controllers)) > 1), None
     )
-    words = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
-    words += ["--controllers", ",".join(across)] if across else []
-    for pair in found.paired[:1]:
+    command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
+    command += ["--controllers", ",".join(controllers)] if controllers else []
+    for pair in comparison.paired[:1]:
         for metric, gate in pair.not_worse.items():
-            words += ["--fail-if-worse", f"{metric}={100.0 * gate.margin:g}%"]
-    heads = ("folder", "seed", "flights", "digest of its flights")
-    return make_table("What was compared", f"This page again: `{shlex.join(words)}`", heads, rows)
+            command += ["--fail-if-worse", f"{metric}={100.0 * gate.margin:g}%"]
+    heads = ("folder", "seed", "flights", "digest of the flights")
+    caption = f"Remake this page with `{shlex.join(command)}`"
+    return make_table("Compared campaigns", caption, heads, rows)
 
 
-def _sentences(title: str, pair: CampaignPair, names: Names, of: Compared) -> list[str]:
+def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> list[str]:
     a, b = names.label(pair.a), names.label(pair.b)
-    found = [
-        f"{title}, {names.metrics[metric].phrase}: {gate_words(pair, metric, b, of.requirements)}."
+    sentences = [
+        f"{title}, {names.metrics[metric].phrase}: {gate_words(pair, metric, b, comparison.requirements)}."
         for metric in pair.not_worse
     ]
-    if _is_same(pair):
+    if _is_identical(pair):
         return [
-            *found,
-            f"{title}: the same in all {fixed(pair.pairs, 0)} flights, in every metric.",
+            *sentences,
+            f"{title}: all {fixed(pair.pairs, 0)} flights agree in every metric.",
         ]
     judged = names.campaign.judged
-    words = (
+    verdict = (
         pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
     )
-    found.append(f"{title}, on the same {fixed(pair.pairs, 0)} flights: {words}.")
+    sentences.append(f"{title}, on the same {fixed(pair.pairs, 0)} flights: {verdict}.")
     failed = pair.any_failure
     if failed.only_a or failed.only_b:
-        found.append(
-            f"{title}: {fixed(failed.only_a, 0)} flights fail under {a} alone, {fixed(failed.only_b, 0)} under "
-            f"{b} alone, {fixed(failed.both, 0)} under both (McNemar p {p_value(failed.p_value)})."
+        sentences.append(
+            f"{title}: {fixed(failed.only_a, 0)} flights fail under {a} only, {fixed(failed.only_b, 0)} under "
+            f"{b} only, {fixed(failed.both, 0)} under both (McNemar's test, p {p_value(failed.p_value)})."
         )
     else:
-        found.append(
-            f"{title}: no flight fails under one alone, {fixed(failed.both, 0)} under both."
+        sentences.append(
+            f"{title}: no flight fails under one only, {fixed(failed.both, 0)} fail under both."
         )
-    return found
+    return sentences
 
 
-def _tables(title: str, pair: CampaignPair, names: Names, found: Compared) -> Iterator[Table]:
-    """Each with the name of the controllers that it is of, in its title and above it."""
+def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Table]:
+    """Yield the tables of a pair, with the pair's title in their titles and captions."""
     differing = [item for item in pair.metrics.items() if item[1].a_better or item[1].b_better]
     metrics = dict(sorted(differing, key=lambda item: not item[1].compared))
-    for table in pair_tables(pair, names, metrics, found.requirements):
+    for table in pair_tables(pair, names, metrics, comparison.requirements):
         yield replace(table, title=f"{title}: {table.title}", caption=f"{title}: {table.caption}")
 
 
 def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPair]) -> list[Drawn]:
-    """What is asked and how much each surface was used; metrics in which no flight differs are left out."""
-    flights = {title: sides(a, b, *pair.controllers) for title, pair in pairs.items()}
+    """Return the figure of the differences in required metrics and control effort.
+
+    Metrics in which no flight differs are left out.
+    """
+    flights = {title: select_flights(a, b, *pair.controllers) for title, pair in pairs.items()}
     panels, equal = [], []
     for metric in dict.fromkeys((*a.asked, *SURFACE_USAGE)):
         if metric not in a.metrics or metric not in b.metrics:
             continue
         record = a.campaign.metrics[metric]
-        differences = {title: metric_differences(*each, metric) for title, each in flights.items()}
+        differences = {
+            title: metric_differences(*pair_flights, metric)
+            for title, pair_flights in flights.items()
+        }
         if not any(values.any() for values in differences.values()):
             equal.append(record.phrase)
             continue
@@ -362,10 +394,10 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
         return []
     caption = (
         "Share of flights at or below each difference; the mark is the median with its 95 % interval. Left of the line "
-        "the first has the smaller value. A curve that begins above 0 % or ends below 100 % had flights that only one "
-        "of the two lost; axes leave out the outermost 1 % of the flights."
+        "the first campaign has the smaller value. If a curve begins above 0 % or ends below 100 %, the other flights "
+        "were lost in one of the two campaigns only; axes leave out the outermost 1 % of the flights."
     )
-    caption += f" The same in every flight: {joined(equal)}." if equal else ""
+    caption += f" Equal in every flight: {joined(equal)}." if equal else ""
     figure = plot_differences(
         panels, {name: name for name in pairs}, controller_colors(tuple(pairs)), "no difference"
     )

@@ -1,4 +1,4 @@
-"""Two campaigns on different samples as sentences, tables and figures."""
+"""Sentences, tables and figures of a comparison of two campaigns on different samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import nan
@@ -11,7 +11,7 @@ from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.report.numbers.compare import sides
+from abhv_mc.report.numbers.compare import select_flights
 from abhv_mc.report.numbers.contrast import (
     Contrast,
     ContrastRequirement,
@@ -29,19 +29,19 @@ from abhv_mc.topics.figure_style import (
     put_legend,
     styled,
 )
+from abhv_mc.topics.formatting import bounds, count_of, estimate, joined, percent
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import bounds, count_of, estimate, joined, percent
 
-_CHANGES = 4  # that are named in a sentence
-_ASKED = 6  # panels at most
-_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")  # of the first and the second campaign
+_MOST_CHANGES = 4  # in a sentence
+_MOST_PANELS = 6
+_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")  # first and second campaign
 _DASH = "\N{EM DASH}"
 
 
 class Panel(NamedTuple):
-    """A metric of the figure."""
+    """Panel of a metric in the figure."""
 
     label: str
     metric: str
@@ -49,52 +49,56 @@ class Panel(NamedTuple):
 
 
 def contrast_section(
-    a: FlownCampaign, b: FlownCampaign, found: Contrast, titles: tuple[str, str]
+    a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Section:
-    """Return what differs, who met the requirements before and meets them now, and the tables."""
-    labels = _labels(a, b, found)
-    answers = [*change_sentences(found, labels)]
+    """Return the section: changed inputs, changed verdicts, and the tables."""
+    labels = _labels(a, b, contrast)
+    answers = [*change_sentences(contrast, labels)]
     lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:4]))
-    changes = list(found.changes)
-    if len(changes) > _CHANGES:
-        changes = [*changes[:_CHANGES], f"{len(changes) - _CHANGES} more"]
-    told = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
-    told.append(
-        "The samples differ, so flights are not paired. Differences are the second less the first with 95 % intervals: "
-        "Newcombe's of shares, bootstrap of quantiles. An interval without 0 shows a difference."
+    changes = list(contrast.changes)
+    if len(changes) > _MOST_CHANGES:
+        changes = [*changes[:_MOST_CHANGES], f"{len(changes) - _MOST_CHANGES} more"]
+    sentences = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
+    sentences.append(
+        "The samples differ, so flights are not paired. Differences are second minus first with 95 % intervals: "
+        "Newcombe's for shares, bootstrap for quantiles. An interval that excludes 0 shows a difference."
     )
     tables = [
-        _verdict_table(a, found, labels, titles),
-        _quantile_table(a, found, labels, titles),
+        _verdict_table(a, contrast, labels, titles),
+        _quantile_table(a, contrast, labels, titles),
     ]
-    shown = [table for table in tables if table.groups[0]]
-    return Section("Answer", (lead, Bullets(tuple(told)), Picture("distributions"), *shown))
+    filled = [table for table in tables if table.groups[0]]
+    return Section("Summary", (lead, Bullets(tuple(sentences)), Picture("distributions"), *filled))
 
 
-def _labels(a: FlownCampaign, b: FlownCampaign, found: Contrast) -> list[str]:
+def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]:
     labels = []
-    for each in found.contrasted:
-        one, other = (
-            full_labels(of.folder, [name])[name]
-            for of, name in zip((a, b), each.controllers, strict=True)
+    for pair in contrast.contrasted:
+        label_a, label_b = (
+            full_labels(results.folder, [name])[name]
+            for results, name in zip((a, b), pair.controllers, strict=True)
         )
-        labels.append(one if one == other else f"{one} -> {other}")
+        labels.append(label_a if label_a == label_b else f"{label_a} -> {label_b}")
     return labels
 
 
-def change_sentences(found: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield what each controller newly misses or meets, then who has the same verdicts in both campaigns."""
+def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
+    """Yield the changed verdicts of each controller, then the controllers without a change."""
     same = {}
-    for label, each in zip(labels, found.contrasted, strict=True):
-        if not each.requirements:
+    for label, controller in zip(labels, contrast.contrasted, strict=True):
+        if not controller.requirements:
             return
-        missed = [item for item in each.requirements if _turns(item, "FAIL")]
-        met = [item for item in each.requirements if _turns(item, "PASS")]
+        missed = [item for item in controller.requirements if _turns(item, "FAIL")]
+        met = [item for item in controller.requirements if _turns(item, "PASS")]
         lost, unmissed = (
-            [item for item in each.requirements if (item.before.status, item.after.status) == turn]
+            [
+                item
+                for item in controller.requirements
+                if (item.before.status, item.after.status) == turn
+            ]
             for turn in (("PASS", "NOT SHOWN"), ("FAIL", "NOT SHOWN"))
         )
-        parts = [
+        changes = [
             f"{verb} {joined([_change(item) for item in items])}"
             for verb, items in (
                 ("newly misses", missed),
@@ -104,14 +108,14 @@ def change_sentences(found: Contrast, labels: Sequence[str]) -> Iterator[str]:
             )
             if items
         ]
-        if parts:
-            yield f"{label} {'; '.join(parts)}."
+        if changes:
+            yield f"{label} {'; '.join(changes)}."
         else:
-            passed = sum(item.after.status == "PASS" for item in each.requirements)
-            same[label] = f"{passed} of {len(each.requirements)}"
-    for words in dict.fromkeys(same.values()):
-        who = [label for label, held in same.items() if held == words]
-        yield f"{joined(who)}: the same verdicts in both campaigns, {words} PASS."
+            passed = sum(item.after.status == "PASS" for item in controller.requirements)
+            same[label] = f"{passed} of {len(controller.requirements)}"
+    for counts in dict.fromkeys(same.values()):
+        labels_of = [label for label, passes in same.items() if passes == counts]
+        yield f"{joined(labels_of)}: equal verdicts in both campaigns, {counts} PASS."
 
 
 def _turns(item: ContrastRequirement, status: str) -> bool:
@@ -125,7 +129,7 @@ def _change(item: ContrastRequirement) -> str:
 
 
 def _verdict_table(
-    a: FlownCampaign, found: Contrast, labels: Sequence[str], titles: tuple[str, str]
+    a: FlownCampaign, contrast: Contrast, labels: Sequence[str], titles: tuple[str, str]
 ) -> Table:
     rows = [
         (
@@ -135,34 +139,34 @@ def _verdict_table(
             f"{percent(item.share_difference.value, 2)} ({percent(item.share_difference.low, 2)} to "
             f"{percent(item.share_difference.high, 2)})",
         )
-        for i in range(len(found.contrasted[0].requirements))
-        for label, each in zip(labels, found.contrasted, strict=True)
-        for item in (each.requirements[i],)
+        for i in range(len(contrast.contrasted[0].requirements))
+        for label, controller in zip(labels, contrast.contrasted, strict=True)
+        for item in (controller.requirements[i],)
     ]
     kind = a.campaign.kind.capitalize()
-    heads = ("Requirement", kind, *titles, "Difference of the share that fails")
-    return make_table("Verdicts", "Requirements of the first campaign in both", heads, rows)
+    heads = ("Requirement", kind, *titles, "Difference of the failure share")
+    return make_table("Verdicts", "Requirements of the first campaign", heads, rows)
 
 
-def contrast_rows(found: Contrast) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of a comparison's table: shares that fail, and quantiles, each with its difference."""
-    for each in found.contrasted:
-        for item in each.requirements:
+def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of a comparison's table: failure shares and quantiles with differences."""
+    for controller in contrast.contrasted:
+        for item in controller.requirements:
             shares = (side.failures / side.flights for side in (item.before, item.after))
             difference = item.share_difference
             interval = difference.value, difference.low, difference.high
-            yield (*each.controllers, item.words, "share that fails", *shares, *interval)
-        for metric, levels in each.metrics.items():
+            yield (*controller.controllers, item.words, "share that fails", *shares, *interval)
+        for metric, levels in controller.metrics.items():
             for level, pair in levels.items():
                 ends = pair.before.value, pair.after.value
-                shown = pair.difference or Interval(nan, nan, nan)
+                interval_of = pair.difference or Interval(nan, nan, nan)
                 quantity = f"{level[1:]} % quantile"
-                interval = shown.value, shown.low, shown.high
-                yield (*each.controllers, metric, quantity, *ends, *interval)
+                interval = interval_of.value, interval_of.low, interval_of.high
+                yield (*controller.controllers, metric, quantity, *ends, *interval)
 
 
-def _side(found: SideVerdict) -> str:
-    return f"{found.status}, {count_of(found.failures, found.flights)}"
+def _side(verdict: SideVerdict) -> str:
+    return f"{verdict.status}, {count_of(verdict.failures, verdict.flights)}"
 
 
 def _is_shown(difference: Interval | None) -> bool:
@@ -170,11 +174,11 @@ def _is_shown(difference: Interval | None) -> bool:
 
 
 def _quantile_table(
-    a: FlownCampaign, found: Contrast, labels: Sequence[str], titles: tuple[str, str]
+    a: FlownCampaign, contrast: Contrast, labels: Sequence[str], titles: tuple[str, str]
 ) -> Table:
     rows = [
         (
-            _with_unit(words),
+            _with_unit(description),
             label,
             f"{level[1:]} %",
             *(f"{estimate(end)}" for end in (pair.before, pair.after)),
@@ -182,39 +186,39 @@ def _quantile_table(
             if pair.difference
             else _DASH,
         )
-        for metric, words in found.words.items()
-        for label, each in zip(labels, found.contrasted, strict=True)
-        for level, pair in each.metrics[metric].items()
+        for metric, description in contrast.words.items()
+        for label, controller in zip(labels, contrast.contrasted, strict=True)
+        for level, pair in controller.metrics[metric].items()
         if metric in a.asked or _is_shown(pair.difference)
     ]
     heads = ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference")
     caption = (
-        "Of other metrics than the required ones, differences that are shown. A dash: fewer than five flights lie "
+        "Required metrics, and other metrics with a shown difference. A dash: fewer than five flights lie "
         "beyond the quantile, or lost flights reach it"
     )
     return make_table("Quantiles", caption, heads, rows)
 
 
-def _with_unit(words: Mapping[str, str]) -> str:
-    unit = words["unit"].removeprefix("-")
-    return f"{words['label']} ({unit})" if unit else words["label"]
+def _with_unit(description: Mapping[str, str]) -> str:
+    unit = description["unit"].removeprefix("-")
+    return f"{description['label']} ({unit})" if unit else description["label"]
 
 
 def contrast_figures(
-    a: FlownCampaign, b: FlownCampaign, found: Contrast, titles: tuple[str, str]
+    a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Iterator[Drawn]:
     """Yield the distributions of the required metrics, or of the tracking errors, of both campaigns."""
-    metrics = [name for name in a.asked if name in found.words][:_ASKED]
+    metrics = [name for name in a.asked if name in contrast.words][:_MOST_PANELS]
     if not metrics:
         return
-    labels = _labels(a, b, found)
-    flights = [sides(a, b, *each.controllers) for each in found.contrasted]
+    labels = _labels(a, b, contrast)
+    flights = [select_flights(a, b, *pair.controllers) for pair in contrast.contrasted]
     panels = [
         Panel(a.campaign.metrics[name].label_with_unit, name, tuple(a.campaign.limits_of(name)))
         for name in metrics
     ]
     caption = (
-        "Share of flights at or below each value; lines at the top that end below 100 % have lost flights. "
+        "Share of flights at or below each value; a curve that ends below 100 % has lost flights. "
         "The vertical line is the limit."
     )
     yield (
@@ -230,14 +234,14 @@ def plot_contrast(
     labels: Sequence[str],
     titles: tuple[str, str],
 ) -> Figure:
-    """Distribution functions, a panel a metric: colours are controllers, the first campaign is dashed."""
+    """Plot distribution functions, one panel for each metric; the first campaign is dashed."""
     columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(len(panels), columns, 1.4, between=(0.25, 0.6), top=0.12, sharey=True)
     for axes, panel in zip(grid.flat, panels, strict=False):
         drawn = []
         for i, pair in enumerate(flights):
-            for style, each in zip(_STYLES, pair, strict=True):
-                values = np.where(each.failed, np.inf, each.metrics[panel.metric])
+            for style, side in zip(_STYLES, pair, strict=True):
+                values = np.where(side.failed, np.inf, side.metrics[panel.metric])
                 values = np.where(np.isnan(values), np.inf, values)
                 drawn.append(values)
                 axes.step(

@@ -1,4 +1,4 @@
-"""The first screen below the judgement: a chart with a row a requirement, a card a controller, the baseline."""
+"""First screen of a report below the assessment: requirement chart, controller cards, baseline."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,6 +9,7 @@ from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.comparison.sentences import standing
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.formatting import count_of, fixed, joined, percent, significant
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
 from abhv_mc.topics.metrics import METRICS
@@ -16,18 +17,14 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
-from abhv_mc.topics.words import count_of, fixed, joined, percent, significant
 
-_ROWS, _PAIRS = 8, 2  # shown; then 'and n more'
-_LEFT, _RIGHT = (
-    0.0,
-    1.35,
-)  # ends of the chart, in units of the limit; what lies beyond is a mark at the edge
+_ROWS, _PAIRS = 8, 2  # largest numbers of rows and pairs of the baseline
+_LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit
 
 
 @dataclass(frozen=True)
 class Bar:
-    """One controller in a row of the chart; places are percent of the chart's width, None where there is nothing."""
+    """Controller in a row of the chart; positions are percent of the chart's width."""
 
     label: str
     color: str
@@ -36,31 +33,34 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
-    beyond: bool  # whether flights lie to the right of the chart
-    edge: str  # said right of it: the tolerance limit and its room, or 'lost' where the median is
-    words: str  # the same for those who cannot see it
+    beyond: bool  # whether flights lie beyond the right end of the chart
+    edge: str  # text on the right: tolerance limit and margin, or 'lost' if the median is lost
+    words: str  # text for screen readers
     status: str
 
 
-def place(value: float | None, entry: GlanceRow) -> float | None:
-    """Where a value stands: its room to the limit in units of its size, bad to the right, the limit at 1. In percent of
-    the chart's width; None for what is missing."""
+def chart_position(value: float | None, entry: GlanceRow) -> float | None:
+    """Return the position of a value, percent of the chart's width; None if it is missing.
+
+    The scale is the margin to the limit in units of the limit's size, with bad values right and the
+    limit at 1.
+    """
     if value is None or not math.isfinite(value):
         return None
-    at = 1.0 + (value - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
-    return 100.0 * (min(max(at, _LEFT), _RIGHT) - _LEFT) / (_RIGHT - _LEFT)
+    distance = 1.0 + (value - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
+    return 100.0 * (min(max(distance, _LEFT), _RIGHT) - _LEFT) / (_RIGHT - _LEFT)
 
 
-LIMIT_PLACE = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
+LIMIT_POSITION = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
 
 
 def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
-    """The rows of the chart, those nearest to their limit first where there are more than eight."""
-    entries = [entry if _is_required(entry) else _on_scale(entry) for entry in entries]
+    """Return the rows of the chart; of more than eight those nearest to their limits."""
+    entries = [entry if _is_required(entry) else _scale_to_values(entry) for entry in entries]
     if len(entries) > _ROWS:
-        entries = sorted(entries, key=lambda entry: -_nearest(entry))[:_ROWS]
+        entries = sorted(entries, key=lambda entry: -_largest_position(entry))[:_ROWS]
     marks = {name: mark_of(k) for k, name in enumerate(labels)}
     return [
         (
@@ -76,7 +76,7 @@ def chart_rows(
 
 def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) -> Bar:
     low, median, high, tolerance = (
-        place(each, entry) for each in (cell.low, cell.median, cell.high, cell.tolerance)
+        chart_position(value, entry) for value in (cell.low, cell.median, cell.high, cell.tolerance)
     )
     ends = sorted(value for value in (low, high) if value is not None)
     return Bar(
@@ -94,9 +94,11 @@ def _is_required(entry: GlanceRow) -> bool:
     return any(cell.status or cell.tolerance is not None for cell in entry.cells.values())
 
 
-def _on_scale(entry: GlanceRow) -> GlanceRow:
-    """Return a row without a requirement on a scale of its values: the best, or zero, left; the worst at the limit's
-    place."""
+def _scale_to_values(entry: GlanceRow) -> GlanceRow:
+    """Return a row without requirement, scaled by its values.
+
+    The best value, or zero, is at the left end, and the worst at the position of the limit.
+    """
     sign = 1.0 if entry.below else -1.0
     ends = [sign * end for cell in entry.cells.values() for end in (cell.low, cell.high)]
     ends = [end for end in ends if math.isfinite(end)]
@@ -109,15 +111,20 @@ def _on_scale(entry: GlanceRow) -> GlanceRow:
     return replace(entry, limit=sign * worst, size=worst - best or abs(worst) or 1.0, text=text)
 
 
-def _nearest(entry: GlanceRow) -> float:
-    """How near the worst controller comes to the limit; infinite where something is lost."""
-    places = [place(cell.high if entry.below else cell.low, entry) for cell in entry.cells.values()]
-    return max((math.inf if at is None else at for at in places), default=0.0)
+def _largest_position(entry: GlanceRow) -> float:
+    """Return the position of the worst controller in a row, infinite if flights are lost."""
+    positions = [
+        chart_position(cell.high if entry.below else cell.low, entry)
+        for cell in entry.cells.values()
+    ]
+    return max((math.inf if position is None else position for position in positions), default=0.0)
 
 
 def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
-    """Return '1.57 deg, 124 % over' of the tolerance limit in units of the limit, '' without one; without a
-    requirement 'median 0.98 deg'."""
+    """Return '1.57 deg, 124 % over' for the tolerance limit, '' without one.
+
+    Without a requirement return 'median 0.98 deg'.
+    """
     unit = entry.unit.removesuffix(" outside the limits").removeprefix("-")
     if not cell.status and cell.tolerance is None:
         return f"median {significant(cell.median, 3)} {unit}".strip()
@@ -126,12 +133,12 @@ def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
     over = (cell.tolerance - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
     share = percent(abs(over), 2) if abs(over) < 10.0 else f"{fixed(abs(over), 0)} times"
     value = f"{significant(cell.tolerance, 3)} {unit}".strip()
-    return f"{value}, {share} {'over' if over > 0.0 else 'to spare'}"
+    return f"{value}, {share} {'over' if over > 0.0 else 'margin'}"
 
 
 def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     low, median, high = (
-        significant(value, 3) if math.isfinite(value) else "beyond all"
+        significant(value, 3) if math.isfinite(value) else "lost"
         for value in (cell.low, cell.median, cell.high)
     )
     tolerance = (
@@ -140,22 +147,22 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry.unit}".strip()
 
 
-def card(models: Models, name: str, color: str) -> dict[str, object]:
-    """What decides about a controller."""
+def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
+    """Return the values of a controller's card: verdicts, lost flights, margins, control effort."""
     flights, table = models[FLIGHTS], models[METRICS].table
-    found, counts = flights.findings[name], flights.counts[name]
+    findings, counts = flights.findings[name], flights.counts[name]
     margin, poor = _margin(models, name)
-    cycling = max(found.cycling.values(), default=0)
+    cycling = max(findings.cycling.values(), default=0)
     corners, steady = corners_unstable(models[MARGINS], name)
     notes = [
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
-        f"{count_of(found.saturated, found.flown)} saturate" if found.saturated else "",
-        f"{count_of(cycling, found.flown)} {'swing' if found.disturbed else 'cycle'}"
+        f"{count_of(findings.saturated, findings.flown)} saturate" if findings.saturated else "",
+        f"{count_of(cycling, findings.flown)} {'oscillate' if findings.disturbed else 'limit-cycle'}"
         if cycling
         else "",
         f"{counts.not_computed} not computed" if counts.not_computed else "",
     ]
-    used = [
+    usage = [
         significant(table[metric].controllers[name].quantiles["q50"].value, 2)
         for metric in SURFACE_USAGE
         if metric in table
@@ -163,69 +170,72 @@ def card(models: Models, name: str, color: str) -> dict[str, object]:
     return {
         "label": models.names.label(name),
         "color": color,
-        "met": met_words(models[VERDICTS], name),
+        "met": requirement_counts(models[VERDICTS], name),
         "lost": f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} lost",
         "margin": margin,
-        "poor": poor,  # whether its margins are below what is customary, or it is unstable
+        "poor": poor,  # whether margins are below customary values or the loop is unstable
         "notes": list(filter(None, notes)),
-        "usage": f"{' / '.join(used)} deg" if len(used) == len(SURFACE_USAGE) else "",
+        "usage": f"{' / '.join(usage)} deg" if len(usage) == len(SURFACE_USAGE) else "",
     }
 
 
-def met_words(verdicts: Verdicts, name: str) -> str:
-    """'5 of 5 met', and what fails or is not shown; '' without requirements."""
-    found = verdicts.statuses(name)
-    if not found:
+def requirement_counts(verdicts: Verdicts, name: str) -> str:
+    """Return '3 of 5 met, 1 missed, 1 not shown', '' without requirements."""
+    statuses = verdicts.statuses(name)
+    if not statuses:
         return ""
-    if "ESTIMATE" in found:
-        return f"{verdicts.kept(name)} of {len(found)} kept in every flight"
-    rest = [f"{found.count(word)} {words}" for word, words in (("FAIL", "missed"), ("NOT SHOWN", "not shown"))
-            if word in found]  # fmt: skip
-    return ", ".join([f"{found.count('PASS')} of {len(found)} met", *rest])
+    if "ESTIMATE" in statuses:
+        return f"{verdicts.kept(name)} of {len(statuses)} met in every flight"
+    shortfalls = [
+        f"{statuses.count(status)} {label}"
+        for status, label in (("FAIL", "missed"), ("NOT SHOWN", "not shown"))
+        if status in statuses
+    ]
+    return ", ".join([f"{statuses.count('PASS')} of {len(statuses)} met", *shortfalls])
 
 
 def _margin(models: Models, name: str) -> tuple[str, bool]:
-    """The nominal vehicle's least margins in steady flight, and whether they are less than is customary."""
-    found = least_margins(models[MARGINS], name)
-    if found is None:
+    """Return the least nominal margins in steady flight and whether they are below custom."""
+    margins = least_margins(models[MARGINS], name)
+    if margins is None:
         can_have = models.results.campaign.simulator.capabilities.has_margins
-        return "margins: not asked" if can_have else "", False
-    if not found.stable:
+        return "margins: not requested" if can_have else "", False
+    if not margins.stable:
         return "unstable", True
-    gain, phase = found.words
-    return ", ".join(filter(None, (gain or "any gain", phase))), found.little
+    gain, phase = margins.words
+    return ", ".join(filter(None, (gain or "any gain", phase))), margins.little
 
 
-def more_words(entries: Sequence[object]) -> str:
-    """'4 more below'; '' where the chart has all."""
+def unlisted_rows(entries: Sequence[object]) -> str:
+    """Return '4 more below', '' if the chart has all rows."""
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
-def baseline_line(held: Baseline | None, names: Names) -> str:
-    """What changed against the baseline, of the first two controllers; '' without one."""
-    if held is None:
+def baseline_line(baseline: Baseline | None, names: Names) -> str:
+    """Return the changes against the baseline for the first two controllers, '' without one."""
+    if baseline is None:
         return ""
     parts = []
-    for pair in held.paired[:_PAIRS]:
-        failed, shown = (
+    for pair in baseline.paired[:_PAIRS]:
+        failed, counts_by_side = (
             pair.any_failure,
             {side: len(metrics) for side, metrics in standing(pair, names).items()},
         )
         counts = (
-            ("better", shown["better"]),
-            ("worse", shown["worse"]),
-            ("undecided", shown["mixed"]),
+            ("better", counts_by_side["better"]),
+            ("worse", counts_by_side["worse"]),
+            ("undecided", counts_by_side["mixed"]),
         )
-        words, total = (
-            joined([f"{word} in {count}" for word, count in counts if count]),
-            sum(shown.values()),
+        changes, total = (
+            joined([f"{side} in {count}" for side, count in counts if count]),
+            sum(counts_by_side.values()),
         )
-        of = f"{total} metric{'s' * (total != 1)}"
-        text = f"{names.label(pair.controllers[0])} {f'{words} of' if words else 'no difference shown in'} {of}"
+        change = f"{changes} of" if changes else "no difference shown in"
+        text = f"{names.label(pair.controllers[0])} {change} {total} metric{'s' * (total != 1)}"
         if failed.only_a or failed.only_b:
             text += f", newly failed {fixed(failed.only_a, 0)}, no longer {fixed(failed.only_b, 0)}"
         parts.append(text)
-    more = len(held.paired) - len(parts)
-    place = held.folder.rstrip("/").rpartition("/")[2]
-    tail = f"; and {more} more" if more > 0 else ""
-    return f"Against {place} ({fixed(held.paired[0].pairs, 0)} flights paired): {'; '.join(parts)}{tail}."
+    unlisted = len(baseline.paired) - len(parts)
+    folder = baseline.folder.rstrip("/").rpartition("/")[2]
+    remainder = f"; and {unlisted} more" if unlisted > 0 else ""
+    return f"Against {folder} ({fixed(baseline.paired[0].pairs, 0)} flights paired): {'; '.join(parts)}{remainder}."

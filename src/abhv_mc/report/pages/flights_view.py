@@ -1,4 +1,4 @@
-"""The view of flights, described once: what a report's page and `explore` show of them, and in what words and order."""
+"""Data of the interactive view of flights, in a report's page and in `explore`."""
 
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -13,27 +13,22 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.plant.parameters import Parameters
-from abhv_mc.report.pages.interactive import channel_curves, describe_channel
+from abhv_mc.report.pages.channel_curves import channel_curves, describe_channel
 from abhv_mc.topics.flights.model import channel_of, limit_sides, listed_worst, moments_of
+from abhv_mc.topics.formatting import axis_unit, fixed, is_factor, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.words import axis_unit, fixed, is_factor, shown_value, spoken_name
 
-MOST_FLIGHTS = 6000  # points of a page's view, of all controllers together
+MOST_FLIGHTS = 6000  # points in a page, of all controllers
 LISTED = 100  # rows of the table
-CELLS = (120, 80)  # of many flights, across and up
+CELLS = (120, 80)  # of the density plot of many flights, horizontal and vertical
 BARS = 60  # of a strip
 _HISTORY_RATE = 5.0  # Hz
-_STRIPS = 24  # dispersions drawn
+_STRIPS = 24  # largest number of drawn dispersions
 _HEADED = 4  # metrics in the table of a campaign without requirements
-_FAR = 3.0  # spans of the flights; a limit further away than that is not drawn
-SCRIPTS = (
-    "flight_axes.js",
-    "flight_path.js",
-    "flight_panel.js",
-    "flights.js",
-)  # in the order in which they build
+_FAR = 3.0  # ranges of the flights; limits further away are not drawn
+SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")  # in this order
 STYLES = ("style.css", "flights.css")
-# Around their middle; one fewer than colours, so that pairs come again late.
+# SVG paths about the centre. There is one shape fewer than colours, so that combinations repeat late.
 SHAPES = {
     "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
     "square": "M-3.6-3.6H3.6V3.6H-3.6z",
@@ -45,12 +40,12 @@ Ends = tuple[float, float]
 
 
 def template_text(name: str) -> str:
-    """One of the pages' own files."""
+    """Return the text of a template, script or style sheet of the pages."""
     return (files("abhv_mc.report.pages") / "template" / name).read_text("utf-8")
 
 
 def mark_of(number: int) -> str:
-    """The mark of the controller with this number: colours carry no meaning alone."""
+    """Return the mark of a controller by its number, so that colour is not the only distinction."""
     return list(SHAPES)[number % len(SHAPES)]
 
 
@@ -61,7 +56,10 @@ def describe_flights(
     ends: Mapping[str, Ends],
     channels: Collection[str],
 ) -> dict[str, Any]:
-    """What the view is told of a campaign once: ``ends`` of each column as shown, ``channels`` of histories."""
+    """Return the description of a campaign's flights.
+
+    ``ends`` is the range of each column in displayed units, ``channels`` those of the histories.
+    """
     names, records, required = (
         results.controllers,
         results.campaign.metrics,
@@ -69,9 +67,9 @@ def describe_flights(
     )
     headed = (results.asked if required else results.asked[:_HEADED]) or results.metrics[:_HEADED]
     moments = moments_of(results)
-    known = results.campaign.parameters
+    parameters = results.campaign.parameters
     dispersions = [
-        _dispersion(name, ends[name], moments[name], known) for name in results.dispersed
+        _dispersion(name, ends[name], moments[name], parameters) for name in results.dispersed
     ]
     metrics = [
         _metric(records[name], results.campaign.limits_of(name), ends[name])
@@ -91,7 +89,7 @@ def describe_flights(
             {"words": requirement_words(item, records), "metric": item.metric, "low": item.limits.low,
              "high": item.limits.high} for item in required
         ],
-        "criteria": [_criterion(records[each.metric], channels) for each in results.campaign.criteria],
+        "criteria": [_criterion(records[criterion.metric], channels) for criterion in results.campaign.criteria],
         "headed": headed,
         "strips": list(results.dispersed[:_STRIPS]),
         "x": (results.dispersed or results.metrics)[0],
@@ -104,8 +102,8 @@ def describe_flights(
     }  # fmt: skip
 
 
-def _dispersion(name: str, ends: Ends, moments: Ends, known: Parameters) -> dict[str, Any]:
-    spoken, (unit, scale) = spoken_name(name), axis_unit(name, known)
+def _dispersion(name: str, ends: Ends, moments: Ends, parameters: Parameters) -> dict[str, Any]:
+    spoken, (unit, scale) = spoken_name(name), axis_unit(name, parameters)
     mean, sigma = moments
     return {
         "name": name,
@@ -115,15 +113,15 @@ def _dispersion(name: str, ends: Ends, moments: Ends, known: Parameters) -> dict
         "ends": ends,
         "limits": [],
         "spoken": spoken,
-        "factor": is_factor(name, known),
-        "never": shown_value(name, None, known),
+        "factor": is_factor(name, parameters),
+        "never": shown_value(name, None, parameters),
         "mean": scale * mean if np.isfinite(mean) else None,
         "sigma": scale * sigma if np.isfinite(sigma) else None,
     }
 
 
 def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, Any]:
-    """A metric's axis reaches to its limits, where these are not far from all flights."""
+    """Return the description of a metric; its axis includes limits that are not far away."""
     low, high = min([*limits, ends[0]]), max([*limits, ends[1]])
     if high - low > _FAR * (ends[1] - ends[0]):
         low, high = ends
@@ -133,12 +131,12 @@ def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, An
 
 
 def _head(name: str, unit: str) -> str:
-    """A column's head in a table that is saved."""
+    """Return the head of a column in a saved table."""
     return f"{name} [{unit or '-'}]"
 
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
-    """A metric that ranks flights: the channel that shows it (counted of, or alike by name), and its limits' sides."""
+    """Return a metric that ranks flights, with its channel and the sides of its limits."""
     return {
         "metric": record.name,
         "channel": channel_of(record, channels),
@@ -152,23 +150,26 @@ def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
 def make_flights_view(
     results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
-    """The view in a page (of too many flights the worst and the first), and the arrays that travel packed."""
+    """Return the data of the view in a page and its packed arrays.
+
+    If there are too many flights, the worst and the first are included.
+    """
     names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
-    kept = {name: _kept(results, name, most) for name in names}
+    rows_by_name = {name: _select_rows(results, name, most) for name in names}
 
     flights = [results.flights[name] for name in names]
 
     def stacked(columns: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        """What is kept of a column of each controller."""
+        """Return the selected rows of a column of each controller."""
         return np.concatenate(
-            [column[rows] for column, rows in zip(columns, kept.values(), strict=True)]
+            [column[rows] for column, rows in zip(columns, rows_by_name.values(), strict=True)]
         )
 
-    controller = np.repeat(np.arange(len(names)), [rows.size for rows in kept.values()])
+    controller = np.repeat(np.arange(len(names)), [rows.size for rows in rows_by_name.values()])
     number, outcome = (
-        stacked(each.flight for each in flights),
-        stacked(each.outcome for each in flights),
+        stacked(table.flight for table in flights),
+        stacked(table.outcome for table in flights),
     )
     arrays: dict[str, Floats] = {}
     for name in results.dispersed:
@@ -176,19 +177,19 @@ def make_flights_view(
             axis_unit(name, results.campaign.parameters)[1] * results.samples[name][number]
         )
     for metric in results.metrics:
-        arrays[f"column:{metric}"] = stacked(each.metrics[metric] for each in flights)
-    ends = {key.removeprefix("column:"): find_ends(values) for key, values in arrays.items()}
-    places = {
+        arrays[f"column:{metric}"] = stacked(table.metrics[metric] for table in flights)
+    ends = {key.removeprefix("column:"): find_range(values) for key, values in arrays.items()}
+    row_of = {
         (name, int(n)): i
         for i, (name, n) in enumerate(
             zip(np.array(names)[controller].tolist(), number, strict=True)
         )
     }
     history = np.full(number.size, -1)
-    channels = _add_histories(results, places, history, arrays)
-    _add_behind(results, channels, arrays)
-    missed = [stacked(requirement_failures(each, item) for each in flights) for item in required]
-    total = sum(each.flight.size for each in flights)
+    channels = _add_histories(results, row_of, history, arrays)
+    _add_envelopes(results, channels, arrays)
+    missed = [stacked(requirement_failures(table, item) for table in flights) for item in required]
+    total = sum(table.flight.size for table in flights)
     data = {
         **describe_flights(results, labels, colors, ends, channels),
         "rows": {
@@ -197,79 +198,84 @@ def make_flights_view(
             "outcome": outcome.tolist(),
             "failed": (outcome != Outcome.OK).astype(int).tolist(),
             "history": history.tolist(),
-            "by": stacked(results.ranking.by[name] for name in names).tolist(),
+            "by": stacked(results.ranking.criterion_index[name] for name in names).tolist(),
             "missed": [flags.astype(int).tolist() for flags in missed],
         },
         "outcomes": {
             k: results.campaign.outcomes.codes[k].replace("_", " ")
             for k in np.unique(outcome).tolist()
         },
-        "order": np.argsort(stacked(map(results.ranking.places_of, names))).tolist(),
+        "order": np.argsort(stacked(map(results.ranking.ranks_of, names))).tolist(),
         "histories": bool(channels),
         "drawn_again": bool(results.campaign.channels),
         "total": int(number.size),
         "left": ""
         if number.size == total
-        else f"Shown of {fixed(total, 0)}: the worst, those that failed, and the first",
+        else f"Shown of {fixed(total, 0)}: the worst, the failed, and the first flights",
     }
     return data, arrays
 
 
-def find_ends(values: Floats) -> Ends:
-    """The smallest and largest finite value; twice 0 without any."""
+def find_range(values: Floats) -> Ends:
+    """Return the smallest and largest finite value, (0, 0) without any."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _kept(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
-    """Rows [flight], ascending: all, or of too many the worst half (the listed first) and the first others."""
+def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
+    """Return the rows [flight] to include, ascending: all, or the worst and the first of many."""
     flights = results.flights[name].flight.size
     if flights <= most:
         return np.arange(flights)
     worst = list(
         dict.fromkeys([*listed_worst(results, name), *results.ranking.rows_of(name).tolist()])
     )[: most // 2]
-    others = np.setdiff1d(np.arange(most), worst)[: most - len(worst)]
-    return np.sort(np.concatenate([worst, others]).astype(np.intp))
+    first_flights = np.setdiff1d(np.arange(most), worst)[: most - len(worst)]
+    return np.sort(np.concatenate([worst, first_flights]).astype(np.intp))
 
 
 def _add_histories(
     results: FlownCampaign,
-    places: Mapping[tuple[str, int], int],
+    row_of: Mapping[tuple[str, int], int],
     history: NDArray[np.int64],
     arrays: dict[str, Floats],
 ) -> list[str]:
-    """Put histories into ``arrays`` [flight, time], their numbers into ``history``; the channels that all have."""
-    found = [
-        (places[name, flight], columns)
+    """Add histories [flight, time] to ``arrays`` and their numbers to ``history``.
+
+    Return the channels that all histories have.
+    """
+    recorded = [
+        (row_of[name, flight], columns)
         for name in results.controllers
         for flight, columns in read_histories(results.folder, name).items()
-        if (name, flight) in places
+        if (name, flight) in row_of
     ]
-    if not found:
+    if not recorded:
         return []
-    longest = max((columns["time"] for _, columns in found), key=len)
+    longest = max((columns["time"] for _, columns in recorded), key=len)
     step = float(np.median(np.diff(longest))) if longest.size > 1 else 1.0
     every = max(1, round(1.0 / (_HISTORY_RATE * step)))
     time = longest[::every]
-    held = [
+    channels = [
         name
-        for name in found[0][1]
-        if name != "time" and all(name in columns for _, columns in found)
+        for name in recorded[0][1]
+        if name != "time" and all(name in columns for _, columns in recorded)
     ]
     arrays["history-time"] = time
-    for channel in held:
-        table = np.full((len(found), time.size), np.nan)
-        for i, (_, columns) in enumerate(found):
+    for channel in channels:
+        table = np.full((len(recorded), time.size), np.nan)
+        for i, (_, columns) in enumerate(recorded):
             table[i] = np.interp(time, columns["time"], columns[channel], np.nan, np.nan)
         arrays[f"history:{channel}"] = table
-    for i, (row, _) in enumerate(found):
+    for i, (row, _) in enumerate(recorded):
         history[row] = i
-    return held
+    return channels
 
 
-def _add_behind(results: FlownCampaign, channels: Sequence[str], arrays: dict[str, Floats]) -> None:
-    """Put what stands behind a flight's channels into ``arrays``, as far as the page's envelopes lack it."""
+def _add_envelopes(
+    results: FlownCampaign, channels: Sequence[str], arrays: dict[str, Floats]
+) -> None:
+    """Add bands and nominal flights of channels without envelopes to ``arrays``."""
     for name in results.controllers:
         for channel in channels:
             if (name, channel) not in results.envelopes:

@@ -1,4 +1,4 @@
-"""Results as other programs read them: a verification matrix and the metrics (CSV), and JUnit XML for pipelines."""
+"""Results for other programs: verification matrix and metrics as CSV, verdicts as JUnit XML."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -8,8 +8,8 @@ from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
 from abhv_mc.io.csv_table import csv_text
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.metrics import Metrics
-from abhv_mc.topics.plain import plain
 from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (
@@ -19,58 +19,58 @@ _COLUMNS = (
 
 
 def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
-    """A row for each requirement and controller; ``metrics`` are the records of the campaign."""
+    """Return the verification matrix as CSV, one row for each requirement and controller."""
     rows: list[Sequence[object]] = [_COLUMNS]
     for entry in verdicts.requirements:
         item = entry.asked
-        asked = {**item.traced, **item.limits.as_entry(), "metric": item.metric, "probability": item.probability,
+        fields = {**item.traced, **item.limits.as_entry(), "metric": item.metric, "probability": item.probability,
                  "unit": metrics[item.metric].unit.removeprefix("-"), "consumer_risk": item.consumer_risk}  # fmt: skip
         for name, verdict in entry.controllers.items():
-            found = {
+            cells_of = {
                 key: getattr(verdict, key)
                 for key in ("failures", "flights", "tolerance_limit", "words")
             }
             binding = "yes" if name in item.controllers else "no"
-            found |= {"controller": name, "binding": binding, "verdict": verdict.status}
-            cells = {**asked, **found}
+            cells_of |= {"controller": name, "binding": binding, "verdict": verdict.status}
+            cells = {**fields, **cells_of}
             rows.append([cells.get(column) for column in _COLUMNS])
     return csv_text(rows)
 
 
-def make_metrics(found: Metrics) -> str:
-    """A row for each metric and controller: quantiles with 95 % intervals, the worst flight."""
+def make_metrics(metrics: Metrics) -> str:
+    """Return quantiles and worst flights as CSV, one row for each metric and controller."""
     rows: list[dict[str, object]] = []
-    for metric, table in found.table.items():
+    for metric, table in metrics.table.items():
         unit = table.words["unit"].removeprefix("-")
-        for name, each in table.controllers.items():
+        for name, estimates in table.controllers.items():
             row: dict[str, object] = {"metric": metric, "unit": unit, "controller": name}
-            for level, interval in each.quantiles.items():
-                row |= {f"{level}_{end}": value for end, value in plain(interval).items()}
-            rows.append({**row, "worst": each.worst, "worst_flight": each.worst_flight})
+            for level, interval in estimates.quantiles.items():
+                row |= {f"{level}_{end}": value for end, value in json_data(interval).items()}
+            rows.append({**row, "worst": estimates.worst, "worst_flight": estimates.worst_flight})
     columns = list(rows[0]) if rows else []
     return csv_text([columns, *([row.get(column) for column in columns] for row in rows)])
 
 
 class Case(NamedTuple):
-    """One test as a pipeline shows it."""
+    """Test case of a JUnit file."""
 
     name: str
-    status: str  # "PASS", "FAIL", or why it is neither
+    status: str  # "PASS", "FAIL", or the reason for neither
     words: str
 
 
 def verdict_cases(entries: Iterable[RequirementVerdict]) -> list[Case]:
-    """The binding requirements, as a campaign's manifest has them."""
+    """Return the binding requirements in a campaign's manifest as test cases."""
     cases = []
     for entry in entries:
-        asked = f"{entry.asked} in {100.0 * entry.probability:g} %"
-        name = " ".join(filter(None, (entry.id, asked, f"({entry.controller})")))
+        requirement = f"{entry.asked} in {100.0 * entry.probability:g} %"
+        name = " ".join(filter(None, (entry.id, requirement, f"({entry.controller})")))
         cases.append(Case(name, entry.verdict, entry.words))
     return cases
 
 
 def judged_cases(verdicts: Verdicts) -> list[Case]:
-    """The binding requirements, as a report judges them."""
+    """Return the binding requirements in a report's verdicts as test cases."""
     return [
         Case(
             " ".join(
@@ -93,7 +93,7 @@ def judged_cases(verdicts: Verdicts) -> list[Case]:
 
 
 def make_junit(suite: str, cases: Iterable[Case]) -> str:
-    """JUnit XML: what failed is a failure, what is neither shown nor failed is skipped."""
+    """Return test cases as JUnit XML; those neither passed nor failed are skipped."""
     listed = list(cases)
     failed = sum(case.status == "FAIL" for case in listed)
     skipped = sum(case.status not in ("PASS", "FAIL") for case in listed)

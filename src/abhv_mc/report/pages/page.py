@@ -1,4 +1,4 @@
-"""Pages as one HTML file that opens offline: the report, and the answer of a search or a comparison."""
+"""Self-contained HTML pages of reports, searches and comparisons."""
 
 import base64
 import gzip
@@ -16,15 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from abhv_mc.folder.layout import write_text
 from abhv_mc.report.numbers.compare import Baseline
-from abhv_mc.report.numbers.judged import judgement_lead
 from abhv_mc.report.numbers.judgement import judge_campaign
+from abhv_mc.report.numbers.judgement_record import judgement_lead
 from abhv_mc.report.numbers.summary import section_leads
+from abhv_mc.report.pages.channel_curves import envelope_data
 from abhv_mc.report.pages.first_screen import (
-    LIMIT_PLACE,
+    LIMIT_POSITION,
     baseline_line,
-    card,
     chart_rows,
-    more_words,
+    controller_card,
+    unlisted_rows,
 )
 from abhv_mc.report.pages.flights_view import (
     SCRIPTS,
@@ -33,53 +34,53 @@ from abhv_mc.report.pages.flights_view import (
     make_flights_view,
     template_text,
 )
-from abhv_mc.report.pages.interactive import envelope_data
 from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Section, Table
 from abhv_mc.topics.topic import Drawn, Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.words import fixed
 
 _MISSING = 0xFFFF
 _STEPS = _MISSING - 1
 
 
 def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str]:
-    """Where each array lies and what its numbers mean, and all of them as base64 of gzip.
+    """Return the layout of arrays and their values as base64 of gzip.
 
-    A number is ``low + (high - low) * n / 65534`` with ``n`` in 16 bits; 65535 is a missing or infinite one. So a value
-    is off by at most 1/131068 of its array's range. Along the last axis each ``n`` is stored as its difference to the
-    one before, modulo 65536: smooth curves take half the bytes then. All low bytes come first, then all high ones.
+    A value is ``low + (high - low) * n / 65534`` with 16 bits for ``n``; 65535 is a missing or
+    infinite value. The largest error is 1/131068 of an array's range. Along the last axis ``n`` is
+    stored as the difference from its predecessor, modulo 65536, which halves the size of smooth
+    curves. The low bytes of all values come first, then the high bytes.
     """
-    places: dict[str, object] = {}
-    parts: list[NDArray[np.uint16]] = []
+    layout: dict[str, object] = {}
+    blocks: list[NDArray[np.uint16]] = []
     start = 0
-    for name, given in arrays.items():
-        values = np.asarray(given, dtype=np.float64)
+    for name, array in arrays.items():
+        values = np.asarray(array, dtype=np.float64)
         finite = values[np.isfinite(values)]
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
         scaled = (values - low) * (_STEPS / (high - low)) if high > low else np.zeros(values.shape)
         codes = np.where(
             np.isfinite(values), np.rint(np.nan_to_num(scaled, posinf=0.0, neginf=0.0)), _MISSING
         )
-        parts.append(np.diff(codes.astype(np.int64), prepend=0, axis=-1).ravel().astype(np.uint16))
-        places[name] = {"start": start, "shape": list(values.shape), "low": low, "high": high}
+        blocks.append(np.diff(codes.astype(np.int64), prepend=0, axis=-1).ravel().astype(np.uint16))
+        layout[name] = {"start": start, "shape": list(values.shape), "low": low, "high": high}
         start += values.size
-    steps = np.concatenate(parts) if parts else np.empty(0, np.uint16)
+    steps = np.concatenate(blocks) if blocks else np.empty(0, np.uint16)
     planes = (steps & 0xFF).astype(np.uint8).tobytes() + (steps >> 8).astype(np.uint8).tobytes()
-    return places, pack_bytes(planes)
+    return layout, pack_bytes(planes)
 
 
 def pack_bytes(content: bytes) -> str:
-    """Base64 of gzip, the same at every call."""
+    """Return bytes as base64 of gzip, reproducibly."""
     return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure written to disk, with its words."""
+    """Figure on disk with its title and caption."""
 
     text: FigureText
     path: Path
@@ -88,19 +89,19 @@ class PageFigure:
 
     @property
     def source(self) -> Markup:
-        """What its element shows."""
+        """Data URL of the image."""
         image = base64.b64encode(self.path.read_bytes()).decode("ascii")
         return Markup(f"data:image/png;base64,{image}")  # noqa: S704  letters of base64 only
 
 
 def script_json(data: object) -> Markup:
-    """Return JSON that cannot end the script element which holds it."""
+    """Return JSON that cannot close the script element around it."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
 
 
 def script_hashes(*scripts: str) -> Markup:
-    """Return the sources of a content security policy that lets these scripts run and no other."""
+    """Return the sources of a content security policy that allows these scripts only."""
     hashes = (
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
         for script in scripts
@@ -109,7 +110,7 @@ def script_hashes(*scripts: str) -> Markup:
 
 
 def make_environment() -> Environment:
-    """What the templates of pages need."""
+    """Return the jinja environment of the page templates."""
     environment = Environment(
         loader=PackageLoader("abhv_mc.report.pages", "template"),
         autoescape=True,
@@ -123,24 +124,24 @@ def make_environment() -> Environment:
 
 
 def _typed(text: str) -> Markup:
-    """A text whose parts between backticks are typed as they stand."""
-    parts = [escape(part) for part in text.split("`")]
-    return Markup("").join(  # nothing but escaped text and our own tags
-        Markup('<code class="command">{}</code>').format(part) if i % 2 else part
-        for i, part in enumerate(parts)
+    """Return a text with the parts between backticks marked as commands."""
+    pieces = [escape(piece) for piece in text.split("`")]
+    return Markup("").join(  # only escaped text and fixed tags
+        Markup('<code class="command">{}</code>').format(piece) if i % 2 else piece
+        for i, piece in enumerate(pieces)
     )
 
 
 def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Section]:
-    """The section of each topic that has something to say, by its name, led by what takes other topics to say."""
+    """Return the section of each topic that has one, by the topic's name."""
     leads = section_leads(models, warnings)
-    found = {}
+    sections = {}
     for topic in all_topics(models.users):
         section = models.section(topic)
         if section is not None:
             lead = [Bullets(tuple(leads[topic.name]))] if leads.get(topic.name) else []
-            found[topic.name] = replace(section, items=(*lead, *section.items))
-    return found
+            sections[topic.name] = replace(section, items=(*lead, *section.items))
+    return sections
 
 
 def _facts(models: Models, flown: str) -> Iterator[str]:
@@ -160,7 +161,7 @@ def make_page(
     warnings: Sequence[str] = (),
     baseline: Baseline | None = None,
 ) -> str:
-    """The report as one HTML file that runs its own scripts alone; ``warnings``: what could not be made."""
+    """Return the report as one HTML file; ``warnings`` name figures that could not be made."""
     results, names, campaign = models.results, models.names, models.results.campaign
     colors = controller_colors(results.controllers)
     template = files("abhv_mc.report.pages") / "template"
@@ -169,7 +170,7 @@ def make_page(
     envelopes, arrays = envelope_data(results, names.controllers, colors)
     flights, columns = make_flights_view(results, names.controllers, colors)
     flights["folder"] = names.folder
-    places, packed = pack_arrays({**arrays, **columns})
+    layout, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = (
         f"seeds {', '.join(map(str, campaign.pooled_seeds))}"
@@ -197,40 +198,43 @@ def make_page(
             script_hashes=script_hashes(script, gzip.decompress(packed_library).decode()),
             plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
             packed=Markup(packed),  # noqa: S704  letters of base64 only
-            data=script_json({"envelopes": envelopes, "flights": flights, "places": places}),
+            data=script_json({"envelopes": envelopes, "flights": flights, "places": layout}),
             chart=chart_rows(verdicts.glance, names.controllers, colors),
             required=bool(verdicts.requirements),
-            cards=[card(models, name, colors[name]) for name in names.controllers],
+            cards=[controller_card(models, name, colors[name]) for name in names.controllers],
             lead=judgement_lead(judge_campaign(models), names.folder),
             baseline_line=baseline_line(baseline, names),
-            limit_place=LIMIT_PLACE,
+            limit_position=LIMIT_POSITION,
             shapes=SHAPES,
             campaign=campaign,
-            more_rows=more_words(verdicts.glance),
+            more_rows=unlisted_rows(verdicts.glance),
         )
     )
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a search or a comparison says: a page and the terminal draw the same section."""
+    """Result of a search or a comparison, for a page and the terminal."""
 
     title: str
-    kicker: str
+    kicker: str  # line above the title
     section: Section
-    figures: Iterable[Drawn]  # drawn as they are taken
+    figures: Iterable[Drawn]  # made on iteration
 
 
 def make_table(
     title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> Table:
-    """A table of texts; what stands between backticks is a command."""
+    """Return a table of texts; parts between backticks are commands."""
     cells = tuple(tuple(Cell(text) for text in row) for row in rows)
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
 
 
 def write_answer(answer: Answer, path: Path, folder: Path | None = None) -> Path:
-    """Write the page, and its figures into ``folder``, by default `figures` beside it; returns the page's path."""
+    """Write a page and its figures and return the path of the page.
+
+    The figures are in ``folder``, by default `figures` next to the page.
+    """
     folder, figures = folder or path.parent / "figures", {}
     for text, figure in answer.figures:
         file = folder / f"{text.name}.png"

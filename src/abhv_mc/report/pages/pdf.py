@@ -1,4 +1,4 @@
-"""A page on paper: printed by a Chromium that is installed."""
+"""PDF of a page, printed by an installed Chromium."""
 
 import shutil
 import subprocess
@@ -19,18 +19,18 @@ _LONGEST = 120.0  # s
 
 
 def find_browser() -> str:
-    """A Chromium's program. Raises InputError where none is found."""
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
+    """Return the path of an installed Chromium. Raise InputError without one."""
+    program = next(filter(None, map(shutil.which, NAMES)), None)
+    if program is None:
         raise InputError(
             "--pdf",
             "no Chromium",
             f"one of {', '.join(NAMES)} on PATH; any browser prints report.html",
         )
-    return found
+    return program
 
 
-# Two pages: the answer, then what is asked over the flights and what moves it; the rest is in the report.
+# Two pages: the answer, then the distributions of the required metrics and their drivers.
 _BRIEF = """
 main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, figcaption .file,
 #metrics > p, #metrics > .scroll, #drivers > p { display: none !important; }
@@ -39,9 +39,9 @@ main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, fi
 
 
 def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = False) -> Path:
-    """Print a page beside itself, on A4 or letter, and return the PDF's path; ``brief``: two pages of it.
+    """Print a page to a PDF next to it, A4 or letter, and return its path.
 
-    Raise InputError if nothing was printed.
+    ``brief`` prints two pages only. Raise InputError if the browser fails.
     """
     target = page.with_name("brief.pdf") if brief else page.with_suffix(".pdf")
     target.unlink(missing_ok=True)
@@ -52,13 +52,13 @@ def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = Fals
         sized.write_text(
             page.read_text(encoding="utf-8").replace("</head>", size, 1), encoding="utf-8"
         )
-        words = [
+        command = [
             browser, "--headless", "--disable-gpu", "--no-sandbox", f"--user-data-dir={profile}",
             "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}", sized.as_uri(),
         ]  # fmt: skip
         try:
-            done = subprocess.run(  # noqa: S603
-                words, capture_output=True, text=True, timeout=_LONGEST, check=False
+            process = subprocess.run(  # noqa: S603
+                command, capture_output=True, text=True, timeout=_LONGEST, check=False
             )
         except subprocess.TimeoutExpired:
             raise InputError(
@@ -66,6 +66,8 @@ def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = Fals
             ) from None
     if not target.is_file():
         raise InputError(
-            browser, f"no PDF was printed: {done.stderr[-200:].strip()}", "a Chromium that prints"
+            browser,
+            f"no PDF was printed: {process.stderr[-200:].strip()}",
+            "a Chromium that prints",
         )
     return target

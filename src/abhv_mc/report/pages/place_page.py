@@ -1,4 +1,4 @@
-"""The page of test flights among the simulated flights of a campaign."""
+"""Page of the comparison of test flights with the simulated flights of a campaign."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,57 +9,58 @@ from matplotlib.figure import Figure
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
 from abhv_mc.report.pages.page import Answer
 from abhv_mc.topics.figure_style import BLUE, INK, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
 
 _LISTED = 12  # metrics of a flight
 _COLUMNS = 2
 
 
-def make_place_answer(found: Placement, folder: Path) -> Answer:
+def make_place_answer(placement: Placement, folder: Path) -> Answer:
     """Return the answer of `abhv-mc place`."""
     risk = 1.0 - CONFIDENCE
-    outside = [flight for flight in found.flights if _is_outside(flight, risk)]
+    outside = [flight for flight in placement.flights if _is_outside(flight, risk)]
     names = joined([flight.name for flight in outside])
-    lead = "The simulated flights cover the test flight." if len(found.flights) == 1 else ""
-    lead = lead or f"The simulated flights cover each of the {len(found.flights)} test flights."
+    lead = "The simulated flights cover the test flight." if len(placement.flights) == 1 else ""
+    lead = lead or f"The simulated flights cover each of the {len(placement.flights)} test flights."
     if outside:
         lead = f"Outside the simulated flights: {names}."
     because = []
-    if found.together_p_value is not None:
-        verb = "are" if found.together_p_value <= risk else "are not shown to be"
+    if placement.together_p_value is not None:
+        verb = "are" if placement.together_p_value <= risk else "are not shown to be"
         because.append(
-            f"Together the test flights {verb} different from the simulated ones (p {p_value(found.together_p_value)})."
+            f"Together the test flights {verb} different from the simulated ones "
+            f"(p {p_value(placement.together_p_value)})."
         )
     items: tuple[Item, ...] = (
         Lead(lead, tuple(because)),
-        Bullets((*_sentences(found), *_remarks(found))),
+        Bullets((*_sentences(placement), *_remarks(placement))),
         Picture("placement"),
-        *(_table(flight, found.simulated) for flight in found.flights),
+        *(_table(flight, placement.simulated) for flight in placement.flights),
     )
-    title = f"Test flights among those of {controller_label(found.controller)}"
-    return Answer(title, f"Validation · {folder.name}", Section("Answer", items), _draw(found))
+    title = f"Test flights among those of {controller_label(placement.controller)}"
+    return Answer(title, f"Validation · {folder.name}", Section("Summary", items), _draw(placement))
 
 
 def _is_outside(flight: PlacedFlight, risk: float) -> bool:
-    """Return whether metrics or history lie outside; each at half the risk if there are both."""
+    """Return whether metrics or history lie outside, each at half the risk if there are both."""
     p_values = [flight.joint_p_value]
     if flight.band_p_value is not None:
         p_values.append(flight.band_p_value)
     return min(p_values) * len(p_values) <= risk
 
 
-def _sentences(found: Placement) -> Iterator[str]:
-    for flight in found.flights:
+def _sentences(placement: Placement) -> Iterator[str]:
+    for flight in placement.flights:
         first = flight.metrics[0]
         text = (
             f"{flight.name}: joint p-value of {len(flight.metrics)} metrics {p_value(flight.joint_p_value)}; the "
-            f"rarest is {first.metric}, rank {first.rank} of {found.simulated + 1}"
+            f"rarest is {first.metric}, rank {first.rank} of {placement.simulated + 1}"
         )
         if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
-            text += ", not unusual alone: their combination is"
+            text += "; only the combination of the metrics is unusual"
         if flight.leaves:
             text += f"; {flight.leaves.channel} leaves the simultaneous band first, at {flight.leaves.time_s:g} s"
         elif flight.band_p_value is not None:
@@ -69,60 +70,60 @@ def _sentences(found: Placement) -> Iterator[str]:
         yield f"{text}."
 
 
-def _remarks(found: Placement) -> Iterator[str]:
+def _remarks(placement: Placement) -> Iterator[str]:
     yield (
-        f"Compared with {fixed(found.simulated, 0)} random flights. If a test flight is one more draw of the model, "
+        f"Compared with {fixed(placement.simulated, 0)} random flights. If a test flight is a draw of the model, "
         f"each p-value is at most {percent(1.0 - CONFIDENCE)} in that share of such flights, and its whole history "
         f"stays within the simultaneous band in {percent(CONFIDENCE)}."
     )
-    if found.sensed:
-        yield f"Bias, scale and noise of the campaign's sensors were added: {joined(found.sensed)}."
-    if found.bands and not (found.noise or found.sensed):
+    if placement.sensed:
+        yield f"Bias, scale and noise of the campaign's sensors were added: {joined(placement.sensed)}."
+    if placement.bands and not (placement.noise or placement.sensed):
         yield (
-            "No measurement noise is declared: an instrument's noise alone puts an honest flight outside. Add it with "
-            "`measured: {CHANNEL: SIGMA}` in the campaign or with `--measured CHANNEL=SIGMA`."
+            "No measurement noise is declared; the noise of an instrument alone can put a test flight outside. Declare "
+            "it with `measured: {CHANNEL: SIGMA}` in the campaign or with `--measured CHANNEL=SIGMA`."
         )
-    elif found.noise:
-        noise = joined([f"{sigma:g} in {channel}" for channel, sigma in found.noise.items()])
+    elif placement.noise:
+        noise = joined([f"{sigma:g} in {channel}" for channel, sigma in placement.noise.items()])
         yield f"White noise was added to the simulated histories: standard deviation {noise}."
-    if found.ignored:
-        yield f"Not compared, as the campaign does not have them: {joined(list(found.ignored))}."
+    if placement.ignored:
+        yield f"Not compared, because the campaign lacks them: {joined(list(placement.ignored))}."
 
 
 def _table(flight: PlacedFlight, simulated: int) -> Table:
     rows = tuple(
         (
-            Cell(each.metric, head=True),
-            Cell(significant(each.value, 4)),
-            Cell(f"{significant(each.low, 4)} to {significant(each.high, 4)}"),
-            Cell(f"{each.rank} of {simulated + 1}"),
-            Cell(p_value(each.p_value)),
+            Cell(rank.metric, head=True),
+            Cell(significant(rank.value, 4)),
+            Cell(f"{significant(rank.low, 4)} to {significant(rank.high, 4)}"),
+            Cell(f"{rank.rank} of {simulated + 1}"),
+            Cell(p_value(rank.p_value)),
         )
-        for each in flight.metrics[:_LISTED]
+        for rank in flight.metrics[:_LISTED]
     )
     heads = ("Metric", "Test flight", "95 % of the simulated flights", "Rank", "p-value")
     return Table(f"Ranks of {flight.name}", heads, (rows,))
 
 
-def _draw(found: Placement) -> Iterator[Drawn]:
-    if not found.bands:
+def _draw(placement: Placement) -> Iterator[Drawn]:
+    if not placement.bands:
         return
     caption = (
-        f"Wide band: simultaneous, holds {percent(CONFIDENCE)} of whole histories. Dark band: pointwise, holds that "
-        "share of the flights at each time. Lines: test flights."
+        f"Wide band: simultaneous, contains {percent(CONFIDENCE)} of whole histories. Dark band: pointwise, contains "
+        "that share of the flights at each time. Lines: test flights."
     )
     yield (
-        FigureText("placement", "Test flights and bands over time", caption),
-        plot_placement(found),
+        FigureText("placement", "Test flights and time-history envelopes", caption),
+        plot_placement(placement),
     )
 
 
 @styled
-def plot_placement(found: Placement) -> Figure:
-    """Draw a panel for each channel."""
-    count = len(found.bands)
+def plot_placement(placement: Placement) -> Figure:
+    """Plot test flights and bands, one panel for each channel."""
+    count = len(placement.bands)
     figure, grid = new_panels(count, _COLUMNS, 1.1)
-    for axes, (channel, bands) in zip(grid.flat, found.bands.items(), strict=False):
+    for axes, (channel, bands) in zip(grid.flat, placement.bands.items(), strict=False):
         for edges, opacity, label in (
             (bands.simultaneous, 0.2, "simultaneous"),
             (bands.pointwise, 0.4, "pointwise"),
@@ -132,8 +133,8 @@ def plot_placement(found: Placement) -> Figure:
             )
         for history in bands.flights:
             axes.plot(bands.time, history, color=INK, linewidth=0.8, label="test flight")
-        shown = np.isfinite(bands.simultaneous[0])
-        axes.set_xlim(bands.time[shown].min(), bands.time[shown].max())
+        finite = np.isfinite(bands.simultaneous[0])
+        axes.set_xlim(bands.time[finite].min(), bands.time[finite].max())
         axes.set_title(channel)
     label_lowest(grid, count, "time (s)")
     legend_below(figure, grid.flat[0])

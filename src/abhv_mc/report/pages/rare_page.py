@@ -1,4 +1,4 @@
-"""The page of a rare failure's probability: the estimate or its refusal, levels, chains, and where failures live."""
+"""Page of a rare-event search: estimate, levels, Markov chains, and locations of failures."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,156 +7,161 @@ import numpy as np
 
 from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, limit_sentence
+from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent
 
 
-def make_rare_answer(found: RareFound, folder: Path) -> Answer:
-    """What an estimate of a rare failure says; its flights lie in ``folder``."""
-    metric, dimensions = found.metric, len(found.space.names)
-    asked = f"{metric.phrase} {metric.with_unit(str(found.requirement.limits))}"
+def make_rare_answer(result: RareFound, folder: Path) -> Answer:
+    """Return the page content of a rare-event search with its flights in ``folder``."""
+    metric, dimensions = result.metric, len(result.space.names)
+    requirement = f"{metric.phrase} {metric.with_unit(str(result.requirement.limits))}"
     flights = flights_table(
-        found.flights,
-        found.severities,
+        result.flights,
+        result.severities,
         dimensions,
         metric,
-        found.controller,
+        result.controller,
         folder=folder,
-        known=found.known,
+        parameters=result.known,
     )
     items = (
-        *_answers(found, asked),
+        *_answers(result, requirement),
         *map(Picture, ("levels", "mixing", "failures", "flights")),
-        *((_combinations(found),) if found.strata else ()),
+        *((_combinations(result),) if result.strata else ()),
         flights,
     )
-    title = f"Probability that {controller_label(found.controller)} breaks: {asked}"
-    return Answer(title, "Rare event", Section("Answer", items), _draw(found))
+    title = f"Probability that {controller_label(result.controller)} violates: {requirement}"
+    return Answer(title, "Rare-event search", Section("Summary", items), _draw(result))
 
 
-def _draw(found: RareFound) -> Iterator[Drawn]:
-    if found.estimate.repetitions:
-        yield _levels(found)
-        yield _mixing(found)
-    failures = found.estimate.failures
+def _draw(result: RareFound) -> Iterator[Drawn]:
+    if result.estimate.repetitions:
+        yield _levels(result)
+        yield _mixing(result)
+    failures = result.estimate.failures
     if len(failures):
         caption = (
-            "Each parameter as the standard normal number behind it, among failures, beside all flights of a campaign. "
-            "A parameter whose failures look like all flights does not matter by itself. The numbers are those before "
-            "correlations are applied."
+            "Standard normal number of each parameter among failures, compared with all flights of a campaign. A "
+            "parameter with equal distributions has no effect on its own. The numbers are those before correlations "
+            "are applied."
         )
         yield (
-            FigureText("failures", "Where failures live", caption),
-            plot_failures(found.space.names, failures),
+            FigureText("failures", "Parameters of the failures", caption),
+            plot_failures(result.space.names, failures),
         )
-    yield from drawn_figures(found.drawn, found.metric, (found.requirement,))
+    yield from flight_figures(result.drawn, result.metric, (result.requirement,))
 
 
-def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
-    estimate = found.estimate
+def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
+    estimate = result.estimate
     if estimate.refusal is None:
         repeated = (
-            "" if found.strata else f" in {len(estimate.repetitions)} independent repetitions"
+            "" if result.strata else f" in {len(estimate.repetitions)} independent repetitions"
         )
         answers = [
-            f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
+            f"P({controller_label(result.controller)} violates '{requirement}') is about {estimate.probability:.1e}, "
             f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
-            f"{repeated}{found.unwarned}.",
+            f"{repeated}{result.unwarned}.",
         ]
-        if not (found.includes_unwarned and estimate.high == estimate.unwarned_high):
-            plain = f"{_plain_flights(found):,}"
+        if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
+            plain = f"{_plain_flights(result):,}"
             answers.append(
-                f"As narrow an interval from plain sampling takes about {plain} flights."
+                f"Plain Monte Carlo sampling needs about {plain} flights for an interval as narrow."
             )
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
-    worst = float(found.flights.column(found.metric.name)[int(np.argmax(found.severities))])
-    flights = found.flights.stop
-    answers.append(limit_sentence(found.requirement, found.metric, worst, found.failures, flights))
-    answers.append(f"Second opinion: {found.second_opinion}.")
-    if found.noise_share is not None:
-        answers.append(
-            f"{percent(found.noise_share, 2)} of the severity's variance (of ranks) is noise: points were flown twice, "
-            "with other seeds."
-        )
-    looked = estimate.check is not None and len(found.space.names) <= MOST_LOOKED
-    more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."
+    worst = float(result.flights.column(result.metric.name)[int(np.argmax(result.severities))])
+    flights = result.flights.stop
     answers.append(
-        f"An estimate is no verdict: verdicts come from random campaigns alone.{more if looked else ''}"
+        limit_sentence(result.requirement, result.metric, worst, result.failures, flights)
     )
-    if found.failed_to_run:
+    answers.append(f"Second opinion: {result.second_opinion}.")
+    if result.noise_share is not None:
         answers.append(
-            f"{found.failed_to_run} flights could not be computed and count as failures."
+            f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, according to points "
+            "that were simulated with two seeds."
+        )
+    looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
+    remark = " Separate failure regions were searched for in random directions; some may remain undetected."
+    answers.append(
+        f"This estimate is no verdict: verdicts require a random campaign.{remark if looked else ''}"
+    )
+    if result.failed_to_run:
+        answers.append(
+            f"{result.failed_to_run} flights could not be computed and count as failures."
         )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
-def _combinations(found: RareFound) -> Table:
+def _combinations(result: RareFound) -> Table:
     rows = [
         [
-            found.words(part),
-            f"{part.weight:.2e}",
-            f"{part.probability:.2e} ({part.low:.1e} .. {part.high:.1e})",
-            f"{part.weight * part.probability:.2e}",
-            str(part.flights),
+            result.words(stratum),
+            f"{stratum.weight:.2e}",
+            f"{stratum.probability:.2e} ({stratum.low:.1e} .. {stratum.high:.1e})",
+            f"{stratum.weight * stratum.probability:.2e}",
+            str(stratum.flights),
         ]
-        for part in found.strata
+        for stratum in result.strata
     ]
     caption = (
-        "What comes with a probability, such as a failure, by combination: how likely it is, how likely a flight "
-        "breaks the requirement then, with its 95 % interval, and what that adds to the sum."
+        "Combinations of events with a probability, such as failures: probability of the combination, probability of "
+        "a violation given the combination with its 95 % interval, and their product"
     )
-    heads = ("What comes", "Probability", "P(breaks)", "Adds", "Flights")
+    heads = ("Combination", "Probability", "P(violation)", "Contribution", "Flights")
     return make_table("Combinations", caption, heads, rows)
 
 
-def _levels(found: RareFound) -> Drawn:
-    asked, ways = found.requirement.limits, []
-    for one in found.estimate.repetitions:
-        limits = np.array([level.threshold for level in one.levels])
-        limits = np.where(limits < ENDED_EARLY, asked.sign * (asked.limit + limits), np.nan)
-        ways.append(
-            (limits, np.cumprod([level.probability for level in one.levels], dtype=np.float64))
+def _levels(result: RareFound) -> Drawn:
+    bounds, curves = result.requirement.limits, []
+    for repetition in result.estimate.repetitions:
+        limits = np.array([level.threshold for level in repetition.levels])
+        limits = np.where(limits < ENDED_EARLY, bounds.sign * (bounds.limit + limits), np.nan)
+        curves.append(
+            (
+                limits,
+                np.cumprod([level.probability for level in repetition.levels], dtype=np.float64),
+            )
         )
     caption = (
-        "Each repetition's thresholds, and the estimated probability of a flight beyond them. Lines that lie apart are "
+        "Thresholds of each repetition and the estimated probability of exceeding them. Lines that lie apart are "
         "repetitions that contradict each other."
     )
-    if any(np.isnan(limits).any() for limits, _ in ways):
-        caption += " A line ends where the next threshold is an early end, which has no value of the metric."
+    if any(np.isnan(limits).any() for limits, _ in curves):
+        caption += " A line ends if the next threshold is an early termination, which has no value of the metric."
     label = (
-        f"{'distance outside the limits of ' if asked.both else ''}{found.metric.label_with_unit}"
+        f"{'distance outside the limits of ' if bounds.both else ''}{result.metric.label_with_unit}"
     )
     return FigureText("levels", "Levels", caption), plot_levels(
-        label, asked.sign * asked.limit, ways
+        label, bounds.sign * bounds.limit, curves
     )
 
 
-def _mixing(found: RareFound) -> Drawn:
+def _mixing(result: RareFound) -> Drawn:
     caption = (
-        f"Share of accepted moves ({ACCEPTANCE:g} is aimed at, dashed) and size of the moves at each level, a line for "
-        "each repetition as above. Chains that accept next to nothing, or move by little, explore little."
+        f"Share of accepted moves (target {ACCEPTANCE:g}, dashed) and size of the moves at each level, one line for "
+        "each repetition as above. Chains with a very low acceptance or very small moves explore little."
     )
     rates, sizes = (
         [
-            np.array([getattr(level, key) for level in one.levels[1:]])
-            for one in found.estimate.repetitions
+            np.array([getattr(level, key) for level in repetition.levels[1:]])
+            for repetition in result.estimate.repetitions
         ]
         for key in ("acceptance", "spread")
     )
-    return FigureText("mixing", "How the chains mix", caption), plot_mixing(
+    return FigureText("mixing", "Mixing of the chains", caption), plot_mixing(
         rates, sizes, ACCEPTANCE
     )
 
 
-def _plain_flights(found: RareFound) -> int:
-    """Flights of plain sampling with an interval of the logarithm as narrow as this one, to two digits."""
-    p, half = found.estimate.probability, 0.5 * np.log(found.estimate.high / found.estimate.low)
+def _plain_flights(result: RareFound) -> int:
+    """Return the flights of plain sampling for as narrow an interval of the logarithm."""
+    p, half = result.estimate.probability, 0.5 * np.log(result.estimate.high / result.estimate.low)
     return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

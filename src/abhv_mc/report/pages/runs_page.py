@@ -1,4 +1,4 @@
-"""The page of all campaigns below a folder: sorted, filtered, and two of them compared by one command."""
+"""Page of all campaigns below a folder, to sort, filter and compare."""
 
 import os
 import shlex
@@ -10,7 +10,7 @@ from abhv_mc.folder.layout import write_text
 from abhv_mc.report.numbers.runs import CampaignRun, CampaignRuns
 from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.report.pages.page import make_environment, script_hashes, script_json
-from abhv_mc.topics.words import fixed
+from abhv_mc.topics.formatting import fixed
 
 
 def verdict_counts(run: CampaignRun) -> str:
@@ -18,11 +18,11 @@ def verdict_counts(run: CampaignRun) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in run.verdicts.items())
 
 
-def write_runs_page(found: CampaignRuns, root: Path, file: Path) -> Path:
-    """Write the page into ``file``; its links and commands are relative to the folder of it."""
+def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:
+    """Write the page to ``file``, with links and commands relative to the folder of the file."""
     base = Path(os.path.relpath(root.absolute(), file.absolute().parent))
     rows = []
-    for run in found.runs:
+    for run in campaigns.runs:
         folder = (base / run.folder).as_posix()
         rows.append(
             {
@@ -34,7 +34,7 @@ def write_runs_page(found: CampaignRuns, root: Path, file: Path) -> Path:
                 "flights": _flights(run),
             }
         )
-    pages = {key: (base / page).as_posix() for key, page in found.comparisons.items()}
+    pages = {key: (base / page).as_posix() for key, page in campaigns.comparisons.items()}
     script = template_text("runs.js")
     page = (
         make_environment()

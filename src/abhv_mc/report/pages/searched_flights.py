@@ -1,4 +1,4 @@
-"""What the pages of searches show of flights: their channels over time, and how each is flown again."""
+"""Worst flights on the pages of searches: channels over time and commands that re-run them."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -17,58 +17,63 @@ from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
 from abhv_mc.topics.flights.model import channel_of, limit_sides
+from abhv_mc.topics.formatting import count_of, percent, shown_value
 from abhv_mc.topics.missed_requirements import limit_words
 from abhv_mc.topics.section import FigureText, Fold
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import count_of, percent, shown_value
 
 _LISTED = 10
 _PANELS = 6
-_ELSEWHERE = (
-    f"The worst flight, and the worst of those that lie elsewhere: at least {100 * DRAWN_APART:g} % of the range flown "
-    "(rms over the parameters) from every worse one"
+_DISTINCT = (
+    f"The worst flight, and the worst flights at other points: at least {100 * DRAWN_APART:g} % of the range (rms over "
+    "the parameters) away from every worse one"
 )
 
 
-def drawn_figures(
+def flight_figures(
     drawn: DrawnFlights | None, metric: Metric, requirements: Sequence[Requirement]
 ) -> Iterator[Drawn]:
-    """Draw flights beside the nominal one, the channel of the searched metric first; nothing without histories."""
+    """Yield the figure of the worst flights and the nominal one, if there are histories.
+
+    The first panel is the channel of the searched metric.
+    """
     if drawn is None:
         return
     channel = channel_of(metric, CHANNEL_INDEX)
-    own = [(name, label, scale) for name, label, scale in FLIGHT_PANELS if name == channel]
-    if channel and not own:
-        own = [(channel, CHANNELS[CHANNEL_INDEX[channel]].axis, 1.0)]
-    others = [panel for panel in FLIGHT_PANELS if panel[0] != channel]
+    metric_panels = [
+        (name, label, scale) for name, label, scale in FLIGHT_PANELS if name == channel
+    ]
+    if channel and not metric_panels:
+        metric_panels = [(channel, CHANNELS[CHANNEL_INDEX[channel]].axis, 1.0)]
+    other_panels = [panel for panel in FLIGHT_PANELS if panel[0] != channel]
     panels = {
         label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
-        for name, label, scale in [*own, *others][:_PANELS]
+        for name, label, scale in [*metric_panels, *other_panels][:_PANELS]
     }
-    levels = [
-        side * limit * own[0][2]
+    limits = [
+        side * limit * metric_panels[0][2]
         for item in requirements
         for limit in item.limits.as_entry().values()
         for side in limit_sides(metric, CHANNEL_INDEX)
     ]
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
-    caption = f"{_ELSEWHERE}; beside the nominal one. A line ends where its flight ended."
+    caption = f"{_DISTINCT}; with the nominal flight. A line ends with its flight."
     yield (
         FigureText("flights", "The worst flights", caption),
-        plot_flights(drawn.times, panels, labels, levels=levels),
+        plot_flights(drawn.times, panels, labels, limits=limits),
     )
 
 
 def limit_sentence(
     requirement: Requirement, metric: Metric, worst: float, failures: int, flights: int
 ) -> str:
-    """Return whether flights break a requirement, and how far the ``worst`` value lies from its limit."""
+    """Return the sentence on violations of a requirement and the margin of the worst value."""
     limits = requirement.limits
-    words = limit_words(metric, limits)
+    label = limit_words(metric, limits)
     if failures:
-        text = f"The requirement '{words}' is broken in {count_of(failures, flights, 'flights')}"
+        text = f"The requirement '{label}' is violated in {count_of(failures, flights, 'flights')}"
     else:
-        text = f"The requirement '{words}' holds in all {flights} flights"
+        text = f"The requirement '{label}' is met in all {flights} flights"
     beyond = float(limits.worse(np.array([worst]))[0]) - limits.limit
     if not limits.size or not np.isfinite(beyond):
         return f"{text}."
@@ -86,9 +91,9 @@ def flights_table(
     controller: str,
     *,
     folder: Path,
-    known: Parameters,
+    parameters: Parameters,
 ) -> Fold:
-    """The worst flights, and how each is flown again: wider than a terminal."""
+    """Return the folded table of the worst flights with the commands that re-run them."""
     numbers: Sequence[int] = rank_distinct(
         severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
     )
@@ -98,7 +103,7 @@ def flights_table(
             f"{flights.column(metric.name)[k]:.5g}",
             f"{flights.outcome[k]}, {flights.end_time[k]:.4g} s",
             ", ".join(
-                f"{name} {shown_value(name, x, known)}"
+                f"{name} {shown_value(name, x, parameters)}"
                 for name, x in zip(
                     flights.names[:dimensions], flights.samples[k].tolist(), strict=False
                 )
@@ -107,15 +112,6 @@ def flights_table(
         ]
         for k in numbers
     ]
-    heads = (
-        "flight",
-        metric.label_with_unit,
-        "ended",
-        "parameters",
-        "flown again, bit for bit, by",
-    )
-    caption = f"{_ELSEWHERE}."
-    return Fold(
-        "The worst flights, and how each is flown again",
-        (make_table("Worst flights", caption, heads, rows),),
-    )
+    heads = ("flight", metric.label_with_unit, "end", "parameters", "command to re-run it")
+    table = make_table("Worst flights", f"{_DISTINCT}.", heads, rows)
+    return Fold("Worst flights and commands to re-run them", (table,))

@@ -1,4 +1,4 @@
-"""Single flights: nominal ones in a folder, and an explanation of a failing one as words, JSON and a figure."""
+"""Files of nominal flights, and the explanation of a failed flight as text, JSON and figure."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -20,14 +20,17 @@ from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
+from abhv_mc.topics.formatting import shown_value
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.words import shown_value
 
 
 def write_nominal_report(
     folder: Path, plans: Mapping[str, FlightPlan], histories: Mapping[str, NDArray[np.float32]]
 ) -> Iterator[Path]:
-    """Write nominal.parquet, reference.parquet and figures/channels.png of histories [tick, channel]; name each."""
+    """Write nominal.parquet, reference.parquet and figures/channels.png, and yield their paths.
+
+    ``histories`` are arrays [tick, channel] by controller.
+    """
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
     write_nominal(folder / "nominal.parquet", times, dict(histories))
@@ -48,63 +51,67 @@ def write_nominal_report(
     yield picture
 
 
-_IN_TITLE = 4
-_TITLE_WIDTH = 100
-_AFTER = 2.0  # how much of the nominal flight is shown, in lengths of flights that ended early
+_IN_TITLE = 4  # dispersions
+_TITLE_WIDTH = 100  # characters
+_AFTER = 2.0  # shown time after an early termination, in lengths of the terminated flight
 
 
-def explanation_words(found: Explanation) -> list[str]:
-    """What was found, line by line."""
-    total, kept = len(found.samples), len(found.causes)
-    lines = [f"flight {found.flight} of {found.controller} {found.failure.words}. {found.ended}"]
-    if not kept:
-        return [*lines, "The nominal flight fails, too: no dispersion is needed."]
-    proof = "no smaller set does" if found.smallest else "none of them can be left out"
+def explanation_words(explanation: Explanation) -> list[str]:
+    """Return the explanation of a failed flight as lines of text."""
+    total, number = len(explanation.samples), len(explanation.causes)
+    lines = [
+        f"flight {explanation.flight} of {explanation.controller} {explanation.failure.words}. {explanation.ended}"
+    ]
+    if not number:
+        return [*lines, "The nominal flight also fails: no dispersion is needed."]
+    proof = "no smaller set does" if explanation.smallest else "none of them can be left out"
     lines.append(
-        f"It fails with {kept} of its {total} dispersions alone ({proof}; {found.tried} flights tried):"
+        f"It fails with {number} of its {total} dispersions alone ({proof}; {explanation.tried} flights tried):"
     )
     lines += [
-        f"  {name:<36} {shown_value(name, found.samples[name], found.known):>12}"
-        for name in found.causes
+        f"  {name:<36} {shown_value(name, explanation.samples[name], explanation.known):>12}"
+        for name in explanation.causes
     ]
-    if found.others:
-        lines.append(f"So do {len(found.others)} other sets of {kept}:")
-        lines += [f"  {' and '.join(names)}" for names in found.others[:10]]
-        lines += ["  ..."] if len(found.others) > 10 else []
+    if explanation.others:
+        lines.append(f"It also fails with {len(explanation.others)} other sets of {number}:")
+        lines += [f"  {' and '.join(names)}" for names in explanation.others[:10]]
+        lines += ["  ..."] if len(explanation.others) > 10 else []
     return lines
 
 
-def explanation_numbers(found: Explanation) -> dict[str, Any]:
-    """The same as JSON holds it, values in SI."""
+def explanation_numbers(explanation: Explanation) -> dict[str, Any]:
+    """Return the explanation as JSON data, values in SI."""
     return {
-        "flight": found.flight,
-        "controller": found.controller,
-        "failure": found.failure.words,
-        "causes": {name: found.samples[name] for name in found.causes},
-        "others": [list(names) for names in found.others],
-        "smallest": found.smallest,
-        "flights_tried": found.tried,
-        "dispersions": found.samples,
+        "flight": explanation.flight,
+        "controller": explanation.controller,
+        "failure": explanation.failure.words,
+        "causes": {name: explanation.samples[name] for name in explanation.causes},
+        "others": [list(names) for names in explanation.others],
+        "smallest": explanation.smallest,
+        "flights_tried": explanation.tried,
+        "dispersions": explanation.samples,
     }
 
 
-def make_explained_figure(found: Explanation) -> Figure:
-    """The flight as flown and with its causes alone, beside the nominal flight."""
+def make_explained_figure(explanation: Explanation) -> Figure:
+    """Return the figure of the flight, the flight with its causes only, and the nominal flight."""
     names = [
-        f"{name}\N{NO-BREAK SPACE}{shown_value(name, found.samples[name], found.known)}"
-        for name in found.causes[:_IN_TITLE]
+        f"{name}\N{NO-BREAK SPACE}{shown_value(name, explanation.samples[name], explanation.known)}"
+        for name in explanation.causes[:_IN_TITLE]
     ]
-    more = len(found.causes) - len(names)
-    listed = ", ".join(names) + (f" and {more} more" if more else "") or "nothing dispersed"
-    what = f"Flight {found.flight} of {controller_label(found.controller)} {found.failure.words}"
-    title = f"{what}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
-    ends = found.block.end_time[1:]
-    early = bool((found.block.outcome[1:] != Outcome.OK).all())
+    unlisted = len(explanation.causes) - len(names)
+    listed = ", ".join(names) + (f" and {unlisted} more" if unlisted else "") or "no dispersions"
+    heading = f"Flight {explanation.flight} of {controller_label(explanation.controller)} {explanation.failure.words}"
+    title = f"{heading}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
+    ends = explanation.block.end_time[1:]
+    early = bool((explanation.block.outcome[1:] != Outcome.OK).all())
     until = _AFTER * float(ends.max()) if early else float(ends.max())
-    shown = found.block.times <= until
-    history = found.block.history[:, shown].astype(np.float64)
+    mask = explanation.block.times <= until
+    history = explanation.block.history[:, mask].astype(np.float64)
     panels = {
         label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
     }
-    kept = f"only {len(found.causes)} of {len(found.samples)} dispersions"
-    return plot_flights(found.block.times[shown], panels, ("nominal", kept, "as flown"), title)
+    label = f"only {len(explanation.causes)} of {len(explanation.samples)} dispersions"
+    return plot_flights(
+        explanation.block.times[mask], panels, ("nominal", label, "all dispersions"), title
+    )

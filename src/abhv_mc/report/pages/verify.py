@@ -1,4 +1,4 @@
-"""A campaign's folder checked against itself: its files' hashes, and every number of its report from the data."""
+"""Verification of a campaign's folder: hashes of its files, and numbers of its report."""
 
 import json
 from collections.abc import Iterator
@@ -18,13 +18,18 @@ from abhv_mc.topics.topic import Models, user_topics
 
 
 def verify_campaign(root: Path) -> Iterator[str]:
-    """What does not fit the rest of a folder, a sentence each; of a search its files alone. Raises InputError."""
+    """Yield a sentence for each inconsistency of a folder; only files are checked for a search.
+
+    Raise InputError if the folder cannot be read or is in use.
+    """
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):
         raise InputError(root, f"a campaign that {holder} is flying", "the end of that run")
     damage = list(find_damage(folder, manifest))
-    yield from (f"{path.relative_to(folder.root).as_posix()}: {words}" for path, words in damage)
+    yield from (
+        f"{path.relative_to(folder.root).as_posix()}: {problem}" for path, problem in damage
+    )
     if not damage and manifest.search is None:
         yield from _report_differences(root)
 
@@ -39,57 +44,57 @@ def _report_differences(root: Path) -> Iterator[str]:
         written: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         files, pages, pictures = (written.pop(name) for name in ("files", "pages", "pictures"))
     except (ValueError, KeyError) as error:
-        raise InputError(path, f"no report's numbers ({error})", f"abhv-mc report {root}") from None
+        problem = f"no valid numbers of a report ({error})"
+        raise InputError(path, problem, f"abhv-mc report {root}") from None
     written.pop("key", None)
-    yield from differences(files, hash_files(root), "files")
-    yield from differences(pages, hash_pages(root, pages), "pages")
-    yield from differences(pictures, hash_pages(root, pictures), "pictures")
+    yield from find_differences(files, hash_files(root), "files")
+    yield from find_differences(pages, hash_pages(root, pages), "pages")
+    yield from find_differences(pictures, hash_pages(root, pictures), "pictures")
     baseline = Path(written["baseline"]["folder"]) if "baseline" in written else None
     if baseline is not None and not baseline.is_dir():
-        yield f"baseline: {baseline} is no longer there to compare with"
+        yield f"baseline: {baseline} does not exist any more"
         del written["baseline"]
         baseline = None
     results = read_flown(root)
-    held = compare_baseline(results, baseline) if baseline else None
-    remade = json.loads(json.dumps(make_numbers(Models(results), held)))
-    users = [
-        each.pop("topics", {}) for each in (written, remade)
-    ]  # of those installed then, and now
-    yield from differences(written, remade)
+    comparison = compare_baseline(results, baseline) if baseline else None
+    remade = json.loads(json.dumps(make_numbers(Models(results), comparison)))
+    # Topics of packages that were installed when the report was written, and of those installed now.
+    users = [numbers.pop("topics", {}) for numbers in (written, remade)]
+    yield from find_differences(written, remade)
     written, remade = (
         {name: users[k][name] for name in users[0] if name in users[1]} for k in (0, 1)
     )
-    yield from differences(written, remade, "topics")
+    yield from find_differences(written, remade, "topics")
 
 
 def skipped_topics(root: Path) -> list[str]:
-    """The users' topics of a report that are not installed here, so that nothing can hold them against the data."""
+    """Return the topics of a report that cannot be verified, because they are not installed."""
     path = root / "report.json"
-    held = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return sorted(set(held.get("topics", ())) - {topic.name for topic in user_topics()})
+    numbers = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return sorted(set(numbers.get("topics", ())) - {topic.name for topic in user_topics()})
 
 
-def differences(
-    written: Any, remade: Any, place: str = "", where: str = "the report"
+def find_differences(
+    written: Any, remade: Any, key_path: str = "", document: str = "the report"
 ) -> Iterator[str]:
-    """Where two documents differ, in the order of the written one: 'a.b[2]: 1.5 in the report, 1.6 from the data'."""
+    """Yield the differences of two documents, such as 'a.b[2]: 1.5 in the report, 1.6 ...'."""
     if isinstance(written, dict) and isinstance(remade, dict):
         for key in written:
-            inside = f"{place}.{key}" if place else str(key)
+            child = f"{key_path}.{key}" if key_path else str(key)
             if key in remade:
-                yield from differences(written[key], remade[key], inside, where)
+                yield from find_differences(written[key], remade[key], child, document)
             else:
-                yield f"{inside}: in {where}, but not in the data"
+                yield f"{child}: in {document}, but not in the data"
         yield from (
-            f"{place}.{key}: in the data, but not in {where}"
+            f"{key_path}.{key}: in the data, but not in {document}"
             for key in remade
             if key not in written
         )
     elif isinstance(written, list) and isinstance(remade, list) and len(written) == len(remade):
-        for i, (mine, theirs) in enumerate(zip(written, remade, strict=True)):
-            yield from differences(mine, theirs, f"{place}[{i}]", where)
+        for i, (item_a, item_b) in enumerate(zip(written, remade, strict=True)):
+            yield from find_differences(item_a, item_b, f"{key_path}[{i}]", document)
     elif written != remade:
-        yield f"{place}: {_short(written)} in {where}, {_short(remade)} from the data"
+        yield f"{key_path}: {_short(written)} in {document}, {_short(remade)} from the data"
 
 
 def _short(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""The page of a worst-case search: how bad it gets, where, how the search came there, and how it is flown again."""
+"""Page of a worst-case search: worst value, its parameters, convergence, and re-run commands."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,157 +6,157 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.report.figures.searches import plot_convergence, plot_place
+from abhv_mc.report.figures.searches import plot_convergence, plot_worst_point
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, limit_sentence
+from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
+from abhv_mc.topics.formatting import percent, shown_value
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
-from abhv_mc.topics.words import percent, shown_value
 
 
-def make_worst_answer(found: WorstFound, folder: Path) -> Answer:
-    """What a worst-case search says; its flights lie in ``folder``."""
-    metric = found.metric
-    searched = found.severities[: found.searched]
+def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
+    """Return the page content of a worst-case search with its flights in ``folder``."""
+    metric = result.metric
+    searched = result.severities[: result.searched]
     flights = flights_table(
-        found.flights,
+        result.flights,
         searched,
-        len(found.names),
+        len(result.names),
         metric,
-        found.controller,
+        result.controller,
         folder=folder,
-        known=found.known,
+        parameters=result.known,
     )
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
-    title = f"Worst case of {controller_label(found.controller)}: {metric.phrase}"
-    items: tuple[Item, ...] = (*_answers(found), *pictures, _range_table(found), flights)
-    return Answer(title, "Worst-case search", Section("Answer", items), _draw(found))
+    title = f"Worst case of {controller_label(result.controller)}: {metric.phrase}"
+    items: tuple[Item, ...] = (*_answers(result), *pictures, _range_table(result), flights)
+    return Answer(title, "Worst-case search", Section("Summary", items), _draw(result))
 
 
-def _draw(found: WorstFound) -> Iterator[Drawn]:
-    yield _convergence(found)
-    yield _place(found)
-    yield from drawn_figures(found.drawn, found.metric, found.requirements)
+def _draw(result: WorstFound) -> Iterator[Drawn]:
+    yield _convergence(result)
+    yield _place(result)
+    yield from flight_figures(result.drawn, result.metric, result.requirements)
 
 
-def _answers(found: WorstFound) -> tuple[Lead, Bullets]:
-    metric = found.metric
-    worst, random = (_words(found, flight) for flight in (found.worst, found.random_worst))
-    counted = f"{found.searched} flights of the search"
-    if _ended_early(found, found.worst):
-        first = f"The worst of {counted} {worst}: worse than any value of {metric.phrase}, the earlier the worse."
+def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
+    metric = result.metric
+    worst, random = (_words(result, flight) for flight in (result.worst, result.random_worst))
+    counted = f"{result.searched} flights of the search"
+    if _ended_early(result, result.worst):
+        first = f"The worst of {counted} {worst}. An early termination is worse than any value of {metric.phrase}."
     else:
-        first = f"The {found.side} value of {metric.phrase} in {counted} is {worst}."
-    for item in found.requirements:
-        value = found.value(found.worst)
-        failures = found.failures(item)
-        first += f" {limit_sentence(item, metric, value, failures, found.searched)}"
-    how_many = "As many" if found.random == found.searched else f"{found.random}"
+        first = f"The {result.side} value of {metric.phrase} in {counted} is {worst}."
+    for item in result.requirements:
+        value = result.value(result.worst)
+        failures = result.failures(item)
+        first += f" {limit_sentence(item, metric, value, failures, result.searched)}"
+    how_many = "As many" if result.random == result.searched else f"{result.random}"
     answers = [
         first,
-        f"{how_many} random flights of the same box, drawn from the campaign's distributions: the worst "
-        f"{random if _ended_early(found, found.random_worst) else f'has {random}'}.",
-        f"At an end of their range: {', '.join(found.at_bounds) or 'none of the parameters'}."
-        + (" A wider box would most likely be worse." if found.at_bounds else ""),
-        "A search shows what can happen in the box, not how often: the box counts its corners as much as its middle, "
-        "correlations are left out, and a worse place that no flight came near stays unseen.",
+        f"{how_many} random flights in the same box, drawn from the campaign's distributions: the worst "
+        f"{random if _ended_early(result, result.random_worst) else f'has {random}'}.",
+        f"Parameters at an end of their range: {', '.join(result.at_bounds) or 'none'}."
+        + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
+        "A search shows what can happen in the box, not how often: all points of the box count alike, correlations "
+        "are ignored, and a worse case far from all flights remains undetected.",
     ]
-    if found.probabilities:
-        often = ", ".join(
-            f"{name} ({percent(share, 3)})" for name, share in found.probabilities.items()
+    if result.probabilities:
+        occurrences = ", ".join(
+            f"{name} ({percent(share, 3)})" for name, share in result.probabilities.items()
         )
         answers.append(
-            f"In every flight of the search, but in a campaign and in the random flights with a probability: {often}. "
-            "How bad it gets without is not searched."
+            f"Events in every flight of the search, but with a probability in a campaign and in the random flights: "
+            f"{occurrences}. The worst case without them was not searched."
         )
-    if found.flights.names != found.names:
+    if result.flights.names != result.names:
         answers.append(
-            "The search's flights met the same turbulence and noise, so that they differ by their parameters alone."
+            "All flights of the search have the same turbulence and noise, so that they differ in parameters only."
         )
-        answers += _other_seeds(found)
-    if found.failed_to_run:
-        answers.append(f"{found.failed_to_run} flights could not be computed and count as none.")
+        answers += _other_seeds(result)
+    if result.failed_to_run:
+        answers.append(f"{result.failed_to_run} flights failed to run and are not counted.")
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
-def _other_seeds(found: WorstFound) -> Iterator[str]:
-    """Yield the range of the worst point over other seeds of turbulence and noise."""
-    if found.other_seeds is None:
+def _other_seeds(result: WorstFound) -> Iterator[str]:
+    """Yield the sentence on the worst point with other seeds of turbulence and noise."""
+    if result.other_seeds is None:
         return
-    flights, lost, ends = found.other_seeds
-    parts = [f"{lost} ended early"] if lost else []
+    flights, lost, ends = result.other_seeds
+    outcomes = [f"{lost} terminated early"] if lost else []
     if ends is not None:
-        low, median, high = (found.metric.with_unit(f"{value:.5g}") for value in ends)
-        parts.append(f"{found.metric.phrase} from {low} to {high}, median {median}")
-    yield f"The worst point in {flights} flights with other turbulence and noise: {'; '.join(parts)}."
+        low, median, high = (result.metric.with_unit(f"{value:.5g}") for value in ends)
+        outcomes.append(f"{result.metric.phrase} from {low} to {high}, median {median}")
+    yield f"The worst point in {flights} flights with other turbulence and noise: {'; '.join(outcomes)}."
 
 
-def _ended_early(found: WorstFound, flight: int) -> bool:
-    return bool(found.severities[flight] >= ENDED_EARLY)
+def _ended_early(result: WorstFound, flight: int) -> bool:
+    return bool(result.severities[flight] >= ENDED_EARLY)
 
 
-def _words(found: WorstFound, flight: int) -> str:
-    """'20.25 m', or 'ended early, at 31.2 s (sideslip_limit)'."""
-    if _ended_early(found, flight):
-        return f"ended early, at {found.flights.end_time[flight]:.4g} s ({found.flights.outcome[flight]})"
-    return found.metric.with_unit(f"{found.value(flight):.5g}")
+def _words(result: WorstFound, flight: int) -> str:
+    """Return '20.25 m', or 'terminated early, at 31.2 s (sideslip_limit)'."""
+    if _ended_early(result, flight):
+        return f"terminated early, at {result.flights.end_time[flight]:.4g} s ({result.flights.outcome[flight]})"
+    return result.metric.with_unit(f"{result.value(flight):.5g}")
 
 
-def _convergence(found: WorstFound) -> Drawn:
+def _convergence(result: WorstFound) -> Drawn:
     stages: list[tuple[int, str]] = []
     last = 0
-    for step in found.case.history:
+    for step in result.case.history:
         if not stages or stages[-1][1] != step.stage:
             stages.append((last, step.stage))
         last = step.evaluations
     searched, random = (
-        _so_far(part, found.sign) for part in np.split(found.severities, [found.searched])
+        _so_far(values, result.sign) for values in np.split(result.severities, [result.searched])
     )
     caption = (
-        "The worst value so far over the flights of the search and over the random flights of the same box. A line "
-        "ends with the first flight that ended early, which is worse."
+        "Worst value so far over the flights of the search and over the random flights in the same box. A line "
+        "ends at the first early termination, which is worse than any value."
     )
-    limits = [limit for item in found.requirements for limit in item.limits.as_entry().values()]
-    if found.criterion.limits is not None:  # the distance outside them is drawn
+    limits = [limit for item in result.requirements for limit in item.limits.as_entry().values()]
+    if result.criterion.limits is not None:  # the distance outside the limits is plotted
         limits = [0.0]
-    figure = plot_convergence(found.metric.label_with_unit, searched, random, stages, limits)
+    figure = plot_convergence(result.metric.label_with_unit, searched, random, stages, limits)
     return FigureText("convergence", "Convergence", caption), figure
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
-    """The worst metric so far; nan once a flight has ended early."""
+    """Return the worst metric so far, NaN after the first early termination."""
     highest = np.maximum.accumulate(severities)
     return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
 
 
-def _place(found: WorstFound) -> Drawn:
+def _place(result: WorstFound) -> Drawn:
     change = np.where(
-        np.abs(found.case.sensitivity) < 0.5 * ENDED_EARLY, found.case.sensitivity, np.nan
+        np.abs(result.case.sensitivity) < 0.5 * ENDED_EARLY, result.case.sensitivity, np.nan
     )
-    if _ended_early(found, found.worst):
-        what, change, gap = "time of the end (s)", -change, "the flight does not end early"
+    if _ended_early(result, result.worst):
+        quantity, change, gap = "end time (s)", -change, "the flight then completes"
     else:
-        what, gap = found.metric.label_with_unit, "the flight ended early"
-        change = found.sign * change
+        quantity, gap = result.metric.label_with_unit, "the flight then terminates early"
+        change = result.sign * change
     caption = (
-        "Left: each parameter at the worst flight within its range. Right: by how much the value changes when one "
-        f"parameter is moved by a twentieth of its range and the others stay; no bar where a bound is in the way or "
+        "Left: position of each parameter of the worst case in its range. Right: change of the value if one "
+        f"parameter is moved by a twentieth of its range and the others are kept; no bar if a bound prevents this or "
         f"{gap}."
     )
-    text = FigureText("place", "Where it is, and what matters there", caption)
-    return text, plot_place(found.names, found.case.place, change, what)
+    text = FigureText("place", "Parameters of the worst case and their sensitivities", caption)
+    return text, plot_worst_point(result.names, result.case.place, change, quantity)
 
 
-def _range_table(found: WorstFound) -> Table:
-    worst = found.flights.samples[found.worst]
+def _range_table(result: WorstFound) -> Table:
+    worst = result.flights.samples[result.worst]
     rows = [
-        [name, *(shown_value(name, value, found.known) for value in (low, worst[i], high))]
+        [name, *(shown_value(name, value, result.known) for value in (low, worst[i], high))]
         for i, (name, (low, high)) in enumerate(
-            zip(found.names, found.bounds.tolist(), strict=True)
+            zip(result.names, result.bounds.tolist(), strict=True)
         )
     ]
-    caption = f"Bounded distributions span their range, others {found.request.box:g} standard deviations either way."
+    caption = f"Range of bounded distributions, and plus or minus {result.request.box:g} standard deviations of others"
     return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)

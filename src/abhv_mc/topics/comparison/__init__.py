@@ -11,6 +11,7 @@ from abhv_mc.topics.comparison.model import (
     compute_comparison,
 )
 from abhv_mc.topics.comparison.sentences import asked_of, comparison_sentences, survival_sentences
+from abhv_mc.topics.formatting import count_of, fixed, p_value, significant
 from abhv_mc.topics.missed_requirements import requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
@@ -26,7 +27,6 @@ from abhv_mc.topics.section import (
     interval_cell,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, fixed, p_value, significant
 
 _DASH = "\N{EM DASH}"
 _BETTER = (
@@ -62,14 +62,14 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
     lost = survival_sentences(comparison, names)
-    title, picture = "Control usage, by how much", Picture("error_against_usage")
+    title, picture = "Control effort", Picture("error_against_usage")
     items: tuple[Item, ...] = (
         *([Bullets(tuple(lost))] if lost else []),
         Text(_BETTER),
-        Table("Who wins, by how much", heads, required_rows),
+        Table("Required metrics", heads, required_rows),
         *([Fold(title, (Table(title, usage_heads, (usage,)), picture))] if usage else [picture]),
     )
-    return Section(f"Which {names.campaign.kind}, and by how much", (*items, *pairs))
+    return Section(f"{names.campaign.kind.capitalize()} comparison", (*items, *pairs))
 
 
 def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[Row]:
@@ -153,8 +153,8 @@ def _difference_table(
         f"Quantile differences, {a} minus {b}",
         ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
         (rows,),
-        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open where so few flights bound nothing; "
-        "not reached: more flights ended early than lie beyond it. "
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open if there are too few flights for a bound; "
+        "not reached: more flights terminated early than lie beyond the quantile. "
         "Pairing gain: an unpaired comparison of the means would need this many times the flights",
     )
 
@@ -171,11 +171,7 @@ def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[st
     ``requirements`` are texts.
     """
     a, b = names.label(pair.a), names.label(pair.b)
-    ended = (
-        "Reached the end of the mission"
-        if names.campaign.kind == "controller"
-        else "Reached its end"
-    )
+    ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"
     missed = zip([*requirements, ended], [*pair.requirements, pair.ended_early], strict=True)
     return Table(
         f"Failures of one {names.campaign.kind} only, {a} against {b}",

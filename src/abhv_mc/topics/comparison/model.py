@@ -27,8 +27,8 @@ from abhv_mc.statistics.paired import (
     median_ratio,
 )
 from abhv_mc.statistics.winner import Decision, agree, decide
+from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
-from abhv_mc.topics.plain import DRAWN, level_name
 
 _LOST_RISK = 0.05  # of claiming that one controller loses more flights if both are equal
 _LISTED = 10  # flights that failed under one controller only
@@ -81,7 +81,7 @@ class ControllerPair:
 
     @property
     def losing(self) -> str:
-        """Which side, `a` or `b`, is shown to lose more flights; '' for none."""
+        """The side, `a` or `b`, that is shown to lose more flights, '' for neither."""
         lost = self.ended_early
         if lost.p_value > _LOST_RISK or lost.only_a == lost.only_b:
             return ""

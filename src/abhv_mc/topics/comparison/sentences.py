@@ -5,8 +5,8 @@ from math import inf
 
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, ControllerPair
+from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.words import fixed, joined, p_value, percent, significant
 
 _OPEN = 2  # most rivals listed singly if no difference in lost flights is shown
 
@@ -90,10 +90,10 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
         return (
             f"better on more flights: {joined(win_counts)} of the {values} values of the unknowns"
         )
-    closer = names.label(entry.closer) if entry.closer else "one"
+    better = names.label(entry.closer) if entry.closer else "one"
     reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
     reasons += ["more flights lost"] if entry.loses_more else []
-    return f"{closer} is closer on more flights but has {joined(reasons)}"
+    return f"{better} is better on more flights but has {joined(reasons)}"
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:
@@ -208,13 +208,13 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
             continue
         lost = [fixed(failures.both + count, 0) for count in alone]
         counts_text = (
-            f"{lost[0]} of {fixed(pair.pairs, 0)} ended early against {lost[1]} ({fixed(alone[0], 0)} under "
-            f"{a} alone, {fixed(alone[1], 0)} under {b} alone; the chance of such a split were both as good: "
+            f"{lost[0]} of {fixed(pair.pairs, 0)} terminated early, compared with {lost[1]} ("
+            f"{fixed(alone[0], 0)} under {a} only, {fixed(alone[1], 0)} under {b} only; McNemar's test, p "
             f"{p_value(failures.p_value)})."
         )
         if pair.losing:
             sentences.append(
-                f"{a} loses {'more' if pair.losing == 'a' else 'fewer'} flights than {b}: {counts_text}"
+                f"{a} has {'more' if pair.losing == 'a' else 'fewer'} lost flights than {b}: {counts_text}"
             )
         else:
             open_[b] = f"No difference is shown between {a} and {b} in lost flights: {counts_text}"

@@ -15,9 +15,9 @@ from abhv_mc.statistics.estimates import (
     looks,
     quantile_traces,
 )
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import (
     Cell,
     Fold,
@@ -102,18 +102,18 @@ def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
 
 
 def _section(convergence: Convergence, names: Names) -> Section:
-    text = "How each statistic converged. `report.json` holds these curves for every metric and requirement."
+    text = "Convergence of each statistic. `report.json` has these curves for every metric and requirement."
     if not convergence.is_drawn:
-        text = f"A figure of how each statistic converged takes {_FEWEST} flights; `report.json` holds the curves."
+        text = f"A figure of the convergence needs {_FEWEST} flights; `report.json` has the curves."
     table = Table(
-        "Estimates as flights came in",
+        "Estimates by number of flights",
         ("Quantile", names.campaign.kind.capitalize(), *_PARTS.values()),
         tuple(_groups(convergence, names)),
-        caption="Estimates as flights came in, with 95 % intervals",
+        caption="Estimates by number of flights, with 95 % intervals",
     )
     items: list[Item] = [Text(text), Picture("convergence")]
     items += [table] if table.groups else []
-    return Section("How sure", (Fold("How the numbers settled", tuple(items)),))
+    return Section("Statistical confidence", (Fold("Convergence", tuple(items)),))
 
 
 def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:

@@ -49,10 +49,9 @@ def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, F
     if panels:
         text = FigureText(
             "convergence",
-            "How the numbers settled",
-            "The 95 % quantile of each error (the median where more than 5 % of its flights ended early) "
-            "after so many flights, in flight order, with its exact 95 % interval where the flights bound it on both "
-            "sides.",
+            "Convergence",
+            "The 95 % quantile of each error (the median if more than 5 % of the flights terminated early) over the "
+            "number of flights, in flight order, with its exact 95 % interval if the flights bound it on both sides.",
         )
         yield text, plot_convergence(flights, panels, names.controllers)
 

@@ -1,4 +1,4 @@
-"""What moves the errors: rank coefficients of the dispersed parameters."""
+"""Drivers of the errors: rank regression coefficients and sensitivity indices of parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from abhv_mc.statistics.drivers import (
 )
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.given_data import LEAST_SHARE, given_data_indices
+from abhv_mc.topics.formatting import joined, parameter_doc, percent, spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
     Cell,
@@ -30,45 +31,44 @@ from abhv_mc.topics.section import (
     interval_cell,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import joined, parameter_doc, percent, spoken_name
 
-_TENTH = 0.1  # of the flights
+_TENTH = 0.1  # share of the flights
 _FEWEST_OF_TENTH = 5  # flights
 _KEPT = 12  # parameters of a metric, largest first
-_MOST_FLIGHTS = 5_000  # the first so many tell correlations of 0.05 from chance
+_MOST_FLIGHTS = 5_000  # enough to distinguish correlations of 0.05 from chance
 _NAMED = 2  # drivers of an error in a sentence
-_LISTED = 4  # in the table
-_MOVED = 2  # controllers whose drivers are told
-_NOISY = 0.5  # share that the regression leaves, from which a sentence gives it
+_LISTED = 4  # drivers of an error in the table
+_MOVED = 2  # controllers with a sentence
+_NOISY = 0.5  # unexplained share of the variance from which a sentence states it
 
-Ends = tuple[float, float, float]  # an estimate, the lower and the upper end of its 95 % interval
+Ends = tuple[float, float, float]  # estimate, lower and upper end of its 95 % interval
 
 
 @dataclass(frozen=True)
 class Driver:
-    """A parameter's rank coefficients in an error."""
+    """Rank regression coefficient of a parameter for an error."""
 
     parameter: str
-    either_way: bool  # its distance from the median, not itself
+    either_way: bool  # whether the regressor is the parameter's distance from its median
     srrc: Ends  # standardized rank regression coefficient
     p_value: float  # of a zero coefficient
-    driver: bool  # whether chance does not explain it
-    moves_with: str | None  # another parameter that the flights do not tell apart from it
+    driver: bool  # whether the coefficient is significant
+    moves_with: str | None  # parameter that the flights do not distinguish from this one
 
 
 @dataclass(frozen=True)
 class Share:
-    """A parameter's share of the variance of ranks that the regression does not explain."""
+    """Share of a parameter in the variance of ranks that the regression does not explain."""
 
     parameter: str
-    first: float  # alone
-    total: float  # together with others
-    partner: str | None  # with which it acts most
+    first: float  # first-order index
+    total: float  # total index
+    partner: str | None  # parameter with the strongest interaction
 
 
 @dataclass(frozen=True)
 class Swing:
-    """Medians of a metric over the tenths of the flights in which a parameter is lowest and highest."""
+    """Medians of a metric over the tenths of flights with the lowest and highest parameter."""
 
     parameter: str
     lowest: float
@@ -77,32 +77,32 @@ class Swing:
 
 @dataclass(frozen=True)
 class MetricDrivers:
-    """What drives one metric."""
+    """Drivers of one metric."""
 
-    explained: float  # share of the variation of ranks
-    otherwise: tuple[Share, ...]  # not monotonic, largest first
+    explained: float  # share of the variance of ranks
+    otherwise: tuple[Share, ...]  # effects that are not monotonic, largest first
     parameters: tuple[Driver, ...]  # largest first
     median: float = nan  # over all flights
-    swings: tuple[Swing, ...] = ()  # of each parameter that chance does not explain
+    swings: tuple[Swing, ...] = ()  # of each significant parameter
 
 
 @dataclass(frozen=True)
 class ControllerDrivers:
-    """What drives the metrics of one controller; none where its flights are too few."""
+    """Drivers of the metrics of one controller, empty if there are too few flights."""
 
     metrics: Mapping[str, MetricDrivers]
 
 
 @dataclass(frozen=True)
 class Drivers:
-    """What drives the metrics of all controllers; none without dispersions."""
+    """Drivers of the metrics of all controllers, empty without dispersions."""
 
     controllers: Mapping[str, ControllerDrivers]
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
 
 
 def compute_drivers(results: FlownCampaign) -> Drivers:
-    """Rank coefficients of every metric."""
+    """Return the drivers of every metric."""
     names = results.controllers if results.dispersed else ()
     return Drivers({name: ControllerDrivers(_coefficients(results, name)) for name in names})
 
@@ -120,15 +120,15 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     inputs, folded = [], []
     for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
-        # A largest absolute error often grows with a parameter's distance from its middle, whichever way; ranks of
-        # the parameter alone do not see that.
+        # A largest absolute error often grows with a parameter's distance from its median on either side, which
+        # ranks of the parameter do not show.
         finite = sampled[flights.flight]
-        finite = finite[np.isfinite(finite)]  # a failure that never comes is far from every time
+        finite = finite[np.isfinite(finite)]  # times of failures that do not occur are infinite
         folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
         return {}
-    otherwise = _given_data(results, np.column_stack(inputs), drivers)
+    shares_by_metric = _given_data(results, np.column_stack(inputs), drivers)
     table = {}
     for column, metric in enumerate(metrics):
         if np.isfinite(drivers.explained[column]):
@@ -136,9 +136,9 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
                 :_KEPT
             ]
             parameters = tuple(_driver(drivers, names, row, column) for row in order.tolist())
-            shares = otherwise.get(metric, ())
-            moving = [each.parameter for each in parameters if each.driver]
-            moving += [each.parameter for each in shares]
+            shares = shares_by_metric.get(metric, ())
+            moving = [driver.parameter for driver in parameters if driver.driver]
+            moving += [share.parameter for share in shares]
             values = flights.metrics[metric][first]
             worst = -np.inf if flights.records[metric].bad == "low" else np.inf
             values = np.where(flights.failed[first] | np.isnan(values), worst, values)
@@ -159,8 +159,8 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
 def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
     """Return the medians of `values` [flight] at the lowest and highest tenth of `sampled`.
 
-    A parameter of few values, such as a failure that most flights have not, is divided at the tenth as far as its
-    values allow. None if a side has too few flights, or a median that is not finite.
+    A parameter with few values, such as a rare failure, is divided as near to the tenths as
+    possible. The result is None if a side has too few flights or a median that is not finite.
     """
     low, high = np.quantile(sampled, [_TENTH, 1.0 - _TENTH], method="nearest")
     if low == high:
@@ -180,7 +180,7 @@ def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
 
 
 def _middle(values: Floats) -> float:
-    """Return the median, one of the values: between a number and infinity there is none."""
+    """Return the median as one of the values, because some values may be infinite."""
     return float(np.quantile(values, 0.5, method="nearest"))
 
 
@@ -206,13 +206,16 @@ def _given_data(
 ) -> dict[str, tuple[Share, ...]]:
     """Return parameters with an effect on a required metric that is not monotonic, largest first.
 
-    First-order and total indices of the residuals of the regression, but of parameters that are correlated with one
-    that it finds. Designs whose flights are no random draws have an order that these would take for an effect.
+    They are found by first-order and total indices of the residuals of the regression, except
+    parameters that are correlated with a driver. The indices need random flights: the order of
+    other designs would look like an effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
-    left = 1.0 - drivers.explained
+    unexplained = 1.0 - drivers.explained
     chosen = [
-        c for c, name in enumerate(metrics) if name in results.asked and left[c] > LEAST_SHARE
+        c
+        for c, name in enumerate(metrics)
+        if name in results.asked and unexplained[c] > LEAST_SHARE
     ]
     indices = (
         given_data_indices(inputs, drivers.residuals[:, chosen])
@@ -221,75 +224,78 @@ def _given_data(
     )
     if indices is None:
         return {}
-    both = (2, len(names), -1)  # the parameters, and their distances from the median
+    both = (2, len(names), -1)  # parameters, and their distances from the median
     partner = np.any((drivers.moves_with >= 0).reshape(both), axis=0)
     partner &= ~np.any(drivers.found.reshape(both), axis=0)
-    first, total = indices.first * left[chosen], indices.total * left[chosen]
-    found = indices.found & ~partner[:, chosen] & (total > LEAST_SHARE)
+    first, total = indices.first * unexplained[chosen], indices.total * unexplained[chosen]
+    selected = indices.found & ~partner[:, chosen] & (total > LEAST_SHARE)
     return {
         metrics[column]: tuple(
             Share(
                 names[row],
-                float(first[row, place]),
-                float(total[row, place]),
-                names[indices.partner[row, place]] if indices.partner[row, place] >= 0 else None,
+                float(first[row, index]),
+                float(total[row, index]),
+                names[indices.partner[row, index]] if indices.partner[row, index] >= 0 else None,
             )
-            for row in np.argsort(-total[:, place], kind="stable").tolist()
-            if found[row, place]
+            for row in np.argsort(-total[:, index], kind="stable").tolist()
+            if selected[row, index]
         )
-        for place, column in enumerate(chosen)
+        for index, column in enumerate(chosen)
     }
 
 
 def otherwise_words(shares: Sequence[Share]) -> list[str]:
-    """'drag' of a parameter that acts alone, 'lift together with density' of two that mostly do not, each name once."""
-    words: list[str] = []
-    told: set[str] = set()
+    """Return phrases such as 'drag' or, of an interaction, 'lift together with density'.
+
+    Each parameter is named once.
+    """
+    phrases: list[str] = []
+    named: set[str] = set()
     for share in shares:
-        if share.parameter in told:
+        if share.parameter in named:
             continue
-        told.add(share.parameter)
+        named.add(share.parameter)
         name = spoken_name(share.parameter)
         if (
             share.partner is not None
-            and share.partner not in told
+            and share.partner not in named
             and share.first < share.total / 2.0
         ):
-            told.add(share.partner)
+            named.add(share.partner)
             name += f" together with {spoken_name(share.partner)}"
-        words.append(name)
-    return words
+        phrases.append(name)
+    return phrases
 
 
 def driver_sentences(drivers: Drivers, names: Names) -> Sequence[str]:
-    """What moves the errors of the first controllers most."""
-    told = list(drivers.controllers.items())[:_MOVED]
-    return [*filter(None, (_sentence(names.label(name), part, names) for name, part in told))]
+    """Return sentences on the largest drivers of the first controllers."""
+    first = list(drivers.controllers.items())[:_MOVED]
+    return [*filter(None, (_sentence(names.label(name), entry, names) for name, entry in first))]
 
 
 def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
-    """What moves each headline error of a controller most."""
-    parts, none = [], []
+    """Return the sentence on the largest drivers of each leading error of a controller."""
+    clauses, idle = [], []
     for metric in names.asked:
         if metric not in drivers.metrics:
             continue
         entry, phrase = drivers.metrics[metric], names.metrics[metric].phrase
         signs: dict[str, str] = {}
-        for driver in (each for each in entry.parameters if each.driver):
+        for driver in (item for item in entry.parameters if item.driver):
             signs.setdefault(spoken_name(driver.parameter), _sign(driver))
-        words = [f"{name} ({sign})" for name, sign in signs.items()]
-        words += otherwise_words(
+        phrases = [f"{name} ({sign})" for name, sign in signs.items()]
+        phrases += otherwise_words(
             [s for s in entry.otherwise if spoken_name(s.parameter) not in signs]
         )
-        rest = f" (noise and interactions: {percent(1.0 - entry.explained, 2)})"
-        noise = rest if 1.0 - entry.explained > _NOISY and not entry.otherwise else ""
-        more = [f"{len(words) - _NAMED} more"] if len(words) > _NAMED else []
-        if words:
-            parts.append(f"{phrase}: {joined([*words[:_NAMED], *more])}{noise}")
+        note = f" (noise and interactions: {percent(1.0 - entry.explained, 2)})"
+        noise = note if 1.0 - entry.explained > _NOISY and not entry.otherwise else ""
+        remainder = [f"{len(phrases) - _NAMED} more"] if len(phrases) > _NAMED else []
+        if phrases:
+            clauses.append(f"{phrase}: {joined([*phrases[:_NAMED], *remainder])}{noise}")
         else:
-            none.append(phrase + noise)
-    parts += [f"no single parameter moves {joined(none)}"] if none else []
-    return f"What moves the errors of {label} most: {'; '.join(parts)}." if parts else ""
+            idle.append(phrase + noise)
+    clauses += [f"no single parameter affects {joined(idle)}"] if idle else []
+    return f"Largest drivers of the errors of {label}: {'; '.join(clauses)}." if clauses else ""
 
 
 def _sign(driver: Driver) -> str:
@@ -300,32 +306,32 @@ def _sign(driver: Driver) -> str:
 
 
 def driver_section(drivers: Drivers, names: Names) -> Section:
-    """The drivers of the headline errors."""
+    """Return the section on the drivers of the leading errors."""
     groups = tuple(
-        _group(names, name, metric, part.metrics[metric])
-        for name, part in drivers.controllers.items()
+        _group(names, name, metric, entry.metrics[metric])
+        for name, entry in drivers.controllers.items()
         for metric in names.asked
-        if metric in part.metrics
+        if metric in entry.metrics
     )
-    title = "What moves the errors"
+    title = "Drivers of the errors"
     if not groups:
         return Section(
             title,
-            (Text("Too few flights, or nothing dispersed: no drivers can be told."),),
+            (Text("No drivers can be determined: too few flights or no dispersions."),),
             part=True,
         )
     rate = percent(drivers.false_discovery_rate, 1)
     method = (
-        "Which dispersed parameters move each error: standardized rank regression coefficients (SRRC), with bootstrap "
-        '95 % intervals. "High or low" is a parameter\'s distance from its median, either side. "Not monotonic" is '
-        "what the regression leaves: a parameter's share of the variance of ranks, alone and with "
-        "others (Gamboa et al. 2022; pairs by the variance between cells of both). Listed are those that chance does "
-        f"not explain (false-discovery rate {rate} over all parameters and metrics). Parameters with an SRRC below "
-        f"{LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)} are not listed."
+        "Effects of the dispersed parameters on each error: standardized rank regression coefficients (SRRC), with "
+        'bootstrap 95 % intervals. "High or low" denotes a parameter\'s distance from its median on either side. "Not '
+        "monotonic\" denotes a parameter's share of the variance of ranks that the regression does not explain, alone "
+        "and with others (Gamboa et al. 2022; pairs by the variance between cells of both). Only significant effects "
+        f"are listed (false-discovery rate {rate} over all parameters and metrics), without parameters with an SRRC "
+        f"below {LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)}."
     )
     caption = (
-        "Drivers of the errors, largest first, and the share of the variance of ranks that no parameter explains "
-        "by itself"
+        "Drivers of the errors, largest first, and the share of the variance of ranks that no single parameter "
+        "explains"
     )
     heads = (names.campaign.kind.capitalize(), "Error", "Noise and interactions", "Driver", "SRRC")
     table = Fold(
@@ -336,8 +342,8 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
 
 
 def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> tuple[Row, ...]:
-    """A row for each driver."""
-    rows = [_driver_row(each, names) for each in entry.parameters if each.driver]
+    """Return one row for each driver."""
+    rows = [_driver_row(driver, names) for driver in entry.parameters if driver.driver]
     rows += [_share_row(share) for share in entry.otherwise]
     first = Cell(names.label(controller), head=True), Cell(names.metrics[metric].label, head=True)
     return grouped(
@@ -348,14 +354,14 @@ def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> 
 
 
 def _driver_row(driver: Driver, names: Names) -> Row:
-    words = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
+    name = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
     note = f"moves with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
-    name = Cell(
-        words,
+    cell = Cell(
+        name,
         note,
         hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.campaign.parameters)}",
     )
-    return name, interval_cell(Interval(*driver.srrc))
+    return cell, interval_cell(Interval(*driver.srrc))
 
 
 def _share_row(share: Share) -> Row:

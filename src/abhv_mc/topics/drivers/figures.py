@@ -1,4 +1,4 @@
-"""What moves each error, as a tornado chart of the metric itself."""
+"""Tornado charts of the drivers of each error, in the unit of the metric."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,42 +18,42 @@ from abhv_mc.topics.figure_style import (
     put_legend,
     styled,
 )
+from abhv_mc.topics.formatting import spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
-from abhv_mc.topics.words import spoken_name
 
 _BARS = 3  # parameters of a metric: the largest of any controller
-_ROW = 0.075  # in, of a bar
-_SHORT = 14  # characters of parameters' names that three panels side by side have room for
+_ROW = 0.075  # height of a bar, in
+_SHORT = 14  # longest parameter name, in characters, for three panels side by side
 
 
 @dataclass(frozen=True)
 class Tornado:
-    """One metric: medians at the ends of the parameters that move it most."""
+    """Tornado chart of one metric: medians at the ends of its largest drivers."""
 
     label: str
     parameters: Sequence[str]
-    swings: Sequence[Sequence[Swing | None]]  # [parameter][controller]; None: explained by chance
+    swings: Sequence[Sequence[Swing | None]]  # [parameter][controller]; None: not significant
     medians: Sequence[float]  # [controller], over all flights
     limits: Sequence[float] = ()
 
 
 def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """The drivers of the metrics that stand first."""
+    """Yield the figure of the drivers of the leading metrics."""
     charts = []
     for metric in names.asked:
-        entries = [part.metrics.get(metric) for part in drivers.controllers.values()]
+        entries = [controller.metrics.get(metric) for controller in drivers.controllers.values()]
         limits = names.campaign.limits_of(metric)
         chart = make_tornado(names.metrics[metric].label_with_unit, entries, limits)
         charts += [chart] if chart.parameters else []
     if charts:
         text = FigureText(
             "drivers",
-            "What moves the errors",
+            "Drivers of the errors",
             "Median of each metric over the tenth of the flights in which a parameter is lowest (open mark) and over "
             "the tenth in which it is highest (filled mark); the tick is the median over all flights. If both marks "
-            "are on one side of it, the metric changes in the same way to either side. Effects that chance explains "
-            "are left out; the grey line is the limit.",
+            "are on one side of it, the metric changes in the same direction at both ends. Effects that are not "
+            "significant are left out; the vertical line is the limit.",
         )
         yield text, plot_tornado(charts, {name: names.label(name) for name in drivers.controllers})
 
@@ -61,9 +61,9 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 def make_tornado(
     label: str, entries: Sequence[MetricDrivers | None], limits: Sequence[float] = ()
 ) -> Tornado:
-    """Return the chart of a metric: the parameters that move it most under any controller, largest first."""
+    """Return the chart of a metric with its largest drivers under any controller."""
     swings = [
-        {each.parameter: each for each in (entry.swings if entry else ())} for entry in entries
+        {swing.parameter: swing for swing in (entry.swings if entry else ())} for entry in entries
     ]
     largest: dict[str, float] = {}
     for entry in filter(None, entries):
@@ -72,13 +72,13 @@ def make_tornado(
         for name, size in sizes:
             largest[name] = max(largest.get(name, 0.0), size)
     ranked = sorted(
-        (name for name in largest if any(name in found for found in swings)),
+        (name for name in largest if any(name in entry_swings for entry_swings in swings)),
         key=lambda name: -largest[name],
     )[:_BARS]
     return Tornado(
         label=label,
         parameters=[spoken_name(name) for name in ranked],
-        swings=[[found.get(name) for found in swings] for name in ranked],
+        swings=[[entry_swings.get(name) for entry_swings in swings] for name in ranked],
         medians=[entry.median if entry else np.nan for entry in entries],
         limits=limits,
     )
@@ -86,7 +86,7 @@ def make_tornado(
 
 @styled
 def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure:
-    """A panel a metric, a group of bars a parameter, a bar a controller."""
+    """Plot a panel for each metric, a group of bars for each parameter, a bar for each controller."""
     most = max(len(chart.parameters) for chart in charts)
     longest = max(len(name) for chart in charts for name in chart.parameters)
     columns = min(len(charts), 3 if longest <= _SHORT else 2)
@@ -127,8 +127,8 @@ def _draw_panel(axes: Axes, chart: Tornado, colors: Sequence[str]) -> None:
         if low <= limit <= high:
             axes.axvline(limit, color=INK, linewidth=0.8)
     axes.grid(visible=False, axis="y")
-    places = [k * step + (len(colors) - 1) / 2.0 for k in range(len(chart.parameters))]
-    axes.set_yticks(places, list(chart.parameters))
+    positions = [k * step + (len(colors) - 1) / 2.0 for k in range(len(chart.parameters))]
+    axes.set_yticks(positions, list(chart.parameters))
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(chart.parameters) * step - 1.0, -1.2)
     axes.set_xlabel(chart.label)

@@ -8,10 +8,10 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import fixed
 
 _SIGN = ", sign open"
 
@@ -98,10 +98,8 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
     if not campaign.channels:
         return None
     if not campaign.has_bands:
-        text = (
-            "None are kept; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file asks for them."
-        )
-        return Section("Bands over time", (Text(text),))
+        text = "No envelopes are stored; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file requests them."
+        return Section("Time histories", (Text(text),))
     if model.step_s is not None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
         flight_range = "" if model.flights >= flown else f" of flights 0 to {model.flights - 1}"
@@ -113,7 +111,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
             spacing += ", linear between samples"
         items.append(
             Text(
-                f"Bands are pointwise quantiles over the {who}{flight_range}: no single flight need follow one. "
+                f"Bands are pointwise quantiles over the {who}{flight_range}; single flights may cross them. "
                 f'"All flights" is the smallest and largest value {ends} {model.step_s:.4g}{spacing}.'
             )
         )
@@ -121,9 +119,9 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         if points > 1:
             items.append(
                 Text(
-                    f"The unknowns have one value for the whole programme: each band goes from the least to the most "
-                    f"quantile over their {points} points, with {model.flights // points:,} flights at each, and the "
-                    "median has two lines. Between them one cannot say where it lies; commands are drawn midway."
+                    f"The unknowns have one value for the whole programme: each band extends from the smallest to the "
+                    f"largest quantile over their {points} points, with {model.flights // points:,} flights at each. "
+                    "The true median lies between the two median lines; commands are drawn midway."
                 )
             )
     of_paper = campaign.model.figures == "paper"
@@ -136,8 +134,8 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
     table = Table(
         "Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),)
     )
-    sheet = Fold("All channels on one sheet", (table, Picture("channels")))
-    return Section("Bands over time", (*items, Widget("bands"), sheet))
+    sheet = Fold("All channels", (table, Picture("channels")))
+    return Section("Time histories", (*items, Widget("bands"), sheet))
 
 
 def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:

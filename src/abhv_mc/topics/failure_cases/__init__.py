@@ -20,11 +20,11 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.formatting import count_of, percent
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Picture, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, percent
 
 
 @dataclass(frozen=True)
@@ -170,15 +170,15 @@ def failure_case_section(failure_cases: FailureCases, names: Names) -> Section |
     """Return a row per case and controller; None if no failure is dispersed."""
     if not failure_cases.cases:
         return None
-    heads = ("What fails", "Flights", "Controller", "Survived (95 % interval)", "Lost",
+    heads = ("Failure", "Flights", "Controller", "Survived (95 % interval)", "Lost",
              "Median time from the failure to the loss", "Requirements")  # fmt: skip
     return Section(
         "Failures in flight",
         (
             Text(
-                "A flight survives if it reaches the end of the mission. Cases are what was drawn to fail before that, "
-                "the same flights for every controller. Verdicts are of the flights of the case alone, each by itself: "
-                "no allowance is made for their number."
+                "A flight survives if it completes the mission. A case is the set of failures before the end of the "
+                "mission, in the same flights for every controller. Each verdict uses the flights of its case only, "
+                "without a correction for the number of verdicts."
             ),
             Table(
                 "Survival by failure case",

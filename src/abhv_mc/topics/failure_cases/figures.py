@@ -127,7 +127,7 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
                 curves[name] = still_flying(after[inside], flights.failed[inside], times)
     text = FigureText(
         "failure_survival",
-        "Who still flies after a failure",
+        "Survival after a failure",
         "Share of the flights of each case that still fly at a time after their first failure; flights whose mission "
         "is over by then no longer count (Kaplan and Meier's estimate). Where two failures were drawn, the second "
         "comes later.",
@@ -179,7 +179,7 @@ def _draw_bands(
     if bands:
         caption = (
             "Median (line) and smallest to largest value (band) of the flights whose histories were kept, against the "
-            "time since the failure; a flight that was lost leaves the band at its end."
+            "time since the failure; a lost flight leaves the band at its end."
         )
-        text = FigureText("failure_bands", "The flight after a failure", caption)
+        text = FigureText("failure_bands", "Time histories after a failure", caption)
         yield text, plot_case_bands(times, bands, selected, names.controllers)

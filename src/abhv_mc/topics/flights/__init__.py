@@ -5,7 +5,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import unknowns_hint
-from abhv_mc.folder.flown_campaign import kept_flights
+from abhv_mc.folder.flown_campaign import flights_with_history
 from abhv_mc.topics.flights.model import (
     FlightCounts,
     Flights,
@@ -15,10 +15,7 @@ from abhv_mc.topics.flights.model import (
     compute_flights,
     ended_words,
 )
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
-from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import (
+from abhv_mc.topics.formatting import (
     count_of,
     fixed,
     joined,
@@ -27,6 +24,9 @@ from abhv_mc.topics.words import (
     significant,
     spoken_name,
 )
+from abhv_mc.topics.names import Names
+from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
+from abhv_mc.topics.topic import Topic, figures_of
 
 
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
@@ -35,22 +35,22 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
     With ``off_cards`` they omit what the cards show.
     """
     sentences = [
-        f"{name}: the machine could compute none of {count} flights, so it is not in this report; it met nothing."
+        f"{name}: none of {count} flights could be computed, so it is not in this report and meets no requirement."
         for name, count in flights.left_out.items()
     ]
     for name, entry in flights.findings.items():
         counts, swings = (
             flights.counts[name],
-            "swings, in gusts, turbulence or noise," if entry.disturbed else "limit cycle",
+            "oscillation under disturbances" if entry.disturbed else "limit cycle",
         )
-        rows = [("the vehicle's tables are left in", entry.outside_tables, entry.flown)]
+        rows = [("beyond the vehicle's tables in", entry.outside_tables, entry.flown)]
         if not off_cards:
             cycles = [(f"{swings} (> {entry.ripple_deg:g} deg) in {channel.replace('_', ' ')} in", count, entry.flown)
                       for channel, count in entry.cycling.items()]  # fmt: skip
             rows = [
-                ("the machine could not compute", counts.not_computed, counts.flown + counts.not_computed),
-                ("ended early:", counts.failed, counts.flown),
-                ("surfaces reach a limit of deflection or rate in", entry.saturated, entry.flown), *cycles, *rows,
+                ("failed to run:", counts.not_computed, counts.flown + counts.not_computed),
+                ("terminated early:", counts.failed, counts.flown),
+                ("surface saturation (deflection or rate) in", entry.saturated, entry.flown), *cycles, *rows,
             ]  # fmt: skip
         clauses = [
             f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in rows if count
@@ -61,7 +61,7 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
 
 def flight_section(flights: Flights, names: Names) -> Section:
     """Return the whole section; the linked view is on pages only."""
-    return Section("What each flight did", tuple(_items(flights, names)))
+    return Section("Flights", tuple(_items(flights, names)))
 
 
 def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
@@ -94,21 +94,29 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
             ),
         )
     if any(entry.failed or entry.not_computed for entry in flights_model.counts.values()):
-        heads = (campaign.kind.capitalize(), "Flown", "Ended early", "Not computed", "Outcomes")
+        heads = (
+            campaign.kind.capitalize(),
+            "Flights",
+            "Terminated early",
+            "Not computed",
+            "Outcomes",
+        )
         counts = tuple(
             _counts(names.label(name), entry) for name, entry in flights_model.counts.items()
         )
-        yield Table("How the flights ended", heads, (counts,), numbers=False)
+        yield Table("Outcomes of the flights", heads, (counts,), numbers=False)
     else:
-        yield Text("No flight ended early.")
+        yield Text("No flight terminated early.")
     yield Widget("flights")
     history_text = (
-        "Their histories are kept: a number draws it" if campaign.channels else "A number opens it"
+        "Click a number to plot the flight's history"
+        if campaign.channels
+        else "Click a number to open the flight"
     )
     explanation = (
         "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit "
-        "in percent of it (without requirements, of the median); below zero the limit is met. "
-        f"{history_text} above; on paper the first five are listed."
+        "in percent of it (without requirements, of the median); negative values meet the limit. "
+        f"{history_text} above. The printed page lists the first five."
     )
     if campaign.can_rerun:
         explanation += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
@@ -125,10 +133,11 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
     )
     for name, flights in flights_model.worst.items():
         title = f"Worst flights of {names.label(name)}"
-        again = f"Again, bit for bit: `abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
+        command = f"abhv-mc replay {names.folder} --controller {name} --flight NUMBER"
+        rerun = Text(f"Re-run a flight, bit for bit, with `{command}`")
         listed = tuple(_worst(name, flight, names) for flight in flights)
         table = Table(title, worst_heads, (listed,)).without_constant()
-        yield Fold(title, (Text(again), table) if campaign.can_rerun else (table,))
+        yield Fold(title, (rerun, table) if campaign.can_rerun else (table,))
     yield Picture("worst_flights")
 
 
@@ -146,7 +155,7 @@ def _kept_words(names: Names) -> str:
     }
     total = sum(flights.size for flights in worst.values())
     count_kept = sum(
-        len(kept_flights(results.folder, name).intersection(flights.tolist()))
+        len(flights_with_history(results.folder, name).intersection(flights.tolist()))
         for name, flights in worst.items()
     )
     if count_kept == total:
@@ -156,14 +165,16 @@ def _kept_words(names: Names) -> str:
 
 def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
     flown = fixed(next(iter(flights_model.counts.values())).flown, 0)
-    text = f"{joined(list(names.controllers.values()))} flew {'the same ' if len(names.controllers) > 1 else ''}{flown}"
-    text += " dispersed flights"
+    text = f"{flown} dispersed flights of {joined(list(names.controllers.values()))}"
+    text += ", on the same samples" * (len(names.controllers) > 1)
     if campaign.model.stop:
-        text += f" (at most {fixed(campaign.runs, 0)}; it stops when proven)"
-    seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} one after the other"
+        text += f" (at most {fixed(campaign.runs, 0)}; the campaign stops when proven)"
+    seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} in sequence"
     if origin := campaign.simulator.origin:
         claim = (
-            "No test contradicts that they are" if campaign.independent else "They are not taken as"
+            "No test contradicts that they are"
+            if campaign.independent
+            else "They are not treated as"
         )
         return (
             f"{text}, imported from {origin}. {claim} independent draws of the stated dispersions. "
@@ -176,16 +187,17 @@ def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
             campaign.unknowns,
         )
         if unknowns.names:
-            text += f"Each sample flew at each of {len(unknowns.points)} values of the unknowns. "
-        text += f"Each flight drew {count} parameter{'s' if count != 1 else ''} as listed here; nothing else differed "
-        text += "from the nominal flight. "
+            text += (
+                f"Each sample was run at each of {len(unknowns.points)} values of the unknowns. "
+            )
+        text += f"Each flight has {count} dispersed parameter{'s' if count != 1 else ''}, listed here; all others are "
+        text += "nominal. "
         hint = unknowns_hint(
             name for name in flights_model.dispersions if name not in unknowns.names
         )
         text += f"{hint} " if hint else ""
     return text + (
-        "A flight that ended early counts as a failure in every statistic and verdict, unless a requirement says "
-        "otherwise; both counts are shown."
+        "Early terminations count as failures unless the requirement sets `ended_early: as_measured`."
     )
 
 

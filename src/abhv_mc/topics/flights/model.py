@@ -12,7 +12,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
-from abhv_mc.folder.flown_campaign import FlownCampaign, kept_flights
+from abhv_mc.folder.flown_campaign import FlownCampaign, flights_with_history
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
@@ -87,7 +87,7 @@ def listed_worst(results: FlownCampaign, name: str) -> list[int]:
     """Return rows [flight] for a report, worst first; those with histories, if any."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
-        results.flights[name].flight[rows], list(kept_flights(results.folder, name))
+        results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
     )
     return (rows[has_history] if has_history.any() else rows)[
         : results.campaign.worst or _LISTED
@@ -118,7 +118,7 @@ def _of(
 ) -> list[WorstFlight]:
     criteria, flights = results.campaign.criteria, results.flights[name]
     rows = np.array(listed_worst(results, name), dtype=np.intp)
-    beyond, which = results.ranking.beyond[name], results.ranking.by[name]
+    beyond, which = results.ranking.beyond[name], results.ranking.criterion_index[name]
     numbers = flights.flight[rows]
     metrics = {metric: _counted(flights, metric, rows).tolist() for metric in results.compared}
     samples = {key: value[numbers].tolist() for key, value in results.samples.items()}

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
+from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.margins.model import (
     LISTED,
     FlightMargins,
@@ -27,7 +28,6 @@ from abhv_mc.topics.section import (
     grouped,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import count_of, fixed, percent
 
 
 def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
@@ -105,15 +105,15 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
     )
     items: list[Item] = [
         Text(
-            "The closed loop as flown (plant, actuators, engine, the law at its rate), linearized in steady, level "
-            "flight at the mission's start; a loop is broken at its actuator, the others closed. Nominal, then the "
-            f"least over {'all' if steady.all_corners else 'random'} {steady.corners} corners of the dispersions. Gain "
-            'margins are downwards / upwards in dB; "all at once" is the disk margin: so much gain or phase in every '
-            "loop at the same time."
+            "The closed loop (plant, actuators, engine, the control law at its rate) is linearized in steady, level "
+            "flight at the mission's start. Each loop is broken at its actuator with the others closed. Values are "
+            f"nominal, then the smallest over {'all' if steady.all_corners else 'random'} {steady.corners} corners of "
+            'the dispersions. Gain margins are downwards / upwards in dB; "all at once" is the disk margin, the '
+            "permissible simultaneous gain or phase perturbation of all loops."
         ),
         Fold(title, (table,)),
     ]
-    return Section("Stability", (*items, *_flight_items(margins, names)))
+    return Section("Stability margins", (*items, *_flight_items(margins, names)))
 
 
 def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) -> tuple[Row, ...]:
@@ -164,8 +164,8 @@ def _flight_items(margins: Margins, names: Names) -> Iterator[Item]:
     )
     yield Heading("Margins of the flights")
     yield Text(
-        f"The least over all loops {where}, each flight with its own dispersions; an unstable point counts as zero, as "
-        "does one at which a command stands at a limit. Median / least."
+        f"Smallest margin over all loops {where}, with the dispersions of each flight. Unstable points and points with "
+        "a command at a limit count as zero. Values: median / smallest."
     )
     yield Table(
         "Margins of the flights, median / least",
@@ -173,7 +173,7 @@ def _flight_items(margins: Margins, names: Names) -> Iterator[Item]:
         (tuple(_flights_row(names.label(name), entry) for name, entry in margins.flights.items()),),
     )
     yield Table(
-        "Flights of least gain margin",
+        "Flights with the smallest gain margin",
         ("Controller", "Flight", *_HEADS, "Failed", "Command"),
         tuple(_least_group(name, entry, names) for name, entry in margins.flights.items()),
     )

@@ -34,9 +34,9 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         f"Each mark is one flight: its exceedance of the {limit_name}, in percent of it, "
         "over its least gain and phase margin. "
         + (
-            "Filled marks failed; marks at the upper end ended early."
+            "Filled marks failed; marks at the upper end terminated early."
             if required
-            else "Filled marks ended early."
+            else "Filled marks terminated early."
         ),
     )
     yield (

@@ -10,8 +10,8 @@ from abhv_mc.flight.outcome import LAW_LOST
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.steady_margins import SteadyMargins
+from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.missed_requirements import failed_anyhow
-from abhv_mc.topics.words import fixed
 
 LISTED = 5  # flights with the smallest margins
 

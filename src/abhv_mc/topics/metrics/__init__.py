@@ -9,8 +9,9 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
+from abhv_mc.topics.formatting import significant
+from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.plain import level_name
 from abhv_mc.topics.section import (
     Cell,
     Fold,
@@ -23,7 +24,6 @@ from abhv_mc.topics.section import (
     interval_cell,
 )
 from abhv_mc.topics.topic import Topic, figures_of
-from abhv_mc.topics.words import significant
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,9 @@ def _unsettled(results: FlownCampaign, record: Metric) -> str | None:
 
 
 GROUPS = {
-    "asked": "What is asked",
+    "asked": "Required metrics",
     "tracking": "Tracking errors",
-    "usage": "Control usage",
+    "usage": "Control effort",
     "loads": "Loads and validity",
     "stability": "Stability margins",
     "user": "Metrics of this campaign",
@@ -118,14 +118,14 @@ def metric_section(metrics: Metrics, names: Names) -> Section:
     """Return required metrics, then groups; metrics outside transients if they differ."""
     text = (
         "Quantiles over the flights with their exact 95 % intervals (order statistics), to the digits that the number "
-        "of flights allows, and the worst flight. Where small values are the bad ones the quantiles are taken from "
-        'below. "Not reached": more flights ended early than lie beyond the quantile. `metrics.csv` has all metrics; '
-        "on paper stand those that are asked."
+        "of flights allows, and the worst flight. If small values are bad, quantiles are counted from below. "
+        '"Not reached": more flights terminated early than lie beyond the quantile. `metrics.csv` has all metrics; '
+        "the printed page has the required ones."
     )
     if not names.campaign.independent:
         text += " These intervals would be exact for independent flights, which these are not."
     return Section(
-        "How large the errors are",
+        "Error distributions",
         (Text(text), Picture("distribution_asked"), *_folds(metrics, names)),
     )
 

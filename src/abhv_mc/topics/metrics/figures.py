@@ -63,7 +63,7 @@ def plot_distributions(
                     limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit"
                 )
             else:
-                far.append(f"limit {limit:g} {'right' if limit > high else 'left'} of here")
+                far.append(f"limit {limit:g} beyond the {'right' if limit > high else 'left'} end")
         axes.set_xlabel("\n".join([spread.label, *far]))
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
@@ -75,9 +75,9 @@ def plot_distributions(
 
 _TEXT = FigureText(
     "distribution_asked",
-    "What is asked, over the flights",
-    "Share of flights at or below each value. A curve that ends below 100 % had flights that ended early; where small "
-    "values are bad, one that begins above 0 %.",
+    "Distributions of the required metrics",
+    "Share of flights at or below each value. A curve that ends below 100 % (or, if small values are bad, begins above "
+    "0 %) has flights that terminated early.",
 )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.topics.formatting import count_of, joined, percent, significant
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic
@@ -13,27 +14,27 @@ from abhv_mc.topics.verdicts.model import (
     Verdicts,
     compute_verdicts,
 )
-from abhv_mc.topics.words import count_of, joined, percent, significant
 
 _DROPPED = 4  # verdicts listed by name that do not hold jointly
 _DASH = "\N{EM DASH}"
 _HEADS = (
     "Verdict",
     "Failed",
-    "of these ended early",
+    "of these terminated early",
     "of these not computed",
     "Tolerance limit",
-    "Room to the requirement",
-    "What would show it",
+    "Margin to the limit",
+    "Flights needed",
 )
 _RULE = (
-    "PASS: if the true success probability were below the requirement, so few failures would occur with at most the "
-    "consumer's risk, however often one looks or extends. FAIL: if it were met, so many would occur with at most the "
-    "producer's risk. NOT SHOWN: neither. The tolerance limit is what the required share of flights stays within, with "
-    "a confidence of 1 less the consumer's risk; PASS says that it lies within the requirement."
+    "PASS: if the true success probability were below the requirement, the chance of observing this few failures would "
+    "be at most the consumer's risk. FAIL: if it were met, the chance of this many failures would be at most the "
+    "producer's risk. NOT SHOWN: neither. The rule stays valid when results are checked repeatedly or the campaign is "
+    "extended. The tolerance limit contains the required share of flights with a confidence of 1 minus the consumer's "
+    "risk; for a PASS it lies within the requirement."
 )
 _ESTIMATES = "Exact binomial statistics need independent flights: the counts below are estimates"
-_RANDOM = "; fly the campaign with `sampling: random` for verdicts"
+_RANDOM = "; run the campaign with `sampling: random` for verdicts"
 
 
 def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
@@ -52,7 +53,7 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
             if word in statuses
         ]
         if "ESTIMATE" in statuses:
-            counts = [f"{count_of(verdicts.kept(name), len(statuses))} kept in every flight"]
+            counts = [f"{count_of(verdicts.kept(name), len(statuses))} met in every flight"]
         parts.append(f"{names.label(name)} {joined(counts)}")
     return [f"Requirements: {'; '.join(parts)}.{_together_words(verdicts, names)}"]
 
@@ -64,20 +65,20 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
         return ""
     risk = f"at most {percent(joint.risk, 2)} chance of any false PASS among {joint.verdicts} verdicts (Holm)"
     if verdicts.family_risk or not joint.dropped:
-        return f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} together, with {risk}."
+        return f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} jointly, with {risk}."
     dropped = [
         f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in joint.dropped
     ]
     passed = joint.stand + len(dropped)
     named = f"; not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
-    return f" Taken together, with {risk}, {joint.stand or 'none'} of the {passed} PASS would stand{named}."
+    return f" Jointly, with {risk}, {joint.stand or 'none'} of the {passed} PASS would hold{named}."
 
 
 def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     """Return the rule, and each requirement with its verdicts."""
-    title = "What was asked and what came out"
+    title = "Requirements"
     if not verdicts.requirements:
-        return Section(title, (Text("The campaign requires nothing."),))
+        return Section(title, (Text("The campaign has no requirements."),))
     groups = tuple(_group(entry, names) for entry in verdicts.requirements)
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
@@ -104,9 +105,9 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
         for name, verdict in entry.controllers.items()
     ]
     text = (
-        "Valid if the number of flights was fixed before and the counts are looked at once: the lower bound on the "
-        "success probability at the consumer's risk (Clopper and Pearson), and the 95 % interval of the failure "
-        "probability from Jeffreys' prior."
+        "These intervals are valid if the number of flights was fixed in advance and results are checked once: the "
+        "lower bound on the success probability at the consumer's risk (Clopper and Pearson), and the 95 % interval of "
+        "the failure probability from Jeffreys' prior."
     )
     heads = (
         "Requirement",
@@ -114,7 +115,7 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
         "Success at least (Clopper-Pearson)",
         "Failure probability (Jeffreys)",
     )
-    title = "Binomial intervals for one look"
+    title = "Binomial intervals for a single check"
     return Fold(title, (Text(text), Table(title, heads, tuple((row,) for row in rows))))
 
 
@@ -157,8 +158,8 @@ def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> t
         limit += " outside" if value > 0.0 else " inside"
     if verdict.room is None:
         return limit, _DASH
-    missed = "too little" if limits.high is None else "too much"
-    return limit, f"{percent(abs(verdict.room), 2)} {'to spare' if verdict.room > 0.0 else missed}"
+    side = "inside" if verdict.room > 0.0 else "beyond"
+    return limit, f"{percent(abs(verdict.room), 2)} {side}"
 
 
 VERDICTS = Topic("verdicts", Verdicts, compute_verdicts, verdict_section, verdict_sentences)

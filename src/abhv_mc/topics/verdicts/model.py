@@ -14,8 +14,8 @@ from abhv_mc.statistics.binomial import jeffreys, success_lower_bound
 from abhv_mc.statistics.estimates import spread
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, verdict_words
+from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.words import significant
 
 FAMILY_RISK = 0.10  # of any false PASS, for the PASS verdicts that hold jointly
 _SHARES = (5.0, 50.0, 95.0)  # percent of the flights

@@ -32,8 +32,8 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   };
   const roomWords = (requirement, value, missed) => {
     const share = room(requirement, value);
-    if (missed && !(share < 0)) return share >= 0 ? "missed: it ended early" : "missed";
-    const words = Number.isFinite(share) ? `${text(100 * Math.abs(share), 2)}\u00a0% ${share < 0 ? "over" : "to spare"}` : "";
+    if (missed && !(share < 0)) return share >= 0 ? "missed: terminated early" : "missed";
+    const words = Number.isFinite(share) ? `${text(100 * Math.abs(share), 2)}\u00a0% ${share < 0 ? "over" : "margin"}` : "";
     return missed ? `missed, ${words}` : words;
   };
 
@@ -112,7 +112,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     if (wanted !== channel) return;
     const traces = apart.flatMap(([each, i], n) => behindTraces(each, behind[n], i));
     at("flight-bands").hidden = behind.every((each) => each?.q5?.some(Number.isFinite));
-    at("flight-bands").textContent = view.banded ? `No bands of ${channel} are kept: add it to keep: envelopes: channels.` : "";
+    at("flight-bands").textContent = view.banded ? `No bands of ${channel} are stored. Add it to keep: envelopes: channels.` : "";
     for (const [each, i] of shown) {
       const { time, channels } = each.history;
       const line = (y, name, dash) => ({ type: "scatter", mode: "lines", x: time, y, name, line: { ...lookOf(i), dash } });
@@ -137,7 +137,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     channel = wanted;
     const [first, second] = flights;
     const title = (each) => `${nameOf(each.controller, each.flight)}: ${each.outcome}`;
-    at("flight-title").textContent = title(first) + (second ? `. Over it ${title(second)}` : "");
+    at("flight-title").textContent = title(first) + (second ? `, overlaid with ${title(second)}` : "");
     at("flight-words").textContent = [first, ...(second && (second.flight !== first.flight) ? [second] : [])]
       .map((each) => `${second ? `Flight ${each.flight}: ` : ""}${dispersionWords(each)}`).join(". ");
     ["flight-command", "over-command"].forEach((id, i) => {

@@ -1,4 +1,4 @@
-// The view of flights, in a report and in `explore`: what is chosen, listed, linked, saved and opened. `source` counts:
+// View of flights in a report and in `explore`: selection, table, link, CSV and single flights. `source` counts:
 // numbers in the page, or a server beside the flights.
 const flightsView = async (source, style) => {
   const at = (id) => document.getElementById(id);

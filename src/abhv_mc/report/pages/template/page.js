@@ -96,7 +96,7 @@
     };
     words.textContent = controllers.length
       ? `${channel.label} (${channel.doc}) over all flights and times: ${controllers.map(range).join("; ")}.`
-      : "No controller is chosen.";
+      : "No controller is selected.";
   };
 
   function draw() {
@@ -170,7 +170,7 @@
     }
   };
   if (typeof DecompressionStream === "undefined") {
-    if (words) words.textContent = "This browser is too old for the interactive envelopes; the figures below show the same bands.";
+    if (words) words.textContent = "This browser does not support the interactive envelopes; the figures below show the same bands.";
   } else {
     start();
   }

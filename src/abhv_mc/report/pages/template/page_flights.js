@@ -62,7 +62,7 @@ const pageFlights = (data, places, bands, numbers) => {
     return { controller: k, flight: number, outcome: ended(row), by: rows.by[row],
       missed: rows.missed.map((flags) => flags[row] === 1),
       values: Object.fromEntries(data.columns.map(({ name }) => [name, column(name)[row]])),
-      note: h >= 0 || !data.drawn_again ? "" : `No history of it is kept here; abhv-mc explore ${data.folder} draws any flight.`,
+      note: h >= 0 || !data.drawn_again ? "" : `No history of this flight is stored; abhv-mc explore ${data.folder} computes any flight.`,
       history: h < 0 ? null : { time: numbers("history-time"),
         channels: Object.fromEntries(data.channels.map(({ name }) => [name, numbers(`history:${name}`, h)])) } };
   };

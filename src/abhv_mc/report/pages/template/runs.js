@@ -35,12 +35,12 @@
     const out = `${a.name} against ${b.name}`.replace(/[^\w.-]+/g, "_");
     const command = document.createElement("code");
     command.textContent = `abhv-mc compare ${a.folder} ${b.folder} -o ${out}`;
-    words.replaceChildren("Compare them: ", command);
+    words.replaceChildren("Compare them with ", command);
     const page = pages[`${a.digest} ${b.digest}`] ?? pages[`${b.digest} ${a.digest}`];
     if (page) {
       const link = document.createElement("a");
       link.href = encodeURI(page);
-      link.textContent = "the page of their comparison";
+      link.textContent = "their comparison";
       words.append(" or open ", link, ".");
     }
   }

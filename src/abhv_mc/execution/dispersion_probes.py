@@ -1,7 +1,7 @@
-"""Trial flights before a campaign: the nominal one, and a sensitivity check of every dispersion.
+"""Trial flights before a campaign: nominal flight, and effect of each dispersion.
 
-A dispersion that reaches no equation gives the same flight to the last bit; it is refused before anything is flown,
-so that no campaign silently varies nothing. So is a metric of a quantity that the vehicle does not have.
+A dispersion that enters no equation leaves all bits of a flight unchanged. It is rejected with an
+error before the campaign, and so is a metric of a quantity that the vehicle does not have.
 """
 
 import math
@@ -19,15 +19,16 @@ from abhv_mc.simulators.engine import simulate
 from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # trials of each dispersion
-_USUAL = 600.0  # s for 16 flights where the campaign gives no limit
-_COMPILING = 1800.0  # s at most, before they fly: on a busy machine more than 600 were seen
+_DEFAULT_LIMIT = 600.0  # s for 16 flights, unless the campaign has a limit
+_COMPILING = 1800.0  # s at most for compilation: more than 600 s were seen on a busy machine
 
 
 def make_trials(campaign: Experiment) -> Floats:
-    """Rows [trial, input]: the nominal flight, then for each dispersion its nominal value and both ends of its range.
+    """Return rows [trial, input] of the nominal flight and of three trials per dispersion.
 
-    The others stand a little above their middles meanwhile: a gust's start matters only where there is a gust, and a
-    gust that blows either way alike has none in its middle.
+    The trials have the dispersion's nominal value and both ends of its range. All other dispersions
+    are slightly above their medians, because the start of a gust has an effect only with a gust,
+    and the median of a symmetric gust is zero.
     """
     names = campaign.dimensions
     nominal = campaign.parameters.nominal_of(names)
@@ -49,35 +50,34 @@ def make_trials(campaign: Experiment) -> Floats:
 
 
 def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
-    """Fly the trials of every controller; the first flight of each block is the nominal one.
+    """Simulate the trials with each controller; the first flight of a block is nominal.
 
-    Raises InputError for a dispersion that changes no controller's flight, for a metric that is no finite number in a
-    nominal flight that ends as planned, and where flights do not end.
+    Raise InputError if a dispersion changes no controller's flight, if a metric is not finite in a
+    nominal flight that ends as planned, or if flights exceed the time limit.
     """
     trials = make_trials(campaign)
     limit = _COMPILING + time_limit(
-        len(trials), campaign.model.execution.flight_time_limit or _USUAL
+        len(trials), campaign.model.execution.flight_time_limit or _DEFAULT_LIMIT
     )
     flown = {
         name: _fly_temporary(campaign, name, trials, every, limit) for name in campaign.systems
     }
     errors = list(_find_not_finite(campaign, flown))
-    for name, low, high in unchanging(campaign, trials, flown.values()):
+    for name, low, high in find_ineffective(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"
-        where = ("sampling",) if campaign.sample_file is not None else (key, name)
-        found = f"'{name}' from {low:g} to {high:g}, which changes no controller's flight"
-        errors.append(
-            campaign.document.key_error(where, found, "a dispersion that matters to this vehicle")
-        )
+        keys = ("sampling",) if campaign.sample_file is not None else (key, name)
+        problem = f"'{name}' from {low:g} to {high:g} changes no controller's flight"
+        expected = "a dispersion with an effect on this vehicle"
+        errors.append(campaign.document.key_error(keys, problem, expected))
     if errors:
         raise InputErrors(errors)
     return flown
 
 
-def unchanging(
+def find_ineffective(
     campaign: Experiment, trials: Floats, flown: Collection[FlightBlock]
 ) -> Iterator[tuple[str, float, float]]:
-    """The dispersions that change no flight of the trials, each with the ends of its range."""
+    """Yield the dispersions that change no flight of the trials, with the ends of their range."""
     for i, name in enumerate(campaign.dimensions):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
         if not any(differs(block, row, unchanged) for block in flown for row in rows):
@@ -87,34 +87,34 @@ def unchanging(
 def _fly_temporary(
     campaign: Experiment, name: str, trials: Floats, every: int, limit: float
 ) -> FlightBlock:
+    """Simulate trials that are not stored. Raise InputError if they exceed ``limit`` (s)."""
     try:
         return run_in_thread(lambda: simulate(campaign, name, trials, every), limit)
     except TimeoutError:
-        found = f"first flights of '{name}' that are not done in {limit:g} s"
-        wish = "a law whose loops end, or a longer 'flight_time_limit'"
-        raise InputError("controllers", found, wish) from None
+        problem = f"the first flights of '{name}' did not end in {limit:g} s"
+        expected = "a law whose loops end, or a longer 'flight_time_limit'"
+        raise InputError("controllers", problem, expected) from None
 
 
 def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Iterator[InputError]:
-    told = set()
+    """Yield an error for each metric that is not finite in a nominal flight."""
+    reported = set()
     for controller, block in flown.items():
         for metric, value in zip(campaign.measured, block.metrics[0].tolist(), strict=False):
             name = metric.name
-            if block.outcome[0] != Outcome.OK or math.isfinite(value) or name in told:
+            if block.outcome[0] != Outcome.OK or math.isfinite(value) or name in reported:
                 continue
-            told.add(name)
-            found = (
-                f"'{name}', which is {'not a number' if math.isnan(value) else value} in "
-                f"{controller}'s nominal flight"
-            )
-            wish = "a number at each tick of its window ('empty' says what it is without one)"
+            reported.add(name)
+            number = "not a number" if math.isnan(value) else value
+            problem = f"'{name}' is {number} in the nominal flight of '{controller}'"
+            expected = "a number at each tick of its window ('empty' sets the value without one)"
             if "heat_flux" in metric.of:
-                wish = f"reference.nose_radius in the vehicle's file, or {wish}"
-            yield campaign.document.key_error(("metrics", name), found, wish)
+                expected = f"reference.nose_radius in the vehicle's file, or {expected}"
+            yield campaign.document.key_error(("metrics", name), problem, expected)
 
 
 def differs(block: FlightBlock, a: int, b: int) -> bool:
-    """Whether two flights of a block differ in any bit of what was measured."""
+    """Return whether two flights of a block differ in any bit of outcome, end time or metrics."""
     values = np.column_stack([block.metrics, block.end_time])
     return not (
         np.array_equal(values[a], values[b], equal_nan=True)

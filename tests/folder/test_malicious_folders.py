@@ -1,6 +1,7 @@
-"""A stranger's folder: no command runs what it holds, SQL over it sees its tables and nothing else of the machine, and
-what it says steers no terminal. See also execution/test_user_code (laws of others), remote/test_store (names that lead
-out)."""
+"""Tests with malicious folders: no code is executed, SQL is confined, output is escaped.
+
+See also execution/test_user_code (control laws) and remote/test_store (names that leave a folder).
+"""
 
 import os
 import shutil
@@ -30,7 +31,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def given(folder, fake_engine, tmp_path):
+def foreign_folder(folder, fake_engine, tmp_path):
     return shutil.copytree(folder, tmp_path / "out")
 
 
@@ -47,7 +48,7 @@ def given(folder, fake_engine, tmp_path):
         "select * from folder",
     ],
 )
-def test_nothing_leads_out(folder, tmp_path, statement):
+def test_sql_cannot_access_other_files(folder, tmp_path, statement):
     (tmp_path / "secret.csv").write_text("a\n1\n")
     with open_database(folder) as database, pytest.raises(duckdb.Error):
         database.sql(statement.format(out=tmp_path, folder=folder)).fetchall()
@@ -65,9 +66,7 @@ def test_nothing_leads_out(folder, tmp_path, statement):
         (np.zeros(68, np.float32), 64, False),
     ],
 )
-def test_of_the_values_of_envelopes_only_whole_blocks_of_this_campaign_are_taken(
-    tmp_path, values, flights, taken
-):
+def test_only_intact_envelope_blocks_of_this_campaign_are_used(tmp_path, values, flights, taken):
     write_array(tmp_path / "blocks/one-000000000-000000064.npy", values)
     cells = Cells(("altitude_m", "speed_mps"), (0, 1), 1, np.arange(3.0))
     covered = Collector(tmp_path, "one", np.ones(flights, bool), cells).covered
@@ -75,7 +74,7 @@ def test_of_the_values_of_envelopes_only_whole_blocks_of_this_campaign_are_taken
 
 
 def commands(campaign, folder):
-    """What people do with a folder that they were given."""
+    """Yield the commands that read a folder."""
     yield "runs", folder
     yield "query", folder, "select * from flights"
     yield "query", folder, "--csv", "csv"
@@ -89,7 +88,7 @@ def commands(campaign, folder):
 
 
 def sign(folder):
-    """Make the manifest's hashes those of the files that are there."""
+    """Update the hashes in the manifest."""
     manifest = read_manifest(folder / "manifest.json")
     files = {name: hash_file(folder / name) for name in manifest.files}
     write_manifest(folder / "manifest.json", replace(manifest, files=files))
@@ -115,28 +114,28 @@ def pickle_a_state(folder, evil):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("spoil", [pickle_a_plan, tag_the_campaign, pickle_a_state])
-def test_no_command_runs_what_a_folder_holds(given, folder, abhv_mc, spoil):
-    """Whoever writes such a folder writes its hashes too."""
-    executed = given.parent / "executed"
+def test_no_command_executes_content_of_a_folder(foreign_folder, folder, abhv_mc, spoil):
+    """The hashes of the malicious files are valid."""
+    executed = foreign_folder.parent / "executed"
 
     class Evil:
         def __reduce__(self):
             return os.mkdir, (str(executed),)
 
-    spoil(given, Evil())
-    sign(given)
-    for words in commands(folder.parent / "f/campaign.yaml", given):
-        said = "".join(abhv_mc(*words)[1:])
-        assert "Traceback" not in said, (words, said)
-        assert not executed.exists(), words
+    spoil(foreign_folder, Evil())
+    sign(foreign_folder)
+    for command in commands(folder.parent / "f/campaign.yaml", foreign_folder):
+        output = "".join(abhv_mc(*command)[1:])
+        assert "Traceback" not in output, (command, output)
+        assert not executed.exists(), command
 
 
 @pytest.mark.thorough
-def test_nothing_that_is_printed_steers_the_terminal(given, abhv_mc):
-    table = pq.read_table(given / "envelopes.parquet")
-    words = pa.array(["\x1b[2J\u202e"] * len(table))
-    table = table.set_column(table.column_names.index("channel"), "channel", words)
-    pq.write_table(table, given / "envelopes.parquet")
-    sign(given)
-    said = "".join(abhv_mc("query", given, "select channel from envelopes")[1:])
-    assert "\\u202e" in said and not {"\x1b", "\u202e"} & set(said)
+def test_control_characters_are_escaped_in_output(foreign_folder, abhv_mc):
+    table = pq.read_table(foreign_folder / "envelopes.parquet")
+    escapes = pa.array(["\x1b[2J\u202e"] * len(table))
+    table = table.set_column(table.column_names.index("channel"), "channel", escapes)
+    pq.write_table(table, foreign_folder / "envelopes.parquet")
+    sign(foreign_folder)
+    output = "".join(abhv_mc("query", foreign_folder, "select channel from envelopes")[1:])
+    assert "\\u202e" in output and not {"\x1b", "\u202e"} & set(output)

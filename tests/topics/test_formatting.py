@@ -7,9 +7,9 @@ import pytest
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.formatting import bounds, estimate, percent, spoken_name
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import Cell, Fold, Section, Table
-from abhv_mc.topics.words import bounds, estimate, percent, spoken_name
 
 
 def test_every_parameter_has_its_own_name():
@@ -56,7 +56,7 @@ def test_shares_keep_their_nines(share, text):
 
 
 def test_only_the_papers_own_lqr_is_called_so(tmp_path):
-    """A plain 'LQR' reads as the best one, and not every 'lqr' is the paper's."""
+    """The label 'LQR' alone would suggest the paper's controller."""
     paper = shipped_files("control")["lqr"].read_bytes()
     for name, text in (("lqr", paper), ("mine", paper.replace(b"800.0", b"200.0"))):
         folder = tmp_path / "inputs" / "controllers" / name

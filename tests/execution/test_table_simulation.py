@@ -1,4 +1,4 @@
-"""Flights of a table in memory are those of a campaign with the same samples."""
+"""Flights simulated in memory equal those of a campaign with the same samples."""
 
 import numpy as np
 import pandas as pd
@@ -7,7 +7,7 @@ from fake_flight import ENGINE, run, write_campaign
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.in_memory import simulate_table
+from abhv_mc.execution.table_simulation import simulate_table
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
@@ -28,37 +28,40 @@ def test_a_table_of_samples_gives_the_campaigns_flights_to_the_bit(tmp_path):
     )
     folder = run(path, tmp_path / "flown", workers=1).folder
     experiment, flown = read_campaign(path), read_flown(folder).flights
-    found = simulate_table(experiment, draw(experiment, 70), channels=[HEIGHT], engine=ENGINE)
-    assert found.sizes["flight"] == 70 and tuple(found.controller.to_numpy()) == tuple(flown)
+    dataset = simulate_table(experiment, draw(experiment, 70), channels=[HEIGHT], engine=ENGINE)
+    assert dataset.sizes["flight"] == 70 and tuple(dataset.controller.to_numpy()) == tuple(flown)
     for name, flights in flown.items():
-        one = found.sel(controller=name)
+        flights_of_one = dataset.sel(controller=name)
         for metric, values in flights.metrics.items():
-            np.testing.assert_array_equal(one[metric].to_numpy(), values)
-        assert [code == "ok" for code in one.outcome.to_numpy()] == (~flights.failed).tolist()
+            np.testing.assert_array_equal(flights_of_one[metric].to_numpy(), values)
+        assert [code == "ok" for code in flights_of_one.outcome.to_numpy()] == (
+            ~flights.failed
+        ).tolist()
         again = replay_flight(folder, name, 3, ENGINE.fly).block
         height = dict(
             zip(again.times.tolist(), again.history[0, :, CHANNEL_INDEX[HEIGHT]], strict=True)
         )
         np.testing.assert_array_equal(
-            one[HEIGHT].sel(flight=3), [height[t] for t in found.time.to_numpy().tolist()]
+            flights_of_one[HEIGHT].sel(flight=3),
+            [height[t] for t in dataset.time.to_numpy().tolist()],
         )
 
 
-def test_what_is_no_column_is_nominal_and_the_index_numbers_the_flights(tmp_path):
+def test_other_parameters_are_nominal_and_the_index_numbers_flights(tmp_path):
     experiment = read_campaign(write_campaign(tmp_path))
     table = pd.DataFrame({"atmosphere.density": [0.9, 1.1]}, index=[7, 9])
-    found = simulate_table(experiment, table, ["two"], engine=ENGINE)
-    whole = pd.DataFrame({"atmosphere.density": [1.1], "aero.lift": [1.0]})
-    same = simulate_table(experiment, whole, ["two"], engine=ENGINE)
-    assert found.flight.to_numpy().tolist() == [7, 9]
+    dataset = simulate_table(experiment, table, ["two"], engine=ENGINE)
+    complete = pd.DataFrame({"atmosphere.density": [1.1], "aero.lift": [1.0]})
+    same = simulate_table(experiment, complete, ["two"], engine=ENGINE)
+    assert dataset.flight.to_numpy().tolist() == [7, 9]
     assert (
-        found.altitude_error_max_m.sel(flight=9).item()
+        dataset.altitude_error_max_m.sel(flight=9).item()
         == same.altitude_error_max_m.sel(flight=0).item()
     )
 
 
 @pytest.mark.parametrize(
-    ("table", "more", "words"),
+    ("table", "options", "pattern"),
     [
         ({"aero.lfit": [1.0]}, {}, "'aero.lfit'.*aero.lift"),
         ({"aero.lift": [np.nan]}, {}, "without a number"),
@@ -69,7 +72,7 @@ def test_what_is_no_column_is_nominal_and_the_index_numbers_the_flights(tmp_path
         ({"aero.lift": [1.0]}, {"channels": ["height"]}, "'height'"),
     ],
 )
-def test_a_table_that_cannot_fly_is_refused(table, more, words, tmp_path):
+def test_an_invalid_table_is_rejected(table, options, pattern, tmp_path):
     experiment = read_campaign(write_campaign(tmp_path))
-    with pytest.raises(InputError, match=words):
-        simulate_table(experiment, pd.DataFrame(table), engine=ENGINE, **more)
+    with pytest.raises(InputError, match=pattern):
+        simulate_table(experiment, pd.DataFrame(table), engine=ENGINE, **options)

@@ -1,4 +1,4 @@
-"""Flights of a table of inputs, in memory: no folder is written."""
+"""Simulation of a table of inputs in memory, without a results folder."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,76 +26,77 @@ def simulate_table(
     channels: Sequence[str] = (),
     engine: Engine | None = None,
 ) -> "xr.Dataset":
-    """Fly a row of ``inputs`` a flight with each controller; see :func:`abhv_mc.simulate`. Raises InputError."""
+    """Simulate each row of ``inputs`` with each controller; see :func:`abhv_mc.simulate`.
+
+    Raise InputError if xarray is missing or an argument is wrong.
+    """
     try:
         import xarray as xr
     except ImportError:
-        raise InputError("simulate", "no xarray here", "pip install xarray") from None
+        raise InputError("simulate", "xarray is not installed", "pip install xarray") from None
     names = tuple(map(str, inputs.columns))
     experiment = replace(experiment, engine=engine)
     simulator = experiment.simulator
-    places = {
+    channel_index = {
         channel.name: i
         for i, channel in enumerate(experiment.channels)
-        if simulator.capabilities.has_mission  # their histories have one axis of times
+        if simulator.capabilities.has_mission  # its flights have common times
     }
-    flying = experiment.controllers if controllers is None else tuple(controllers)
-    for kind, given, known in (
+    systems = experiment.controllers if controllers is None else tuple(controllers)
+    for kind, requested, choices in (
         ("inputs", names, experiment.parameters.dispersible),
-        ("controllers", flying, experiment.controllers),
-        ("channels", channels, tuple(places)),
+        ("controllers", systems, experiment.controllers),
+        ("channels", channels, tuple(channel_index)),
     ):
-        for name in given:
-            if name not in known or list(given).count(name) > 1:
+        for name in requested:
+            if name not in choices or list(requested).count(name) > 1:
                 raise InputError(
-                    kind, f"'{name}'" + " twice" * (name in known), one_of(known, name)
+                    kind, f"'{name}'" + " twice" * (name in choices), one_of(choices, name)
                 )
     try:
         rows = inputs.to_numpy(np.float64)
     except (TypeError, ValueError):
         raise InputError(
-            "inputs", "entries that are no numbers", "numbers, SI or as the inputs say"
+            "inputs", "entries that are no numbers", "numbers in SI, or in the units of the inputs"
         ) from None
-    if np.isnan(rows).any() or not (rows.size or len(rows)) or not flying:
+    if np.isnan(rows).any() or not (rows.size or len(rows)) or not systems:
         raise InputError(
             "inputs",
             "an empty table, or cells without a number",
             "a number for each flight and input",
         )
-    plans = simulator.fit_plans(simulator.make_plans(flying), names, rows)
+    plans = simulator.fit_plans(simulator.make_plans(systems), names, rows)
     recording = None
     if channels:
         every = simulator.find_stride(next(iter(plans.values())), "histories")
-        recording = Recording(every, tuple(places[name] for name in channels))
+        recording = Recording(every, tuple(channel_index[name] for name in channels))
     ready = replace(make_ready(experiment, plans), columns=names)
     with open_executor(simulator.engine, experiment.model.execution, None) as executor:
-        blocks = [
-            simulate(ready, name, rows, recording, executor.fly_side_by_side) for name in flying
-        ]
-    flown = ("controller", "flight")
+        blocks = [simulate(ready, name, rows, recording, executor.fly_parallel) for name in systems]
+    axes = ("controller", "flight")
     variables: dict[str, Any] = {
         metric.name: (
-            flown,
+            axes,
             np.stack([block.metrics[:, i] for block in blocks]),
             {"units": metric.unit},
         )
         for i, metric in enumerate(experiment.measured)
     }
     variables[END_TIME.name] = (
-        flown,
+        axes,
         np.stack([block.end_time for block in blocks]),
         {"units": END_TIME.unit},
     )
     for i, name in enumerate(channels):
         history = np.stack([block.history[:, :, i] for block in blocks])
         variables[name] = (
-            (*flown, "time"),
+            (*axes, "time"),
             history,
-            {"units": experiment.channels[places[name]].unit},
+            {"units": experiment.channels[channel_index[name]].unit},
         )
     outcomes = [experiment.outcomes.of(block.outcome) for block in blocks]
-    coordinates = {"controller": list(flying), "flight": inputs.index.to_numpy()}
+    coordinates = {"controller": list(systems), "flight": inputs.index.to_numpy()}
     if channels:
         coordinates["time"] = blocks[0].times
-    found = xr.Dataset({"outcome": (flown, np.array(outcomes, object)), **variables}, coordinates)
-    return found.assign_attrs(campaign=experiment.name)
+    dataset = xr.Dataset({"outcome": (axes, np.array(outcomes, object)), **variables}, coordinates)
+    return dataset.assign_attrs(campaign=experiment.name)

@@ -17,8 +17,8 @@ from own_simulators import dive_campaign, shown_text
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.adopt import adopt_tables
 from abhv_mc.execution.runner import RunResult, run_campaign
+from abhv_mc.execution.table_import import import_tables
 from abhv_mc.flight.outcome import OUTCOMES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.input_table import write_inputs
@@ -28,23 +28,23 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders
-from abhv_mc.report.pages.verify import differences, verify_campaign
+from abhv_mc.report.pages.verify import find_differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.topics.failures import FAILURES
-from abhv_mc.topics.plain import plain
+from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
 
 
-def adopt_table(table: Path, *rest: Any, **more: Any) -> RunResult:
-    return adopt_tables([table], *rest, **more)
+def adopt_table(table: Path, *arguments: Any, **options: Any) -> RunResult:
+    return import_tables([table], *arguments, **options)
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of 300 flights of two systems."""
+    """Return the folder of 300 flights of two systems."""
     folder = tmp_path_factory.mktemp("own")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
@@ -55,12 +55,12 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def flown(campaign: Path, tmp_path: Path) -> Path:
-    """Its exported table."""
+    """Return the exported table of the campaign."""
     return next(path for path in export_csv(campaign, tmp_path) if path.name == "flights.csv")
 
 
-def asked(tmp_path: Path, without: tuple[str, ...] = ("dive",), **changes: Any) -> Path:
-    """The campaign that adopts it, without the input that nothing disperses: the export has no column of it."""
+def make_campaign(tmp_path: Path, without: tuple[str, ...] = ("dive",), **changes: Any) -> Path:
+    """Write the campaign of the import, without the input that is not dispersed or exported."""
     changes = {"simulator": None, "runs": None, "independent": True, **changes}
     inputs = json.loads(dive_campaign(tmp_path / "asked").read_text())["inputs"]
     changes["inputs"] = {name: entry for name, entry in inputs.items() if name not in without}
@@ -68,7 +68,7 @@ def asked(tmp_path: Path, without: tuple[str, ...] = ("dive",), **changes: Any) 
 
 
 def rewritten(table: Path, change: Any) -> Path:
-    """The table with ``change`` of each row (a dictionary)."""
+    """Write the table with ``change`` applied to each row (a dictionary)."""
     with table.open(newline="") as file:
         rows = [change(i, row) for i, row in enumerate(csv.DictReader(file), 2)]
     path = table.with_name("changed.csv")
@@ -79,10 +79,10 @@ def rewritten(table: Path, change: Any) -> Path:
     return path
 
 
-def test_an_adopted_table_gives_the_same_verdicts_comparison_and_rules(
+def test_an_imported_table_gives_the_same_verdicts_comparison_and_rules(
     campaign: Path, flown: Path, tmp_path: Path
 ) -> None:
-    result = adopt_table(flown, asked(tmp_path), tmp_path / "adopted")
+    result = adopt_table(flown, make_campaign(tmp_path), tmp_path / "adopted")
     ours, theirs = read_flown(campaign), read_flown(tmp_path / "adopted")
     assert result.complete
     assert theirs.manifest.requirements == ours.manifest.requirements
@@ -92,7 +92,7 @@ def test_an_adopted_table_gives_the_same_verdicts_comparison_and_rules(
         assert second[topic] == first[topic]
     assert second["failures"]["controllers"] == first["failures"]["controllers"]
     dependent = adopt_table(
-        flown, asked(tmp_path, independent=False), tmp_path / "dependent"
+        flown, make_campaign(tmp_path, independent=False), tmp_path / "dependent"
     ).manifest
     assert {entry.verdict for entry in dependent.requirements} == {"ESTIMATE"}
 
@@ -104,7 +104,7 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
         row["delay [ms]"] = repr(1e3 * float(row.pop("delay")))
         return row
 
-    adopt_table(rewritten(flown, in_metres), asked(tmp_path), tmp_path / "adopted")
+    adopt_table(rewritten(flown, in_metres), make_campaign(tmp_path), tmp_path / "adopted")
     ours, theirs = read_flown(campaign), read_flown(tmp_path / "adopted")
     for name in ("v1", "v2"):
         assert theirs.flights[name].metrics["altitude_min"] == pytest.approx(
@@ -112,49 +112,49 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
         )
     assert theirs.samples["delay"] == pytest.approx(ours.samples["delay"])
     pq.write_table(pc.read_csv(flown), tmp_path / "flights.parquet")
-    adopt_table(tmp_path / "flights.parquet", asked(tmp_path), tmp_path / "parquet")
+    adopt_table(tmp_path / "flights.parquet", make_campaign(tmp_path), tmp_path / "parquet")
     assert read_flown(tmp_path / "parquet").manifest.digest == ours.manifest.digest
 
 
 @pytest.mark.parametrize(
-    ("line", "changes", "words"),
+    ("line", "changes", "pattern"),
     [
         (7, {"delay": "2.3"}, "delay 2.3, outside of its distribution"),
-        (9, {"speed": "nan"}, "speed that is no number"),
+        (9, {"speed": "nan"}, "speed is no finite number"),
         (9, {"load": "high"}, "'high' in the column 'load'"),
         (11, {"outcome": "elsewhere"}, "outcome 'elsewhere'"),
         (13, {"controller": "v3"}, "system 'v3'|controller 'v3'"),
         (43, {"flight": "13"}, "flight 13 of 'v1' a second time"),
         (301, {"flight": "1000"}, "no flight 299 of 'v1'"),
-        (330, {"speed": "561.0"}, "with other inputs than of another system"),
+        (330, {"speed": "561.0"}, "inputs of flight .* differ"),
     ],
 )
-def test_a_row_that_makes_no_sense_is_refused_with_its_line(
-    line: int, changes: dict[str, str], words: str, flown: Path, tmp_path: Path
+def test_an_invalid_row_is_rejected_with_its_line(
+    line: int, changes: dict[str, str], pattern: str, flown: Path, tmp_path: Path
 ) -> None:
-    lines = (line, line + 300) if "delay" in changes else (line,)  # of both systems
+    lines = (line, line + 300) if "delay" in changes else (line,)  # the input of both systems
     table = rewritten(flown, lambda i, row: {**row, **(changes if i in lines else {})})
-    with pytest.raises(InputError, match=words) as refused:
-        adopt_table(table, asked(tmp_path), tmp_path / "adopted")
+    with pytest.raises(InputError, match=pattern) as refused:
+        adopt_table(table, make_campaign(tmp_path), tmp_path / "adopted")
     assert refused.value.line == line
     assert not (tmp_path / "adopted").exists()
 
 
-def test_tables_and_campaigns_that_do_not_fit_are_refused(flown: Path, tmp_path: Path) -> None:
+def test_incompatible_tables_and_campaigns_are_rejected(flown: Path, tmp_path: Path) -> None:
     out, twice = tmp_path / "adopted", tmp_path / "twice.csv"
     twice.write_text(flown.read_text().replace("load", "altitude_min [m]", 1))
     flies = dive_campaign(tmp_path / "own", runs=300)
     less = tmp_path / "less.csv"
     less.write_text(flown.read_text().replace("speed", "velocity", 1))
-    for words, ask in (
-        ("no column 'speed'", lambda: adopt_table(less, asked(tmp_path), out)),
-        ("a third table", lambda: adopt_tables([flown] * 3, asked(tmp_path), out)),
-        ("2 columns 'altitude_min'", lambda: adopt_table(twice, asked(tmp_path), out)),
+    for pattern, call in (
+        ("no column 'speed'", lambda: adopt_table(less, make_campaign(tmp_path), out)),
+        ("a third table", lambda: import_tables([flown] * 3, make_campaign(tmp_path), out)),
+        ("2 columns 'altitude_min'", lambda: adopt_table(twice, make_campaign(tmp_path), out)),
         ("a campaign whose flights abhv-mc computes", lambda: adopt_table(flown, flies, out)),
-        ("import flights", lambda: run_campaign(Request(asked(tmp_path, runs=300), out))),
+        ("import flights", lambda: run_campaign(Request(make_campaign(tmp_path, runs=300), out))),
     ):
-        with pytest.raises(InputError, match=words):
-            ask()
+        with pytest.raises(InputError, match=pattern):
+            call()
     assert not out.exists()
 
 
@@ -162,18 +162,18 @@ def test_a_flight_without_a_metric_was_not_computed(flown: Path, tmp_path: Path)
     table = rewritten(
         flown, lambda i, row: {**row, **({"load": "nan", "outcome": "ok"} if i == 5 else {})}
     )
-    manifest = adopt_table(table, asked(tmp_path), tmp_path / "adopted").manifest
+    manifest = adopt_table(table, make_campaign(tmp_path), tmp_path / "adopted").manifest
     assert manifest.controllers["v1"].failed_to_run == (3,) and manifest.complete
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(
+def test_texts_on_imported_flights_suggest_no_impossible_command(
     flown: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "adopted"
     hard = [{"metric": "load", "below": 100.0, "probability": "99.5 %"}]
     table = rewritten(flown, lambda _, row: {**row, "outcome": "ok"})
-    adopt_table(table, asked(tmp_path, requirements=hard), out)
+    adopt_table(table, make_campaign(tmp_path, requirements=hard), out)
     page = shown_text(build_report(out))
     report, manifest = (
         json.loads((out / name).read_text()) for name in ("report.json", "manifest.json")
@@ -188,7 +188,7 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(
     assert "--runs" not in json.dumps([report["verdicts"], manifest["requirements"]])
     for command in ("run", "explain", "replay"):
         assert f"abhv-mc {command}" not in page
-    assert not re.search("[Cc]ontroller|Control usage|Bands over time|fly it again|seed 0", page)
+    assert not re.search("[Cc]ontroller|Control effort|Time histories|Reproduce this|seed 0", page)
     with open_flights(out) as table, ExploreServer(out, table) as server:
         opened = server.open_flight("v1", 0)
     assert opened["note"] == "" and opened["history"] is None and opened["values"]
@@ -196,17 +196,17 @@ def test_what_is_said_of_adopted_flights_names_nothing_that_cannot_be_done(
         replay_flight(out, "v1", 0)
 
 
-def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(
-    flown: Path, tmp_path: Path
-) -> None:
-    campaign, folders = asked(tmp_path), (tmp_path / "a", tmp_path / "b")
+def test_two_imported_folders_are_compared_and_fail_a_gate(flown: Path, tmp_path: Path) -> None:
+    campaign, folders = make_campaign(tmp_path), (tmp_path / "a", tmp_path / "b")
     lower = rewritten(
         flown, lambda _, row: {**row, "altitude_min": float(row["altitude_min"]) - 150.0}
     )
     for table, out in zip((flown, lower), folders, strict=True):
         adopt_table(table, campaign, out)
-    found = compare_folders(*folders, ("v1", "v1"), {"altitude_min": 0.05}, tmp_path / "compared")
-    (pair,) = found.found.paired
+    comparison = compare_folders(
+        *folders, ("v1", "v1"), {"altitude_min": 0.05}, tmp_path / "compared"
+    )
+    (pair,) = comparison.found.paired
     assert not pair.not_worse["altitude_min"].shown and pair.any_failure.only_b
     page = shown_text(tmp_path / "compared" / "report.html")
     assert re.search(r"/a\s+adopted\s+300", page)
@@ -216,7 +216,7 @@ def test_two_adopted_folders_are_compared_and_stopped_at_a_gate(
 
 
 def drawn_table(folder: Path, change: Any = None, digits: int = 17) -> tuple[Path, Path]:
-    """A campaign of two inputs, and a table of 60 independent draws, or of what ``change`` makes of these."""
+    """Write a campaign of two inputs and a table of 60 draws, altered by ``change``."""
     content = {
         "name": "drawn",
         "independent": True,
@@ -256,20 +256,20 @@ def latin(values: Any) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "pattern"),
     [
         (lambda values: np.tile(values, (4, 1)), r":(\d+): 360 pairs of rows .*explains none"),
-        (constant, r":1: a column 'b' .*spread 1.137, found .*spread 0;.*failed flights may be"),
-        (scaled(1 / 3), "a column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.2"),
-        (scaled(3.0), "a column 'a' .*'independent: no'"),
+        (constant, r":1: column 'b' .*spread 1.137, found .*spread 0;.*failed flights may be"),
+        (scaled(1 / 3), "column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.2"),
+        (scaled(3.0), "column 'a' .*'independent: no'"),
         (correlated, "rank correlation of 'a' and 'b' of 1, stated 0"),
     ],
 )
 def test_a_table_that_holds_no_independent_draws_is_rejected(
-    change: Any, words: str, tmp_path: Path
+    change: Any, pattern: str, tmp_path: Path
 ) -> None:
     table, campaign = drawn_table(tmp_path, change)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=pattern):
         adopt_table(table, campaign, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     campaign.write_text(campaign.read_text().replace("true", "false"))
@@ -307,10 +307,10 @@ def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path: 
     inputs = json.loads((out / "report.json").read_text())["flights"]["inputs"]
     assert inputs["a"]["stated_mean"] == 10.0 and inputs["a"]["stated_sigma"] == 1.0
     assert inputs["b"]["stated_sigma"] == pytest.approx(1.97 / 3.0**0.5)
-    held = pc.read_csv(table)
+    columns = pc.read_csv(table)
     for name in ("a", "b"):
-        assert inputs[name]["mean"] == pytest.approx(np.mean(held[name].to_numpy()))
-        assert inputs[name]["sigma"] == pytest.approx(np.std(held[name].to_numpy()))
+        assert inputs[name]["mean"] == pytest.approx(np.mean(columns[name].to_numpy()))
+        assert inputs[name]["sigma"] == pytest.approx(np.std(columns[name].to_numpy()))
     row = re.search(r"Found spread\s+a\s+m\s+(\S+)\s+(\S+)\s+(\S+)\s+(\S+)", shown_text(page))
     moments = [inputs["a"][key] for key in ("stated_mean", "mean", "stated_sigma", "sigma")]
     assert row and [float(cell) for cell in row.groups()] == pytest.approx(moments, rel=1e-3)
@@ -336,7 +336,7 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
 
 
 def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[str]]]:
-    """A campaign, the table of its inputs, and rows of its results: flight, a + b."""
+    """Write a campaign and the table of its inputs; return rows of results: flight, a + b."""
     _, campaign = drawn_table(folder)
     content = json.loads(campaign.read_text())
     content["inputs"]["noise"], content["inputs"]["gain"] = {"seed": True}, {"nominal": 2.0}
@@ -352,7 +352,7 @@ def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[
     )
 
 
-def test_inputs_that_were_written_are_paired_with_the_results_by_flight(tmp_path: Path) -> None:
+def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> None:
     campaign, inputs, results = written_inputs(tmp_path)
     table = tmp_path / "results.csv"
     # In order of completion; flight 0 did not run.
@@ -360,13 +360,13 @@ def test_inputs_that_were_written_are_paired_with_the_results_by_flight(tmp_path
     table.write_text("\n".join(["case;miss (m)", *lines, ""]))
     content = {**json.loads(campaign.read_text()), "columns": {"flight": "case"}}
     with pytest.raises(InputError, match=r"no column 'a'.*'columns' in the campaign file"):
-        adopt_tables([table], campaign, tmp_path / "out")
+        import_tables([table], campaign, tmp_path / "out")
     with pytest.raises(InputError, match="no column 'flight'"):
-        adopt_tables([inputs, table], campaign, tmp_path / "out")
+        import_tables([inputs, table], campaign, tmp_path / "out")
     inputs.write_text(inputs.read_text().replace("flight", "case", 1))
     campaign.write_text(json.dumps(content))
     for order in ([inputs, table], [table, inputs]):
-        result = adopt_tables(order, campaign, tmp_path / "out")
+        result = import_tables(order, campaign, tmp_path / "out")
         assert result.manifest.controllers["system"].failed_to_run == (0,)
         flown = read_flown(tmp_path / "out")
         assert flown.flights["system"].metrics["miss"].tolist() == [
@@ -379,20 +379,18 @@ def test_inputs_that_were_written_are_paired_with_the_results_by_flight(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("row", "words"),
+    ("row", "pattern"),
     [
-        ("60,1,0", "flight 60, which inputs.csv does not have"),
-        ("7,1,-99", "b -99, which is .* in inputs.csv"),
+        ("60,1,0", "flight 60 is not in inputs.csv"),
+        ("7,1,-99", "b -99, but .* in inputs.csv"),
         ("8,1,0", "flight 8 of 'system' a second time"),
     ],
 )
-def test_a_result_that_belongs_to_no_inputs_is_rejected(
-    row: str, words: str, tmp_path: Path
-) -> None:
+def test_a_result_without_inputs_is_rejected(row: str, pattern: str, tmp_path: Path) -> None:
     campaign, inputs, _ = written_inputs(tmp_path)
     (tmp_path / "results.csv").write_text(f"flight,miss,b\n8,1,{drawn_b(inputs, 8)}\n{row}\n")
-    with pytest.raises(InputError, match=words) as caught:
-        adopt_tables([inputs, tmp_path / "results.csv"], campaign, tmp_path / "out")
+    with pytest.raises(InputError, match=pattern) as caught:
+        import_tables([inputs, tmp_path / "results.csv"], campaign, tmp_path / "out")
     assert caught.value.line == 3
 
 
@@ -410,7 +408,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("dialect", FOREIGN)
-def test_foreign_tables_are_judged_as_the_plain_one(dialect: str, tmp_path: Path) -> None:
+def test_foreign_dialects_give_the_same_verdicts(dialect: str, tmp_path: Path) -> None:
     table, campaign = drawn_table(tmp_path, digits=6)
     expected = adopt_table(table, campaign, tmp_path / "plain").manifest
     content = {**json.loads(campaign.read_text()), "columns": {}}
@@ -433,26 +431,26 @@ def test_foreign_tables_are_judged_as_the_plain_one(dialect: str, tmp_path: Path
             lines = [f"{i},{line}" for i, line in enumerate(lines, 1)][::-1]
     (tmp_path / "foreign.txt").write_text(FOREIGN[dialect].format(rows="\n".join(lines)))
     campaign.write_text(json.dumps(content))
-    found = adopt_table(tmp_path / "foreign.txt", campaign, tmp_path / "foreign").manifest
-    assert [item.words for item in found.requirements] == [
+    manifest = adopt_table(tmp_path / "foreign.txt", campaign, tmp_path / "foreign").manifest
+    assert [item.words for item in manifest.requirements] == [
         item.words for item in expected.requirements
     ]
     ours, theirs = read_flown(tmp_path / "plain"), read_flown(tmp_path / "foreign")
     assert np.array_equal(ours.samples["a"], theirs.samples["a"])
-    metrics = [each.flights["system"].metrics["miss"] for each in (ours, theirs)]
+    metrics = [results.flights["system"].metrics["miss"] for results in (ours, theirs)]
     assert metrics[1] == pytest.approx(metrics[0], rel=1e-12)
 
 
 def test_columns_name_inputs_and_metrics_of_a_table(tmp_path: Path) -> None:
     table, campaign = drawn_table(tmp_path)
     content = json.loads(campaign.read_text())
-    for columns, words in (
+    for columns, pattern in (
         ({"mis": "x"}, "did you mean 'miss'"),
         ({"miss": "x"}, "no column 'x'"),
         ({"outcome": "y"}, "no column 'y'"),
     ):
         campaign.write_text(json.dumps({**content, "columns": columns}))
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=pattern):
             adopt_table(table, campaign, tmp_path / "out")
 
 
@@ -462,14 +460,14 @@ def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_p
     first = adopt_table(table, campaign, out)
     files = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     assert adopt_table(table, campaign, out).manifest == first.manifest
-    kept = {path: path.read_bytes() for path in files if path.name != ".lock"}
-    assert kept.items() <= files.items()
+    contents = {path: path.read_bytes() for path in files if path.name != ".lock"}
+    assert contents.items() <= files.items()
     (block,) = (out / "flights").iterdir()
     block.write_bytes(b"damaged")
     assert adopt_table(table, campaign, out).manifest.digest == first.manifest.digest
     assert block.read_bytes() == files[block]
     text = table.read_text()
-    for change, words in (
+    for change, pattern in (
         (
             lambda: table.write_text(text.replace(text.split(",")[-1].strip(), "14.9")),
             "of another table",
@@ -478,7 +476,7 @@ def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_p
         (lambda: drawn_table(tmp_path, lambda values: values[:59]), "runs: 60 -> 59"),
     ):
         change()
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=pattern):
             adopt_table(table, campaign, out)
     assert adopt_table(table, campaign, out, fresh=True).manifest.runs_done == 59
 
@@ -486,7 +484,7 @@ def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_p
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
-from abhv_mc.execution import adopt, flight_tables
+from abhv_mc.execution import flight_tables, table_import
 from abhv_mc.folder import layout
 
 left, flight_tables._ROWS = int(sys.argv[4]), 25
@@ -500,13 +498,13 @@ def killed(*_):
 layout.atomic_write = (lambda put: lambda *of: (killed(), put(*of))[1])(layout.atomic_write)
 with layout.recording(killed):
     table, *others = map(Path, sys.argv[1:4])
-result = adopt.adopt_tables([table], *others)
+result = table_import.import_tables([table], *others)
 print(result.manifest.state, result.manifest.digest)
 """
 
 
 @pytest.mark.thorough
-def test_an_import_that_is_killed_at_any_file_goes_on_to_the_same_digest(tmp_path: Path) -> None:
+def test_an_import_killed_at_any_file_resumes_to_the_same_digest(tmp_path: Path) -> None:
     table, campaign = drawn_table(tmp_path)
     pq.write_table(pc.read_csv(table), parquet := tmp_path / "drawn.parquet")
     expected = adopt_table(table, campaign, tmp_path / "once").manifest
@@ -525,9 +523,7 @@ def test_an_import_that_is_killed_at_any_file_goes_on_to_the_same_digest(tmp_pat
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["s_manoeuvre", "wide"])
-def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_same(
-    name: str, tmp_path: Path
-) -> None:
+def test_exported_flights_of_a_vehicle_have_the_same_verdicts(name: str, tmp_path: Path) -> None:
     path = shipped_folder() / "campaigns" / f"{name}.yaml"
     ours = run_campaign(Request(path, tmp_path / "ours", runs=48, workers=2)).manifest
     campaign, table = read_campaign(path, runs=48), tmp_path / "flights.csv"
@@ -551,8 +547,8 @@ def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_sam
             for each in required
         },
         "outcomes": {
-            code: words
-            for code, words in OUTCOMES.sentences.items()
+            code: sentence
+            for code, sentence in OUTCOMES.sentences.items()
             if code not in ("ok", "failed_to_run")
         },
         "requirements": entries,
@@ -560,16 +556,18 @@ def test_our_own_flights_adopted_by_a_campaign_that_knows_no_vehicle_say_the_sam
     (tmp_path / "adopted.yaml").write_text(json.dumps(content))
     adopted = adopt_table(table, tmp_path / "adopted.yaml", tmp_path / "adopted").manifest
     for ours_or_shown in ("requirements", "requirements_shown"):
-        found, expected = ([(each.verdict, each.failures, each.flights) for each in getattr(manifest, ours_or_shown)]
+        actual, expected = ([(each.verdict, each.failures, each.flights) for each in getattr(manifest, ours_or_shown)]
                            for manifest in (adopted, ours))  # fmt: skip
-        assert found == expected
-    one, two = (
-        plain(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
+        assert actual == expected
+    computed, imported = (
+        json_data(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")
     )
     advice = (
         "words",
         "advice",
-    )  # how a verdict would stand with more flights, which nothing here can fly
+    )  # advice on further flights, which cannot be computed here
     assert not [
-        d for d in differences(one, two) if d.partition(":")[0].rpartition(".")[2] not in advice
+        d
+        for d in find_differences(computed, imported)
+        if d.partition(":")[0].rpartition(".")[2] not in advice
     ]

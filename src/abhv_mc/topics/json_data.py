@@ -10,25 +10,25 @@ import numpy as np
 DRAWN = "drawn"  # metadata of a field that serves figures only and is not in JSON
 
 
-def plain(value: Any) -> Any:
+def json_data(value: Any) -> Any:
     """Return a value as JSON data; infinite and missing numbers become None.
 
     Fields marked ``DRAWN`` are left out.
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {
-            item.name: plain(getattr(value, item.name))
+            item.name: json_data(getattr(value, item.name))
             for item in fields(value)
             if not item.metadata.get(DRAWN)
         }
     if hasattr(value, "_asdict"):  # a named tuple
         value = value._asdict()
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_data(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_data(item) for item in value]
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return json_data(value.tolist())
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""What a campaign can show before it flies: flights needed, and the chance of PASS against the true failure rate."""
+"""Chances of PASS of a planned campaign over the true failure rate, and the flights it needs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pa
 from abhv_mc.statistics.unknowns import most_points, search_flights
 from abhv_mc.topics.missed_requirements import limit_words
 
-TIMES = (1, 2, 4)  # the planned number of flights
-# True failure rates over the allowed one, a fifth and the whole of it among them.
+RUN_FACTORS = (1, 2, 4)  # multiples of the planned number of flights
+# True failure rates over the allowed one; 0.2 and 1 are among them.
 _RATES = np.concatenate(
     [
         [0.0],
@@ -27,16 +27,16 @@ _RATES = np.concatenate(
 
 @dataclass(frozen=True)
 class PassChance:
-    """Chance of PASS [rate] at some flight up to so many, for one who looks after each, and at that number itself."""
+    """Chance of PASS [rate] for a number of flights."""
 
     runs: int
-    at_some_flight: Floats
-    at_runs: Floats
+    at_some_flight: Floats  # if verdicts are checked after each flight up to ``runs``
+    at_runs: Floats  # if they are checked once, after ``runs`` flights
 
 
 @dataclass(frozen=True)
 class PlannedRequirement:
-    """What one requirement needs."""
+    """Flights and chances of PASS of one requirement."""
 
     metric: str
     words: str
@@ -50,15 +50,15 @@ class PlannedRequirement:
 
 @dataclass(frozen=True)
 class Band:
-    """Bounds of a chance [rate]."""
+    """Lower and upper bounds of a chance [rate]."""
 
     low: Floats
     high: Floats
 
 
 @dataclass(frozen=True)
-class Together:
-    """Chance that all requirements PASS."""
+class JointPassChance:
+    """Bounds of the chance that all requirements PASS."""
 
     runs: int
     at_some_flight: Band
@@ -67,7 +67,7 @@ class Together:
 
 @dataclass(frozen=True)
 class Planned:
-    """For each requirement, and for all of them together, flights and chances of PASS."""
+    """Flights and chances of PASS of a planned campaign, for each requirement and for all."""
 
     name: str
     runs: int
@@ -75,29 +75,27 @@ class Planned:
     stops_when_proven: bool
     family_risk: float | None
     verdicts: int
-    rates_over_allowed: (
-        Floats  # [rate] the true failure rate divided by what the requirement allows
-    )
+    rates_over_allowed: Floats  # [rate] true failure rates divided by the allowed one
     requirements: tuple[PlannedRequirement, ...]
-    together: tuple[Together, ...]
+    together: tuple[JointPassChance, ...]
     problems: Sequence[str]
-    most_points: int = 1  # of the unknowns, at each of which every controller flies as many
-    search_flights: int = 0  # of all controllers, before these
+    most_points: int = 1  # points of the unknowns, each with ``runs`` flights of each controller
+    search_flights: int = 0  # flights of the search for points, of all controllers
 
 
 def plan_campaign(campaign: Experiment) -> Planned:
-    """What a campaign with requirements can show at its planned number of flights, and at two and four times that."""
+    """Return the chances of PASS at the planned number of flights, its double and its fourfold."""
     model, runs = campaign.model, campaign.runs_at_point
     verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []
     for item in campaign.requirements:
-        # Where a family is held, each verdict is planned with its share of the risk: Holm's first step.
+        # With a joint risk each verdict is planned with its share, the first step of Holm's procedure.
         risk = (
             min(item.consumer_risk, model.family.risk / verdicts)
             if model.family
             else item.consumer_risk
         )
-        asked = item.probability, risk
+        target = item.probability, risk
         rates = np.minimum(_RATES * (1.0 - item.probability), 1.0)
         requirements.append(
             PlannedRequirement(
@@ -106,10 +104,10 @@ def plan_campaign(campaign: Experiment) -> Planned:
                 item.probability,
                 item.consumer_risk,
                 risk,
-                {str(k): flights_to_pass(k, *asked) for k in PLANNED_FAILURES},
-                most_failures(runs, *asked),
-                tuple(PassChance(n, ever_chance(n, *asked, rates), pass_chance(n, *asked, rates))
-                      for n in (times * runs for times in TIMES)),
+                {str(k): flights_to_pass(k, *target) for k in PLANNED_FAILURES},
+                most_failures(runs, *target),
+                tuple(PassChance(n, ever_chance(n, *target, rates), pass_chance(n, *target, rates))
+                      for n in (times * runs for times in RUN_FACTORS)),
             )
         )  # fmt: skip
     return Planned(
@@ -122,7 +120,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
         _RATES,
         tuple(requirements),
         tuple(
-            Together(
+            JointPassChance(
                 chances[0].runs,
                 Band(*together([chance.at_some_flight for chance in chances])),
                 Band(*together([chance.at_runs for chance in chances])),
@@ -135,10 +133,10 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """The most points of the unknowns that are judged, and the flights of the search that finds them."""
-    unknowns, asked = len(campaign.unknowns.names), len(campaign.requirements)
+    """Return the largest number of judged points of the unknowns and the flights of their search."""
+    unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0
     controllers = len(campaign.controllers)
-    searched = controllers * search_flights(unknowns, asked, campaign.runs_at_point)
-    return most_points(unknowns, controllers * asked), searched
+    search_runs = controllers * search_flights(unknowns, requirements, campaign.runs_at_point)
+    return most_points(unknowns, controllers * requirements), search_runs

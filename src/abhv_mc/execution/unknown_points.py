@@ -1,4 +1,4 @@
-"""Select the points of the unknown parameters at which requirements are judged."""
+"""Selection of the points of the unknown parameters at which requirements are judged."""
 
 import sys
 from collections.abc import Mapping
@@ -28,16 +28,16 @@ from abhv_mc.statistics.unknowns import (
 )
 
 
-def name_points(
+def select_points(
     campaign: Experiment,
     plans: Mapping[str, Plan],
     workers: int | None,
     baseline: Unknowns | None = None,
 ) -> Experiment:
-    """Return the campaign with the points that a search of each controller finds, and those of a baseline in its box.
+    """Return the campaign with the points found by a search for each controller.
 
-    A campaign without unknowns, or with points of its own, is returned as it is. The flights of the search are not
-    judged.
+    Points of a baseline that lie within the box are added. A campaign without unknowns, or whose
+    file has points, is returned unchanged. The flights of the search are not judged.
     """
     unknowns = campaign.unknowns
     if not unknowns.names or campaign.model.points is not None:
@@ -61,17 +61,20 @@ def name_points(
                 searches.append(
                     search_worst(evaluate, number, make_generator(campaign.seed, name, "unknowns"))
                 )
-    others = None
+    baseline_points = None
     if baseline is not None:
-        places = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
-        places = np.round(places, 12)  # the box's own corners and centre stay what they are
-        others = places[np.all(np.abs(places) <= 1.0, axis=1)]
-    chosen = choose_points(number, searches, others)
+        scaled = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
+        scaled = np.round(scaled, 12)  # corners and centre of the box stay exact
+        baseline_points = scaled[np.all(np.abs(scaled) <= 1.0, axis=1)]
+    chosen = choose_points(number, searches, baseline_points)
     return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches, size))
 
 
 def with_points(campaign: Experiment, points: object) -> Experiment:
-    """The campaign judged at ``points``, as a folder's campaign file has them; None: as it is."""
+    """Return the campaign judged at ``points`` of a folder's campaign file.
+
+    Without points, or if the campaign file has points, return the campaign unchanged.
+    """
     if points is None or campaign.model.points is not None:
         return campaign
     data = {**campaign.document.entries, "points": points}
@@ -81,12 +84,12 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
 def _evaluate(
     campaign: Experiment, name: str, executor: FlightRunner, progress: Progress, points: Floats
 ) -> Trial:
-    """Simulate the flights of the search at each point [point, unknown] of the box."""
+    """Simulate the flights of the search at ``points`` [point, unknown] of the box."""
     rows = campaign.search_rows(
         search_size(campaign.runs_at_point), campaign.unknowns.values(points)
     )
     margins = campaign.model.margins is not None
-    block = simulate(campaign, name, rows, None, executor.fly_side_by_side, margins=margins)
+    block = simulate(campaign, name, rows, None, executor.fly_parallel, margins=margins)
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]
     trials = []
@@ -95,7 +98,7 @@ def _evaluate(
         early = item.early_is_failure & (block.outcome != Outcome.OK)
         severity = item.limits.worse(values)
         severity = np.where(np.isnan(severity) | early, np.inf, severity).reshape(len(points), -1)
-        # The higher of two values, as there is none between a number and infinity.
+        # No interpolation, because values may be infinite.
         quantile = np.quantile(severity, SEARCH_QUANTILE, axis=1, method="higher")
         failures = item.limits.failures(values, early).reshape(severity.shape).sum(axis=1)
         trials.append((quantile, failures, severity.max(axis=1)))

@@ -1,4 +1,4 @@
-"""Import of a table of flights that another simulator computed into a campaign's folder."""
+"""Import of tables of flights, computed by another simulator, into a campaign's folder."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -31,18 +31,19 @@ from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.input_error import InputError
 
 
-def adopt_tables(
+def import_tables(
     tables: Sequence[Path], campaign_file: Path, out: Path | None = None, fresh: bool = False
 ) -> RunResult:
-    """Import flights into the folder of a campaign without a simulator, or finish doing so.
+    """Import flights into the folder of a campaign without a simulator, or resume the import.
 
-    One table holds a row per flight; of two, paired by flight, one holds the inputs and one the results. Requirements
-    get verdicts only if the inputs are independent draws as far as tests show. Raise InputError, with the row.
+    One table has a row per flight. Two tables are paired by flight: one has the inputs, the other
+    the results. Requirements get verdicts only if tests do not reject that the inputs are
+    independent draws; otherwise they get estimates. Raise InputError, with the row.
     """
     campaign = read_campaign(campaign_file, runs=1)
     if campaign.can_rerun:
-        wish = "one with 'inputs', without a simulator"
-        raise campaign.document.error((), "a campaign whose flights abhv-mc computes", wish)
+        expected = "one with 'inputs', without a simulator"
+        raise campaign.document.error((), "a campaign whose flights abhv-mc computes", expected)
     table = read_flight_tables(tables, campaign)
     samples, blocks, name = table.samples, list(table.blocks), tables[-1].name
     campaign = read_campaign(campaign_file, runs=len(samples))
@@ -70,10 +71,10 @@ def adopt_tables(
             manifest = make_manifest(campaign, inputs, {}, reasons)
             manifest = replace(manifest, files=files.listed())
             write_manifest(folder.manifest, manifest)
-        if manifest.complete and not _is_of(manifest, blocks):
-            found = "a folder that holds the flights of another table"
-            raise InputError(folder.root, found, "another folder (-o DIR), or --fresh")
-        if not (manifest.complete and _is_whole(folder, files)):
+        if manifest.complete and not _has_flights(manifest, blocks):
+            problem = "a folder that holds the flights of another table"
+            raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
+        if not (manifest.complete and _is_undamaged(folder, files)):
             _write_blocks(folder, files, campaign, blocks, name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
@@ -81,7 +82,7 @@ def adopt_tables(
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:
-    """Return the campaign as one whose flights are no independent draws."""
+    """Return the campaign with `independent: no`, so that requirements get estimates."""
     data = campaign.document.entries
     document = replace(campaign.document, data={**data, "independent": False})
     model = campaign.model.model_copy(update={"independent": False})
@@ -89,26 +90,27 @@ def _without_verdicts(campaign: Experiment) -> Experiment:
 
 
 def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> None:
-    """Raise InputError if a folder holds another campaign, or the inputs of another table."""
+    """Raise InputError if a folder holds another campaign or the inputs of another table."""
     before = read_folder_inputs(flown.folder, flown.manifest)
     changes = describe_changes(before, inputs, extensible=False)
     if flown.manifest.search:
         changes = ["the flights of a search"]
     elif not changes:
-        held = SampleReader(flown.folder.samples)
-        if not np.array_equal(held.rows(0, held.flights), samples):
+        stored = SampleReader(flown.folder.samples)
+        if not np.array_equal(stored.rows(0, stored.flights), samples):
             changes = ["samples: the inputs of another table"]
     if changes:
-        found = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
-        raise InputError(flown.folder.root, found, "another folder (-o DIR), or --fresh")
+        problem = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
+        raise InputError(flown.folder.root, problem, "another folder (-o DIR), or --fresh")
 
 
-def _is_of(manifest: Manifest, blocks: list[FlightRows]) -> bool:
-    """Return whether a complete folder holds these flights."""
+def _has_flights(manifest: Manifest, blocks: list[FlightRows]) -> bool:
+    """Return whether a complete folder holds exactly these flights, by their digest."""
     return manifest.digest == str(sum((block.digest() for block in blocks), Digest()))
 
 
-def _is_whole(folder: CampaignFolder, files: FileHashes) -> bool:
+def _is_undamaged(folder: CampaignFolder, files: FileHashes) -> bool:
+    """Return whether no listed file of flights is missing or damaged."""
     paths = [path for path in files.paths() if path.parent == folder.flights]
     return not any(files.damage(path) for path in paths)
 
@@ -120,7 +122,7 @@ def _write_blocks(
     blocks: list[FlightRows],
     source: str,
 ) -> None:
-    """Write the flights, in place of those of a run that was interrupted."""
+    """Write the flights; files of an interrupted import are deleted."""
     stale = list(folder.flights.glob("*.parquet"))
     files.forget(*stale)
     for path in stale:

@@ -1,4 +1,4 @@
-"""What every worker does with a block: fly it in calls of so many flights as fill the lanes, and join these."""
+"""Simulation of a block in batches that fill the lanes of the kernel."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 
-if TYPE_CHECKING:  # which a worker process need not import
+if TYPE_CHECKING:  # not imported by worker processes
     from abhv_mc.interfaces import Fly, Recorded
 
-AT_ONCE = 256  # flights of one call: enough for every lane, few enough to lose
+BATCH_FLIGHTS = 256  # flights of one call: they fill all lanes, and few are lost with a call
 
 
 def fly_in_batches(
@@ -19,9 +19,9 @@ def fly_in_batches(
     recorded: "Recorded",
     begin: Callable[[], None] = lambda: None,
 ) -> FlightBlock:
-    """Fly all rows; ``begin`` is called before each call of ``fly``."""
+    """Simulate all rows, and call ``begin`` before each call of ``fly``."""
     blocks = []
-    for first in range(0, max(1, len(parameters)), AT_ONCE):
+    for first in range(0, max(1, len(parameters)), BATCH_FLIGHTS):
         begin()
-        blocks.append(fly(plan, parameters[first : first + AT_ONCE], recorded))
+        blocks.append(fly(plan, parameters[first : first + BATCH_FLIGHTS], recorded))
     return blocks[0] if len(blocks) == 1 else join_blocks(blocks)

@@ -1,4 +1,4 @@
-"""What a campaign asks for heads the answer and rules the rest: a metric that is bad below, a band of two limits."""
+"""Effect of requirements on a report, for a metric with a lower limit and one with two limits."""
 
 import csv
 import json
@@ -25,7 +25,7 @@ LIMIT, LEAST, MOST = -0.9, 0.4, 2.3
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """Fly and report a campaign with one requirement: its folder, page, numbers, and the first controller's flights."""
+    """Run a campaign with one requirement; give folder, page, numbers and flights of 'one'."""
 
     def fly(requirement, half_width):
         folder = tmp_path_factory.mktemp("asked")
@@ -53,26 +53,26 @@ aero.lift: {{distribution: normal, sigma: 5 %}}}}"
 
 @pytest.fixture(scope="module")
 def low(flown):
-    """None of its flights is lost."""
+    """Run a campaign with a lower limit; no flight is lost."""
     return flown(f"{{metric: {LOW}, above: {LIMIT}, probability: 0.9}}", "5 %")
 
 
 @pytest.fixture(scope="module")
 def band(flown):
-    found = flown(f"{{metric: {BAND}, above: {LEAST}, below: {MOST}, probability: 0.5}}", "10 %")
-    values = found.one[BAND].to_numpy()
-    found.outside = np.where(
-        found.one["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf
+    campaign = flown(f"{{metric: {BAND}, above: {LEAST}, below: {MOST}, probability: 0.5}}", "10 %")
+    values = campaign.one[BAND].to_numpy()
+    campaign.outside = np.where(
+        campaign.one["outcome"] == "ok", np.maximum(LEAST - values, values - MOST), np.inf
     )
-    assert (values <= LEAST).any() and (values >= MOST).any() and (found.outside < 0.0).any()
-    return found
+    assert (values <= LEAST).any() and (values >= MOST).any() and (campaign.outside < 0.0).any()
+    return campaign
 
 
 def test_what_is_bad_below_heads_the_answer_and_its_smallest_value_is_the_worst(low):
     table, values = low.numbers["metrics"]["table"], low.one[LOW].to_numpy()
     assert low.numbers["metrics"]["asked"] == [LOW] and next(iter(table)) == LOW
-    found = low.numbers["verdicts"]["requirements"][0]["controllers"]["one"]
-    assert found["failures"] == (values <= LIMIT).sum() > 0
+    verdict = low.numbers["verdicts"]["requirements"][0]["controllers"]["one"]
+    assert verdict["failures"] == (values <= LIMIT).sum() > 0
     cell = table[LOW]["controllers"]["one"]
     assert (cell["worst_flight"], cell["worst"]) == (values.argmin(), values.min())
     assert low.numbers["comparison"]["pairs"]["one - two"]["metrics"][LOW]["winner"] == "one"
@@ -82,10 +82,12 @@ def test_what_is_bad_below_heads_the_answer_and_its_smallest_value_is_the_worst(
 
 def test_the_worst_flights_are_those_that_are_kept(low):
     for name, listed in low.numbers["flights"]["worst"].items():
-        kept = pq.read_table(
+        stored = pq.read_table(
             low.out / "histories", filters=[("controller", "=", name)], partitioning=None
         )["flight"]
-        assert {entry["flight"] for entry in listed} == set(kept.to_pylist()) and len(listed) == 20
+        assert {entry["flight"] for entry in listed} == set(stored.to_pylist()) and len(
+            listed
+        ) == 20
         values = [entry["metrics"][LOW] for entry in listed]
         assert values == sorted(values)
     assert low.numbers["flights"]["worst"]["one"][0]["flight"] == low.one[LOW].argmin()
@@ -93,29 +95,29 @@ def test_the_worst_flights_are_those_that_are_kept(low):
 
 def test_the_folder_says_what_is_bad_and_a_gate_takes_it_on_its_bad_side(low):
     schema = pq.read_schema(next(iter((low.out / "flights").glob("*.parquet"))))
-    words = schema.field(LOW).metadata
+    metadata = schema.field(LOW).metadata
     assert (
-        words[b"bad"] == b"low"
-        and words[b"unit"] == b"deg"
-        and words[b"label"] == b"Angle of attack, min"
+        metadata[b"bad"] == b"low"
+        and metadata[b"unit"] == b"deg"
+        and metadata[b"label"] == b"Angle of attack, min"
     )
     assert b"bad" not in schema.field(END_TIME.name).metadata
-    for crossed, shown in ((("two", "one"), True), (("one", "two"), False)):
+    for crossed, is_shown in ((("two", "one"), True), (("one", "two"), False)):
         (pair,) = compare(low.out, low.out, crossed, {LOW: 1e-6}).numbers()["paired"]
-        assert pair["not_worse"][LOW]["shown"] is shown
+        assert pair["not_worse"][LOW]["shown"] is is_shown
 
 
 def test_a_requirement_rules_the_side_of_a_declared_metric(tmp_path):
     declared = {"metrics": "{altitude_low_m: {of: altitude_m, statistic: min}}"}
-    asked = "[{metric: altitude_low_m, below: 20100 m, probability: 0.9}]"
-    campaign = read_campaign(write_campaign(tmp_path, requirements=asked, **declared))
+    requirements = "[{metric: altitude_low_m, below: 20100 m, probability: 0.9}]"
+    campaign = read_campaign(write_campaign(tmp_path, requirements=requirements, **declared))
     assert campaign.metrics["altitude_low_m"].bad == "high" and campaign.criteria[0].bad == "high"
 
 
 def test_margins_are_no_rare_event(tmp_path):
-    """Many flights share their values at both ends, where no level can grow."""
-    asked = "[{metric: gain_margin_min_db, above: 6, probability: 0.9}]"
-    path = write_campaign(tmp_path, requirements=asked, margins="{at: [trim], flights: all}")
+    """Many flights share the values at both ends, where levels cannot grow."""
+    requirements = "[{metric: gain_margin_min_db, above: 6, probability: 0.9}]"
+    path = write_campaign(tmp_path, requirements=requirements, margins="{at: [trim], flights: all}")
     with pytest.raises(InputError, match="many flights share the value 0 or 60"):
         find_rare(RareRequest(path, tmp_path / "out", "gain_margin_min_db"), ENGINE)
 
@@ -134,12 +136,12 @@ def test_whoever_is_on_either_side_of_the_band_fails(band):
 
 def test_the_report_ranks_and_bounds_by_the_distance_outside(band):
     (entry,) = band.numbers["verdicts"]["requirements"]
-    found, worst_first = entry["controllers"]["one"], np.sort(band.outside)[::-1]
+    verdict, worst_first = entry["controllers"]["one"], np.sort(band.outside)[::-1]
     assert "between 0.4 and 2.3" in entry["words"]
-    assert found["tolerance_limit"] == pytest.approx(
+    assert verdict["tolerance_limit"] == pytest.approx(
         worst_first[most_failures(len(worst_first), 0.5, 0.1)]
     )
-    assert found["room"] == pytest.approx(-found["tolerance_limit"] / 0.95)
+    assert verdict["room"] == pytest.approx(-verdict["tolerance_limit"] / 0.95)
     cell = band.numbers["verdicts"]["glance"][0]["cells"]["one"]
     assert cell["median"] == pytest.approx(np.percentile(band.outside, 50.0, method="nearest"))
     listed = [item["flight"] for item in band.numbers["flights"]["worst"]["one"]]

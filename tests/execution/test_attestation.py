@@ -1,11 +1,11 @@
-"""Blocks say who flew them; a stranger is refused by name."""
+"""Blocks name the worker that computed them; workers with other code are rejected by name."""
 
 from dataclasses import replace
 
 import pytest
 from fake_flight import ENGINE, fly, make_plan, run, write_campaign
 
-from abhv_mc.execution.attest import Attestation, sign
+from abhv_mc.execution.attestation import Attestation, sign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.manifest import join_flyers, note_flyers
@@ -19,7 +19,7 @@ def flown(**changes):
     return replace(sign(fly(make_plan("one"), ROWS)), flown_by=(this_flyer()._replace(**changes),))
 
 
-def test_a_stranger_is_refused_by_name():
+def test_a_worker_with_other_code_is_rejected_by_name():
     attestation = Attestation(CHECKED)
     attestation.check(make_plan("one"), ROWS, flown())
     with pytest.raises(
@@ -27,7 +27,7 @@ def test_a_stranger_is_refused_by_name():
         match=r"worker at node7, process 12 has another version of the program .*source old",
     ):
         attestation.check(make_plan("one"), ROWS, flown(code="old", host="node7", process=12))
-    with pytest.raises(UnusableError, match="does not say which code"):
+    with pytest.raises(UnusableError, match="does not state its version"):
         attestation.check(make_plan("one"), ROWS, fly(make_plan("one"), ROWS))
 
 
@@ -37,24 +37,24 @@ def test_a_stranger_is_refused_by_name():
 def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
     Attestation(CHECKED).check(
         make_plan("one"), ROWS, flown(host="node7")
-    )  # of one kind: not flown again
+    )  # processors of one kind are not compared
     assert not capfd.readouterr().err
     attestation, block = Attestation(CHECKED, every), flown(**changes)
     for _ in range(2):
         attestation.check(make_plan("one"), ROWS, block)
-    assert capfd.readouterr().err.count("is the same here, bit for bit") == 1
+    assert capfd.readouterr().err.count("bit for bit") == 1
     wrong = replace(
         block,
         metrics=block.metrics * (1.0 + 4e-16),
         flown_by=(block.flown_by[0]._replace(process=1),),
     )
     with pytest.raises(
-        UnusableError, match=r"flies other bits than this machine .metrics of one flight of one"
+        UnusableError, match=r"computes other bits than this machine .metrics of one flight of one"
     ):
         Attestation(CHECKED, every).check(make_plan("one"), ROWS, wrong)
 
 
-def test_the_manifest_names_who_flew_what(tmp_path):
+def test_the_manifest_lists_the_workers_of_all_flights(tmp_path):
     campaign = write_campaign(tmp_path / "f")
     manifest = run(campaign, tmp_path / "out", CHECKED).manifest
     (entry,) = manifest.flown_by
@@ -63,18 +63,18 @@ def test_the_manifest_names_who_flew_what(tmp_path):
     assert entry.blocks == {"one": ((0, 300),), "two": ((0, 300),)}
 
 
-def test_flights_belong_to_who_flew_them_last():
-    here, there = this_flyer(), this_flyer()._replace(host="node7")
-    entries = note_flyers([], (here,), "one", 0, 64)
-    entries = note_flyers(entries, (here._replace(process=1),), "one", 64, 128)
-    entries = note_flyers(entries, (there,), "one", 32, 96)
+def test_flights_belong_to_their_last_worker():
+    first, second = this_flyer(), this_flyer()._replace(host="node7")
+    entries = note_flyers([], (first,), "one", 0, 64)
+    entries = note_flyers(entries, (first._replace(process=1),), "one", 64, 128)
+    entries = note_flyers(entries, (second,), "one", 32, 96)
     assert [(entry.host, entry.blocks["one"]) for entry in entries] == [
-        (here.host, ((0, 32), (96, 128))),
+        (first.host, ((0, 32), (96, 128))),
         ("node7", ((32, 96),)),
     ]
-    joined = join_flyers([*entries, *note_flyers([], (there,), "one", 128, 160)])
+    joined = join_flyers([*entries, *note_flyers([], (second,), "one", 128, 160)])
     assert [entry.blocks["one"] for entry in joined] == [
         ((0, 32), (96, 128)),
         ((32, 96), (128, 160)),
     ]
-    assert note_flyers(joined, (here,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}
+    assert note_flyers(joined, (first,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}

@@ -1,0 +1,83 @@
+"""Attestation of blocks: each names the process that computed it, whose code is checked."""
+
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.execution.retry import UnusableError
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.identity import Flyer, this_flyer
+
+if TYPE_CHECKING:  # not imported by worker processes
+    from abhv_mc.interfaces import Engine
+
+Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
+
+
+def sign(block: FlightBlock) -> FlightBlock:
+    """Return the block with this process recorded as the one that computed it."""
+    return replace(block, flown_by=(this_flyer(),))
+
+
+class Attestation:
+    """Check of the code and results of workers; thread-safe."""
+
+    def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
+        """Prepare the check.
+
+        One flight of each host with another kind of processor is computed again here, or of each
+        worker if ``every_worker``.
+        """
+        self._engine, self._every = engine, every_worker
+        self._seen: set[Any] = set()
+        self._lock = threading.Lock()
+
+    def check(self, plan: FlightPlan, parameters: Floats, block: FlightBlock) -> FlightBlock:
+        """Return the block unchanged.
+
+        Raise UnusableError, which names the worker, if its code or the bits of its results differ.
+        """
+        if self._engine.checked and not block.flown_by:
+            raise UnusableError(
+                "a worker does not state its version of the program: restart it with the campaign's"
+            )
+        for flyer in block.flown_by:
+            if self._engine.checked and flyer.code != self._engine.source:
+                raise UnusableError(
+                    f"the worker at {flyer.name} has another version of the program (source "
+                    f"{flyer.code}, the campaign's is {self._engine.source}): restart it with the "
+                    "campaign's"
+                )
+            with self._lock:
+                worker = flyer if self._every else flyer._replace(process=0)
+                is_due = worker not in self._seen and (
+                    self._every or flyer.features != this_flyer().features
+                )
+                self._seen.add(worker)
+            if is_due and len(parameters):
+                self._compare(plan, parameters[:1], block, flyer)
+        return block
+
+    def _compare(
+        self, plan: FlightPlan, parameters: Floats, block: FlightBlock, flyer: Flyer
+    ) -> None:
+        """Compute the block's first flight here. Raise UnusableError if any bit differs."""
+        reference = self._engine.fly(plan, parameters, None)
+        for name in ("outcome", "end_time", "metrics"):
+            if not np.array_equal(
+                getattr(reference, name)[0], getattr(block, name)[0], equal_nan=name != "outcome"
+            ):
+                raise UnusableError(
+                    f"the worker at {flyer.name} ({flyer.processor}) computes other bits than this "
+                    f"machine ({name} of one flight of {plan.controller})"
+                )
+        print(
+            f"worker at {flyer.name}: a flight computed here is equal, bit for bit",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -1,0 +1,116 @@
+"""Minimization of an objective under constraints with CMA-ES.
+
+All candidates are scored with the same random numbers, so that their differences are not due to
+chance. CMA-ES needs only the order of candidates: feasible ones come first, by their objective, and
+the others follow by their constraint violation (K. Deb, "An efficient constraint handling method
+for genetic algorithms", Computer Methods in Applied Mechanics and Engineering 186 (2000)). A search
+overfits its flights, so the result must be compared with the start on other flights.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import make_generator
+
+_STALE = 15  # generations without a better candidate before a restart at the best one
+_SMALL = 0.3  # first step after a restart, as a fraction of the initial one
+
+
+class Scores(NamedTuple):
+    """Scores of candidates on the common flights; infinite if they cannot be computed."""
+
+    objective: Floats  # [candidate], minimized
+    excess: Floats  # [candidate, limit]: violation if positive, relative to the limit or its scale
+    usage: Floats  # [candidate]: control effort, the second objective of the Pareto front
+
+    @property
+    def allowed(self) -> NDArray[np.bool_]:
+        """Mask [candidate] of those that violate no limit."""
+        return np.isfinite(self.objective) & np.all(self.excess <= 0.0, axis=1)
+
+    def rank(self) -> NDArray[np.intp]:
+        """Return the rank [candidate], 0 for the best; equal candidates have equal ranks."""
+        broken = np.where(np.isfinite(self.excess), np.maximum(self.excess, 0.0), np.inf).sum(
+            axis=1
+        )
+        broken = np.where(np.isfinite(self.objective), broken, np.inf)
+        within = np.where(self.allowed, self.objective, 0.0)
+        pairs = np.column_stack([broken, within])
+        _, ranks = np.unique(pairs, axis=0, return_inverse=True)
+        return ranks.reshape(-1)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Candidates of a search, with the best one."""
+
+    best: int  # index of the best candidate; the start is candidate 0
+    points: Floats  # [candidate, dimension] of the box -1 to 1
+    scores: Scores
+
+    @property
+    def best_point(self) -> Floats:
+        """Point [dimension] of the best candidate."""
+        return self.points[self.best]
+
+    @property
+    def front(self) -> NDArray[np.intp]:
+        """Feasible candidates on the Pareto front of objective and usage, sorted by usage."""
+        allowed = np.flatnonzero(self.scores.allowed)
+        return allowed[
+            pareto_front(np.column_stack([self.scores.usage, self.scores.objective])[allowed])
+        ]
+
+
+def pareto_front(costs: Floats) -> NDArray[np.intp]:
+    """Return the non-dominated rows of ``costs`` [candidate, 2], sorted by the first column."""
+    order = np.lexsort((costs[:, 1], costs[:, 0]))
+    lowest = np.minimum.accumulate(np.append(np.inf, costs[order, 1]))[:-1]
+    return order[costs[order, 1] < lowest]
+
+
+def tune(
+    measure: Callable[[Floats], Scores],
+    start: Floats,
+    candidates: int,
+    seed: int = 0,
+    step: float = 0.25,
+    population: int = 16,
+) -> Tuning:
+    """Search the box -1 to 1 from ``start`` [dimension].
+
+    ``measure`` scores candidates [candidate, dimension], of which there are at most ``candidates``,
+    including the start. ``step`` is the initial standard deviation.
+    """
+    from cmaes import CMA
+
+    dimension = len(start)
+    points = start[None, :]
+    scores = measure(points)
+    # CMA-ES needs two dimensions; a single one gets a second without effect.
+    bounds = np.tile([-1.0, 1.0], (max(dimension, 2), 1))
+    cma: CMA | None = None
+    starts, stale, best = 0, 0, 0
+    while len(points) + population <= candidates:
+        if cma is None or cma.should_stop() or stale >= _STALE:
+            mean = np.zeros(max(dimension, 2))
+            mean[:dimension] = points[best]
+            number = int(make_generator(seed, starts).integers(2**32))
+            sigma = step if starts == 0 else step * _SMALL
+            cma = CMA(
+                mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population
+            )
+            starts, stale = starts + 1, 0
+        generation = np.array([cma.ask() for _ in range(population)])
+        new_scores = measure(generation[:, :dimension])
+        cma.tell(list(zip(generation, new_scores.rank().astype(float).tolist(), strict=True)))
+        points = np.concatenate([points, generation[:, :dimension]])
+        scores = Scores(*map(np.concatenate, zip(scores, new_scores, strict=True)))
+        best, before = int(np.argmin(scores.rank())), best
+        stale = stale + 1 if best == before else 0
+    return Tuning(best, points, scores)
