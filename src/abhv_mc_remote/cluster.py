@@ -32,7 +32,7 @@ from abhv_mc.folder.plan_file import flatten
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Engine, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.jit import tell_compiling
+from abhv_mc.kernel.jit import set_compile_listener
 from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
 from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
 from abhv_mc.user_code.c_source import refuse_platform
@@ -88,7 +88,7 @@ def fly_remote(
             fly.__qualname__,
         )
         if kind not in _warm:
-            tell_compiling(_report_compiling)
+            set_compile_listener(_report_compiling)
             fly(
                 plan, nominal_parameters(), None
             )  # loads or compiles, which must not count as flight time

@@ -181,7 +181,8 @@ def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, para
         METRICS, source_rows(NO_SOURCES)
     )  # in the lean loop, and the repeated ones not
     assert (
-        counted.lean.place.tolist() == list(range(len(METRICS))) and not counted.programs.place.size
+        counted.lean.column.tolist() == list(range(len(METRICS)))
+        and not counted.programs.column.size
     )
     entries = {f"own_{metric.name}": repeat(metric) for metric in METRICS}
     entries |= {

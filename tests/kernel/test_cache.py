@@ -1,4 +1,4 @@
-"""Where compiled code is kept: never stale, and compiled once; it uses the whole width of a processor's vectors."""
+"""Cache of compiled code: never stale, compiled once; and the full width of a processor's vectors."""
 
 import contextlib
 import errno
@@ -19,7 +19,7 @@ import pytest
 from abhv_mc.kernel import cache, jit
 from abhv_mc.kernel.compiler_target import code_folder, find_features
 
-WORDS = (
+DESCRIPTIONS = (
     "flight/metrics.py",
     "flight/channels.py",
     "flight/outcome.py",
@@ -28,14 +28,14 @@ WORDS = (
 )
 
 
-def test_any_change_to_what_is_compiled_changes_the_hash_and_no_other(source, monkeypatch):
+def test_only_changes_of_compiled_source_change_the_hash(source, monkeypatch):
     before = cache.source_hash()
     monkeypatch.setattr(cache, "_PACKAGE", source / "kernel")
-    for name in WORDS:  # labels, messages, units, docs
+    for name in DESCRIPTIONS:  # labels, messages, units, docs
         (source / name).write_bytes((source / name).read_bytes() + b"#")
     assert (
         cache.source_hash() == before and cache.source_unchanged()
-    )  # the place does not matter either
+    )  # nor does the location matter
     for changed in sorted((source / "kernel").rglob("*.py")):
         changed.write_bytes(changed.read_bytes() + b"#")
         assert cache.source_hash() != before and not cache.source_unchanged(), changed
@@ -51,7 +51,7 @@ SETTINGS = {
 }
 
 
-def test_what_changes_the_code_changes_its_folder(monkeypatch, tmp_path):
+def test_settings_that_change_the_code_change_its_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folders = {code_folder("private"), code_folder("public")}
     for name, value in SETTINGS.items():
@@ -72,48 +72,48 @@ def test_what_changes_the_code_changes_its_folder(monkeypatch, tmp_path):
 
 
 def enter_beside(folder):
-    """What a second thread and then this one, which came first, say: it goes on when the second is inside or waits."""
-    said, seen = [], threading.Event()
+    """Return the order of events of two threads; the first continues if the second is inside or waits."""
+    events, entered = [], threading.Event()
 
     @contextlib.contextmanager
     def waiting():
-        said.append("waits")
-        seen.set()
+        events.append("waits")
+        entered.set()
         yield
 
     def second():
-        with cache.one_compiles(folder, "fly", waiting):
-            said.append("second")
-            seen.set()
+        with cache.compilation_lock(folder, "fly", waiting):
+            events.append("second")
+            entered.set()
 
-    with cache.one_compiles(folder, "fly", waiting):
+    with cache.compilation_lock(folder, "fly", waiting):
         thread = threading.Thread(target=second)
         thread.start()
-        assert seen.wait(60.0)
-        said.append("first")
+        assert entered.wait(60.0)
+        events.append("first")
     thread.join()
-    return said
+    return events
 
 
-def test_only_who_has_to_compile_waits_and_says_so(tmp_path):
+def test_only_a_process_that_has_to_compile_waits(tmp_path):
     (tmp_path / "lanes.fly_on-7.py311.nbi").touch()  # other kernels
     (tmp_path / "lanes._fly-7.py311.nbi").touch()
     assert enter_beside(tmp_path) == ["waits", "first", "second"]
-    kept = tmp_path / "lanes.fly-7.py311.nbi"
-    with cache.one_compiles(str(tmp_path), "fly"):
-        kept.write_text("machine code")
-    assert enter_beside(tmp_path) == ["second", "first"] and kept.exists()
-    kept.write_text("nachine code")
-    assert enter_beside(tmp_path) == ["waits", "first", "second"] and not kept.exists()
+    compiled = tmp_path / "lanes.fly-7.py311.nbi"
+    with cache.compilation_lock(str(tmp_path), "fly"):
+        compiled.write_text("machine code")
+    assert enter_beside(tmp_path) == ["second", "first"] and compiled.exists()
+    compiled.write_text("nachine code")
+    assert enter_beside(tmp_path) == ["waits", "first", "second"] and not compiled.exists()
     assert (tmp_path / "lanes._fly-7.py311.nbi").exists()
 
 
-NO_FOLDER = "/dev/null/none"  # which nobody can make
+NO_FOLDER = "/dev/null/none"  # cannot be created
 
 
 @pytest.fixture
 def bare(monkeypatch, tmp_path):
-    """A container: an unknown user without a home; its folder for temporary files."""
+    """Environment of a container with an unknown user without a home; return its temporary folder."""
 
     def refuse(_):
         raise KeyError
@@ -129,7 +129,7 @@ def bare(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME"])
-def test_the_first_folder_that_can_be_written_holds_the_cache(monkeypatch, tmp_path, bare, name):
+def test_the_cache_is_in_the_first_writable_folder(monkeypatch, tmp_path, bare, name):
     names = ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME"]
     for other in names[: names.index(name)]:
         monkeypatch.setenv(other, NO_FOLDER)
@@ -151,7 +151,7 @@ def test_without_a_home_the_cache_is_a_private_temporary_folder(monkeypatch, bar
 
 
 @pytest.mark.parametrize("kind", ["link", "open", "file"])
-def test_a_temporary_folder_that_others_may_have_made_is_not_used(monkeypatch, bare, kind):
+def test_a_temporary_folder_of_another_user_is_not_used(monkeypatch, bare, kind):
     if kind == "link":
         (bare.parent / "elsewhere").mkdir(mode=0o700)
         bare.symlink_to("elsewhere")
@@ -177,7 +177,7 @@ def test_a_file_system_without_locks_keeps_compiled_code(monkeypatch, tmp_path):
         raise OSError(errno.ENOSYS, "Function not implemented")
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with cache.one_compiles(tmp_path, "fly"):
+    with cache.compilation_lock(tmp_path, "fly"):
         (tmp_path / "lanes.fly-7.py311.nbi").write_text("machine code")
     assert cache.is_noted(tmp_path, "fly")
 
@@ -217,7 +217,7 @@ class Features(dict):
 
 
 @pytest.mark.parametrize(
-    ("features", "chosen", "found"),
+    ("features", "chosen", "expected"),
     [
         ({"avx2": True, "avx512f": True}, None, "+avx2,+avx512f,-prefer-256-bit"),
         ({"avx2": True, "avx512f": False}, None, None),  # left to numba
@@ -226,18 +226,18 @@ class Features(dict):
         ({"avx512f": True}, "CPU_FEATURES", None),
     ],
 )
-def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chosen, found):
+def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chosen, expected):
     monkeypatch.setattr(llvm, "get_host_cpu_features", lambda: Features(features))
     for name in ("CPU_NAME", "CPU_FEATURES"):
         monkeypatch.setattr(numba.config, name, "haswell" if name == chosen else None)
-    assert find_features() == found
+    assert find_features() == expected
 
 
 @pytest.mark.skipif(
     not llvm.get_host_cpu_features().get("avx512f"), reason="no 512-bit vectors here"
 )
-def test_machine_code_has_them():
-    @numba.njit  # not a kernel: of what comes from the cache, numba has no assembly code
+def test_machine_code_uses_512_bit_vectors():
+    @numba.njit  # not a kernel, as numba has no assembly code of cached functions
     def add(a, b):
         for i in range(a.size):
             a[i] += b[i]

@@ -1,4 +1,4 @@
-"""Compiled code does what the functions say; what is kept of it is never stale, and its making is announced."""
+"""Compiled functions agree with plain Python, are never stale in the cache, and report compilation."""
 
 import contextlib
 import errno
@@ -40,9 +40,9 @@ def run(code, source, cache, environment=os.environ):
 ADD_ONE = "from abhv_mc.kernel.jit import kernel\n@kernel\ndef call(x):\n    return x + 1.0\n"
 CALLER = """
 import contextlib
-from abhv_mc.kernel.jit import tell_compiling
+from abhv_mc.kernel.jit import set_compile_listener
 from abhv_mc.kernel.world.caller import call
-tell_compiling(lambda function, elsewhere: contextlib.nullcontext(print("compiling")))
+set_compile_listener(lambda function, elsewhere: contextlib.nullcontext(print("compiling")))
 print(call(1.0), call(2.0))
 """
 
@@ -58,13 +58,13 @@ def test_a_copy_of_the_source_elsewhere_loads_compiled_kernels(source, tmp_path)
 @pytest.mark.thorough
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own cache")
 def test_a_flipped_bit_in_the_cache_is_not_executed(source, tmp_path):
-    """It gave other numbers, killed the process or ended in a traceback, at each start until somebody deleted it."""
+    """Regression test: a damaged file gave wrong numbers, a crash or a traceback at each start."""
     (source / "kernel" / "world" / "caller.py").write_text(ADD_ONE)
     assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"]
-    for suffix, place in (("nbi", 0), ("nbc", 0.7), ("sha256", -1)):
+    for suffix, position in (("nbi", 0), ("nbc", 0.7), ("sha256", -1)):
         (file,) = (tmp_path / "cache").rglob(f"*call*.{suffix}")
         content = bytearray(file.read_bytes())
-        content[place if place in (0, -1) else int(place * len(content))] ^= 0x10
+        content[position if position in (0, -1) else int(position * len(content))] ^= 0x10
         file.write_bytes(content)
         assert run(CALLER, source, tmp_path / "cache") == ["compiling", "2.0", "3.0"], suffix
     other = CALLER.replace(
@@ -86,7 +86,7 @@ print(call(1.0))
 
 
 @pytest.mark.thorough
-def test_code_of_a_source_edited_meanwhile_is_not_kept(source, tmp_path):
+def test_code_of_a_source_edited_meanwhile_is_not_cached(source, tmp_path):
     (source / "kernel" / "world" / "caller.py").write_text(ADD_ONE)
     assert run(EDITED, source, tmp_path / "cache") == ["2.0"]
     assert not list((tmp_path / "cache").rglob("caller*.nbi"))
@@ -144,8 +144,8 @@ def numbers():
 
 
 @pytest.mark.parametrize("width", [1, 7, 16])
-def test_as_python(width):
-    """Bit for bit, through every depth of calls, for any number of lanes."""
+def test_compiled_code_agrees_with_python(width):
+    """Results agree bit for bit through nested calls, for any number of lanes."""
     compiled, plain = numbers(), numbers()
     for lane in range(width):
         plain[1, lane] = plain[0, lane] * plain[0, lane] * plain[0, lane] / (1.0 - plain[0, lane])
@@ -153,8 +153,8 @@ def test_as_python(width):
     np.testing.assert_array_equal(compiled, plain)
 
 
-def test_numbas_own_functions_may_call_ours():
-    """Everything that is called at any depth comes with it."""
+def test_numba_functions_may_call_inlined_ones():
+    """Functions called at any depth are linked."""
 
     @scalar
     def power_nine(x):
@@ -168,8 +168,8 @@ def test_numbas_own_functions_may_call_ours():
 
 
 @lanes
-def first(Z, width, wanted):
-    if wanted:
+def first(Z, width, is_needed):
+    if is_needed:
         cubes(Z, width)
     Z[1, 0] = 1.0
 
@@ -185,12 +185,12 @@ def both(Z, width):
     second(Z, width)
 
 
-def test_what_only_a_later_call_needs_is_linked():
-    """The first caller's branch is dead for this argument, so that nobody calls ``cube`` when it is linked."""
-    ours, wanted = numbers(), numbers()
-    both(ours, 16)
-    fly_cubes(wanted, 16)
-    np.testing.assert_array_equal(ours, wanted)
+def test_functions_that_only_a_later_call_needs_are_linked():
+    """The first caller's branch is dead for this argument, so ``cube`` has no caller when it is linked."""
+    linked, expected = numbers(), numbers()
+    both(linked, 16)
+    fly_cubes(expected, 16)
+    np.testing.assert_array_equal(linked, expected)
 
 
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own dispatcher")
@@ -210,8 +210,8 @@ def test_a_full_disk_is_no_fault(monkeypatch):
 
 
 @pytest.mark.skipif(jit.compiler() == "public", reason="numba's own dispatcher")
-def test_an_interrupt_while_numba_compiles_is_one(monkeypatch):
-    """LLVM's callback lost it, and numba then missed what it should have brought: 'a defect of abhv-mc'."""
+def test_an_interrupt_during_compilation_is_raised(monkeypatch):
+    """Regression test: LLVM's callback lost it, and numba failed with another error."""
 
     @kernel
     def third(x):
@@ -226,7 +226,7 @@ def test_an_interrupt_while_numba_compiles_is_one(monkeypatch):
     monkeypatch.setattr(numba.core.codegen.CPUCodeLibrary, "_finalize_final_module", lose)
     before = signal.signal(
         signal.SIGINT, signal.default_int_handler
-    )  # what was started in the background ignores it
+    )  # processes in the background ignore it
     try:
         with pytest.raises(KeyboardInterrupt):
             third(1.0)
@@ -238,11 +238,11 @@ BROKEN = """
 import warnings
 import numba.core.codegen
 {change}
-with warnings.catch_warnings(record=True) as said:
+with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     from abhv_mc.kernel import jit
     from abhv_mc.kernel.world.earth import WGS84, radii
-    print(jit.compiler(), len(said), radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5))
+    print(jit.compiler(), len(caught), radii(WGS84, 0.5) == radii.py_func(WGS84, 0.5))
 import subprocess, sys
 code = "from abhv_mc.kernel import jit; print(jit.compiler())"
 subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
@@ -257,10 +257,10 @@ subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
         "del numba.core.codegen.JITCodeLibrary",
         "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())",
     ],
-    ids=["as it is", "does not import", "does not compile"],
+    ids=["unchanged", "does not import", "does not compile"],
 )
-def test_where_numba_has_changed_its_public_interface_compiles(tmp_path, change):
-    """With one warning, and none from the processes that are started from there."""
+def test_the_public_interface_compiles_if_the_private_one_has_changed(tmp_path, change):
+    """There is one warning, and none in child processes."""
     environment = dict(os.environ)
     environment.pop("ABHV_MC_PUBLIC_NUMBA", None)
     expected = ["public", "1", "True", "public"] if change else ["private", "0", "True", "private"]
@@ -268,7 +268,7 @@ def test_where_numba_has_changed_its_public_interface_compiles(tmp_path, change)
 
 
 def test_numba_is_imported_when_something_compiles():
-    """Reports and campaigns of other simulators compile nothing: the import would be a fifth of their start."""
+    """Reports and custom simulators compile nothing; the import would be a fifth of their start."""
     code = (
         "import sys\n"
         "import abhv_mc.execution.table_import, abhv_mc.execution.runner, abhv_mc.report.pages.build\n"

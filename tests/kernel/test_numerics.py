@@ -1,4 +1,4 @@
-"""Quaternions against scipy's rotations, Brent's method against scipy's, and MRG32k3a with its seeding."""
+"""Quaternions and Brent's method against scipy, and MRG32k3a with its seeding."""
 
 import math
 
@@ -28,7 +28,7 @@ COMPONENTS = st.floats(-1e3, 1e3)
 
 
 @given(ANGLES, PITCHES, ANGLES, COMPONENTS, COMPONENTS, COMPONENTS)
-def test_rotations_are_scipys(
+def test_rotations_agree_with_scipy(
     yaw: float, pitch: float, roll: float, x: float, y: float, z: float
 ) -> None:
     q = quaternion.from_euler(yaw, pitch, roll)
@@ -103,7 +103,7 @@ def holed(x: float, a: float, b: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("function", "low", "high", "found"),
+    ("function", "low", "high", "expected"),
     [
         (cubic, 2.0, 5.0, (2.0, 0, NO_SIGN_CHANGE)),  # the end with the smaller residual
         (cubic, 5.0, 2.0, (2.0, 0, NO_SIGN_CHANGE)),
@@ -114,12 +114,12 @@ def holed(x: float, a: float, b: float) -> float:
     ],
 )
 def test_an_end_that_needs_no_search(
-    function: numba.core.dispatcher.Dispatcher, low, high, found
+    function: numba.core.dispatcher.Dispatcher, low, high, expected
 ) -> None:
-    assert brent(function, (1.0, 0.0), low, high, 1e-9, 100) == found
+    assert brent(function, (1.0, 0.0), low, high, 1e-9, 100) == expected
 
 
-def test_a_search_that_fails_says_why() -> None:
+def test_a_failed_search_returns_its_status() -> None:
     assert brent(flat, (0.123, 0.0), -5.0, 7.0, 1e-12, 6)[1:] == (6, OUT_OF_ITERATIONS)
     assert brent(holed, (0.0, 0.0), -1.0, 1.0, 1e-9, 100)[2] == NOT_A_NUMBER
 
@@ -137,8 +137,8 @@ def _words(seed: float) -> np.ndarray:
     return np.array([seed_word(seed, float(i), M1 if i < 3 else M2) for i in range(6)])
 
 
-def test_the_published_sequence_and_the_same_recurrence_in_whole_numbers() -> None:
-    """L'Ecuyer's own first numbers for the seed 12345 in all six words (RngStreams' documentation)."""
+def test_the_published_sequence_and_the_recurrence_in_integers() -> None:
+    """First numbers for the seed 12345 in all six words, from the documentation of RngStreams."""
     published = [
         0.12701112204657714,
         0.3185275653967945,
@@ -146,11 +146,11 @@ def test_the_published_sequence_and_the_same_recurrence_in_whole_numbers() -> No
         0.8258468629271136,
         0.2216299157820229,
     ]
-    found = _stream(np.full(6, 12345.0), 2000)
-    assert found[:5] == pytest.approx(published, abs=1e-15)
+    numbers = _stream(np.full(6, 12345.0), 2000)
+    assert numbers[:5] == pytest.approx(published, abs=1e-15)
     s = [12345] * 6
     m1, m2 = int(M1), int(M2)
-    for number in found:
+    for number in numbers:
         p1 = (1403580 * s[1] - 810728 * s[0]) % m1
         p2 = (527612 * s[5] - 1370589 * s[3]) % m2
         s = [s[1], s[2], p1, s[4], s[5], p2]
@@ -166,12 +166,12 @@ def test_a_seed_gives_uniform_numbers(seed: float) -> None:
 
 
 def test_seeds_do_not_share_streams() -> None:
-    """Words are valid, and the first useful number is uniform and uncorrelated over neighbouring seeds."""
+    """States are valid, and first numbers are uniform and uncorrelated over neighbouring seeds."""
     seeds = np.random.default_rng(1).random(4000)
-    words = np.array([_words(seed) for seed in seeds])
-    assert (words >= 1.0).all() and (words[:, :3] < M1).all() and (words[:, 3:] < M2).all()
-    assert (words == np.round(words)).all()
-    first = np.array([_stream(word, 9)[8] for word in words])
+    states = np.array([_words(seed) for seed in seeds])
+    assert (states >= 1.0).all() and (states[:, :3] < M1).all() and (states[:, 3:] < M2).all()
+    assert (states == np.round(states)).all()
+    first = np.array([_stream(state, 9)[8] for state in states])
     assert stats.kstest(first, "uniform").pvalue > 1e-3
     assert abs(np.corrcoef(first, seeds)[0, 1]) < 0.06
     close = np.array([_stream(_words(0.4 + k * 1e-12), 9)[8] for k in range(500)])

@@ -1,4 +1,4 @@
-"""Kernels that travel with the wheel: the best level that fits, or why none does; unpacked whole or not at all."""
+"""Precompiled kernels in the wheel: choice of the level, and unpacking into an empty folder."""
 
 import json
 
@@ -13,7 +13,7 @@ HERE = dict.fromkeys(V4.needed, True)
 
 @pytest.fixture
 def wheel(tmp_path, monkeypatch):
-    """A folder with builds of both levels, of a cache of three files."""
+    """Folder with builds of both levels from a cache of three files."""
     cache, folder = tmp_path / "cache", tmp_path / "prebuilt"
     (cache / "module").mkdir(parents=True)
     folder.mkdir()
@@ -38,21 +38,21 @@ def test_the_best_level_that_the_processor_has_is_chosen(wheel):
 
 
 @pytest.mark.parametrize(
-    "changes, words",
+    "changes, fragment",
     [
-        ({"numba": "0.0"}, "are of numba 0.0"),
+        ({"numba": "0.0"}, "numba 0.0"),
         ({"source": "another"}, "other source"),
         ({"sha256": "0"}, "damaged"),
     ],
 )
-def test_a_build_that_does_not_fit_is_not_used(wheel, changes, words):
+def test_an_unusable_build_is_rejected(wheel, changes, fragment):
     for level in LEVELS:
         change(wheel, level, **changes)
     level, reason = choose_level(HERE)
-    assert level is None and words in reason and reason.startswith("compiled on this machine")
+    assert level is None and fragment in reason and reason.startswith("compiled on this machine")
 
 
-def test_it_is_unpacked_into_an_empty_folder_alone(wheel, tmp_path):
+def test_a_build_is_unpacked_into_an_empty_folder_only(wheel, tmp_path):
     folder = tmp_path / "kernels"
     folder.mkdir()
     unpack(V3, folder)

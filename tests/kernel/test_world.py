@@ -1,4 +1,4 @@
-"""The standard atmosphere, gravity and turbulence: published numbers, and the equations that they are made of."""
+"""Standard atmosphere, gravity and turbulence against published numbers and their equations."""
 
 import math
 
@@ -109,7 +109,7 @@ def test_wgs84_gravity_is_normal_gravity_but_for_the_higher_zonals() -> None:
 
 @pytest.mark.parametrize("latitude", [-1.2, 0.3, 0.8, 1.5])
 def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
-    """Of the attraction and of the rotation."""
+    """The potential includes attraction and rotation."""
     mpmath.mp.dps = 40
     altitude = 20000.0
     sine, cosine = mpmath.sin(latitude), mpmath.cos(latitude)
@@ -136,16 +136,18 @@ def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
 def test_attraction_of_the_nasa_check_cases() -> None:
     # NASA/TM-2015-218675, atmospheric case 9, simulator 4 at 0 s: local gravitation 32.1988102141 ft/s2 on the equator,
     # the centrifugal part not in it
-    still = WGS84._replace(rotation_rate=0.0)
-    assert gravity_ned(still, 0.0, 0.0, 1.0)[1] / 0.3048 == pytest.approx(32.1988102141, abs=1e-9)
+    fixed_earth = WGS84._replace(rotation_rate=0.0)
+    assert gravity_ned(fixed_earth, 0.0, 0.0, 1.0)[1] / 0.3048 == pytest.approx(
+        32.1988102141, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 2.0])
-def test_the_meridional_factor_scales_what_j2_pulls_along_the_meridian(factor: float) -> None:
-    # On a still sphere geodetic and geocentric axes are one: there J2 alone pulls to the north or south.
-    whole = Earth(6378137.0, 0.0, 3.986004418e14, 1.08262982e-3, 0.0)
-    north, down = gravity_ned(whole, 2e4, math.sin(0.6), math.cos(0.6))
-    scaled = gravity_ned(whole._replace(j2_meridional=factor), 2e4, math.sin(0.6), math.cos(0.6))
+def test_the_meridional_factor_scales_the_north_component_of_j2(factor: float) -> None:
+    # On a non-rotating sphere geodetic and geocentric axes coincide, so only J2 has a north component.
+    earth = Earth(6378137.0, 0.0, 3.986004418e14, 1.08262982e-3, 0.0)
+    north, down = gravity_ned(earth, 2e4, math.sin(0.6), math.cos(0.6))
+    scaled = gravity_ned(earth._replace(j2_meridional=factor), 2e4, math.sin(0.6), math.cos(0.6))
     assert north < -0.01
     assert scaled == pytest.approx((factor * north, down), abs=1e-14)
 

@@ -216,12 +216,12 @@ def print_section(section: "Section") -> None:
 
 def announce_compiling() -> None:
     """Print to standard error from now on which kernels are compiled, and how long it takes."""
-    from abhv_mc.kernel.jit import PLAIN, tell_compiling
+    from abhv_mc.kernel.jit import PLAIN, set_compile_listener
 
     if PLAIN:
         message = "NUMBA_DISABLE_JIT is set: flights are not compiled and a thousand times slower"
         say(f"warning: {message}", file=sys.stderr, flush=True)
-    tell_compiling(_tell)
+    set_compile_listener(_tell)
 
 
 @contextmanager

@@ -113,7 +113,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
         Lean(
             row=np.array([row.row for row in rows], np.int64),
             factor=np.array([row.factor for row in rows], np.float64),
-            place=np.array(lean_indices, np.int64),
+            column=np.array(lean_indices, np.int64),
             **_fields(lean_metrics, "statistic", "empty", "settled"),
         ),
         Programs(
@@ -125,7 +125,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
             ),
             first=np.cumsum([0, *(len(program.code) for program in programs)], dtype=np.int64),
             factor=factors,
-            place=np.array(program_indices, np.int64),
+            column=np.array(program_indices, np.int64),
             **_fields(program_metrics, "statistic", "limit", "start", "end", "settled", "empty"),
         ),
     )
@@ -141,7 +141,7 @@ def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
 
 
 def _is_lean(metric: Metric, sources: Mapping[str, SourceRow]) -> bool:
-    """Return whether one accumulator of one row computes a metric: built-in, over the whole flight."""
+    """Return whether one accumulator of one row computes a metric."""
     if (
         metric.group == "user"
         or metric.of not in sources
@@ -204,7 +204,8 @@ class Expression:
         """
         if register >= MAX_REGISTERS:
             raise Refusal(
-                "an expression that is nested too deeply", f"at most {MAX_REGISTERS} values at once"
+                "an expression that is nested too deeply",
+                f"at most {MAX_REGISTERS} intermediate values",
             )
         match node:
             case ast.Name() | ast.Attribute(value=ast.Name()):  # a custom state is state.NAME

@@ -23,7 +23,7 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
 from abhv_mc.kernel.flight.memory import Memory, make_memory
-from abhv_mc.kernel.jit import is_kept
+from abhv_mc.kernel.jit import is_cached
 from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
@@ -39,7 +39,7 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 def choose_flight(lanes: int, lean: bool) -> Any:
     """Return the compiled flight to use; for a lean plan the full one if it is cached."""
     full = compiled_flight(lanes)
-    return make_fly_lanes(lanes, lean=True) if lean and not is_kept(full) else full
+    return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
@@ -71,7 +71,7 @@ def fly(
     keep_states: bool = False,
     start: SavedFlights | None = None,
 ) -> FlightBlock:
-    """Simulate one flight per row of ``parameters`` [flight, parameter], in the order of PARAMETERS.
+    """Simulate one flight per row of ``parameters`` [flight, parameter].
 
     ``record_every`` is a Recording, or the number of control ticks between samples of all channels;
     ``keep_states`` records the full state too. A flight depends only on its row and the plan, not
@@ -98,7 +98,9 @@ def fly(
 def fly_until(
     plan: FlightPlan, parameters: Floats, tick: int, start: SavedFlights | None = None
 ) -> SavedFlights:
-    """Simulate up to a control tick, from ``start`` if given, and return the memory of each flight.
+    """Simulate up to a control tick and return the memory of each flight.
+
+    Flights continue from ``start`` if given.
 
     The memory of a flight that ended before is undefined, except that its lane is not alive. Raise
     InputError for a law in plain Python whose memory is not a named tuple of numbers.
@@ -116,7 +118,7 @@ def fly_until(
         start=start,
         memory_in_rows=True,
     )
-    return SavedFlights(tick, results.kept)
+    return SavedFlights(tick, results.saved)
 
 
 def fly_in_memory(
@@ -129,7 +131,7 @@ def fly_in_memory(
     start: SavedFlights | None = None,
     memory_in_rows: bool = False,
 ) -> None:
-    """Fill the results. Raise ValueError if an array does not conform, see ``flight.arguments``.
+    """Fill the results. Raise ValueError if an array does not conform.
 
     ``memory_in_rows`` puts the memory of a custom law into the lane memory.
     """
@@ -152,7 +154,7 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Fill in the metrics that are quantiles over the counted ticks (method ``linear`` of numpy)."""
+    """Fill in the metrics that are quantiles over the counted ticks (linear method)."""
     quantiles = [
         (i, metric.limit)
         for i, metric in enumerate(plan.metrics)
@@ -167,7 +169,7 @@ def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> 
 
 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
-    """Return extremes ``[sample, channel]`` from the sample before to the sample after each sample.
+    """Return extremes ``[sample, channel]`` from the previous to the next sample.
 
     They are NaN if no flight was simulated there; -0 becomes 0. ``low`` and ``high`` are those of the
     bins between samples, low above high in a bin without a value; ``history`` is

@@ -1,5 +1,5 @@
-"""All that is compiled for flights and margins, and nothing else: its hash names the folder of compiled code.
+"""Compiled code of flights and stability margins, whose hash names the cache folder.
 
-It imports nothing else of the package. Orders of tables (parameters, state, statistics) are facts of it; what their
-entries are called, their units and words stand above.
+It imports no other part of the package. It defines the order of tables (parameters, state,
+statistics); names, units and descriptions of the entries are defined in the layers above.
 """

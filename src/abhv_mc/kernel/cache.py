@@ -1,4 +1,4 @@
-"""Where compiled code is kept on disk: a folder for exactly this source, compiler and settings."""
+"""Cache of compiled code on disk, with a folder for each source, compiler and settings."""
 
 import atexit
 import contextlib
@@ -20,7 +20,7 @@ _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 def source_hash() -> str:
-    """Hash of everything that compiled code is made from: its sources and numba itself; the same on every machine."""
+    """Return the hash of the kernel's source and of numba's version, equal on every machine."""
     digest = hashlib.sha256(f"numba {version('numba')} llvmlite {version('llvmlite')}".encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode())
@@ -28,20 +28,20 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-# The source as this process has it: an edit from now on belongs to the next process.
+# Source of this process; later edits apply to the next process.
 _SOURCE = source_hash()
 
 
 def source_unchanged() -> bool:
-    """Whether all that has been imported until now can only be the source that the folder is named after."""
+    """Return whether the source is unchanged since this process imported it."""
     return source_hash() == _SOURCE
 
 
 def cache_root() -> Path:
-    """Return the writable folder of everything that the program caches, and create it.
+    """Return the writable folder of all caches of the program, and create it.
 
-    The first that can be written of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache; else a folder for temporary
-    files, about which one warning is given and which child processes use, too.
+    It is in the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache; otherwise in a
+    temporary folder, with a warning. Child processes use the same one.
     """
     names = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME", "TMPDIR")
     return _find_root(tuple(map(os.environ.get, names)))
@@ -56,15 +56,17 @@ def _find_root(_environment: tuple[str | None, ...]) -> Path:
             if os.access(folder, os.W_OK | os.X_OK):
                 return folder
     base = Path(tempfile.gettempdir()) / f"abhv-mc-{os.getuid()}"
-    is_kept = _is_private(base)
-    if not is_kept:
+    is_lasting = _is_private(base)
+    if not is_lasting:
         base = Path(tempfile.mkdtemp(prefix="abhv-mc-"))
         atexit.register(shutil.rmtree, base, ignore_errors=True)
     os.environ["XDG_CACHE_HOME"] = str(base)
     os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))  # else it warns, too
-    until = "" if is_kept else " until this command ends"
-    words = f"no cache folder can be written: compiled code is kept in {base}{until}"
-    warnings.warn(f"{words}. Set XDG_CACHE_HOME to a folder.", RuntimeWarning, stacklevel=2)
+    until = "" if is_lasting else " until this command ends"
+    message = f"No cache folder is writable; compiled code is stored in {base}{until}."
+    warnings.warn(
+        f"{message} Set XDG_CACHE_HOME to a writable folder.", RuntimeWarning, stacklevel=2
+    )
     folder = base / "abhv-mc"
     folder.mkdir(mode=0o700, exist_ok=True)
     return folder
@@ -79,7 +81,7 @@ def _bases() -> Iterator[Path]:
 
 
 def _is_private(folder: Path) -> bool:
-    """Create a folder in a place that all users share; return whether it is this user's, and closed to others."""
+    """Create a folder in a shared location; return whether only this user can access it."""
     try:
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
@@ -91,7 +93,10 @@ def _is_private(folder: Path) -> bool:
 
 
 def cache_folder(compiler: str) -> Path:
-    """Folder of the code that ``compiler`` (in words: it, and its settings) makes from exactly this source."""
+    """Return the folder of the code that ``compiler`` makes from this source.
+
+    ``compiler`` is a text with its version and settings.
+    """
     name = hashlib.sha256(f"{_SOURCE} {compiler}".encode()).hexdigest()[:16]
     folder = cache_root() / name
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -99,20 +104,21 @@ def cache_folder(compiler: str) -> Path:
 
 
 @contextlib.contextmanager
-def one_compiles(
+def compilation_lock(
     folder: str | Path | None,
     name: str,
     waiting: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
 ) -> Iterator[None]:
-    """Compile ``name`` inside, or have numba load what it kept of it in ``folder`` (None: nothing is kept).
+    """Lock the compilation of ``name``, or its loading from ``folder``, inside the context.
 
-    The folder may be one above numba's. Of the processes that miss it there one is inside at a time, so that the
-    others find what it has compiled; the lock goes with the process that holds it. ``waiting`` is entered while
-    another one is inside. Files that have changed since they
-    were noted are deleted first: numba would execute whatever they hold.
+    ``folder`` may be above numba's; None means no cache. Of the processes that find no compiled code
+    there, one is inside at a time, so that the others find the code that it compiles; the lock ends
+    with its process. ``waiting`` is entered while another process is inside. Files that have changed
+    since their hashes were noted are deleted first, as numba would execute them.
 
-    A file system without locks needs none: several processes may compile the same, numba writes each file under
-    another name and renames it, and no two processes give two kernels one name (``KernelCache``).
+    On a file system without locks, several processes may compile the same function: numba writes each
+    file under another name and renames it, and no two processes give two kernels the same name
+    (``KernelCache``).
     """
     if folder is None:
         yield
@@ -137,7 +143,7 @@ def one_compiles(
 
 
 def _files_of(folder: Path, name: str) -> list[Path]:
-    """What numba kept of a function: MODULE.NAME-LINE... with its endings; a law's without a module."""
+    """Return numba's files of a function: [MODULE.]NAME-LINE... with the endings nbi and nbc."""
     return sorted(file for file in folder.rglob("*.nb[ic]") if f".{name}-" in f".{file.name}")
 
 
@@ -153,7 +159,7 @@ def _digest(folder: Path, name: str) -> str:
 
 
 def is_noted(folder: Path, name: str) -> bool:
-    """Whether the folder has what numba kept of a function, as it was noted."""
+    """Return whether the folder has numba's files of a function with their noted hashes."""
     try:
         return bool(noted := _note(folder, name).read_text()) and noted == _digest(folder, name)
     except OSError:  # no note, or files that another process is deleting

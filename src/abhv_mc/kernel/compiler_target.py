@@ -1,6 +1,7 @@
-"""What numba compiles for: LLVM's level, and this machine's processor with the whole width of its vectors.
+"""Target of numba's compilation: LLVM's optimization level, processor and vector width.
 
-Its settings are what it has taken, from the environment or from a file in the working folder.
+Settings that the user gives to numba, by the environment or a file in the working folder, take
+precedence.
 """
 
 import functools
@@ -13,7 +14,7 @@ from abhv_mc.kernel.prebuilt import Level, choose_level
 
 PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
-# Settings of numba that change the code and that its own cache does not look at.
+# Settings of numba that change the code but that its own cache ignores.
 _SETTINGS = (
     "BOUNDSCHECK",
     "CPU_FEATURES",
@@ -28,7 +29,7 @@ _SETTINGS = (
 
 
 def code_folder(interface: str) -> Path:
-    """Folder of the code that numba makes by one of its interfaces, with its settings as they are."""
+    """Return the folder of code compiled by one of numba's interfaces with its settings."""
     import numba
 
     return cache_folder(
@@ -39,7 +40,7 @@ def code_folder(interface: str) -> Path:
 
 
 def choose_interface() -> str:
-    """Return which interface of numba compiles, unless its private part is another: ``private`` or ``public``."""
+    """Return the interface of numba to compile with: ``private`` or ``public``."""
     import numba
 
     chosen = os.environ.get(PUBLIC, "0") not in ("", "0")
@@ -48,22 +49,22 @@ def choose_interface() -> str:
 
 @functools.cache
 def find_level(interface: str) -> tuple[Level | None, str]:
-    """Return the level whose kernels travel with the wheel and fit, or None, and a sentence about it."""
-    here = "compiled on this machine"
+    """Return the level of the wheel's usable precompiled kernels, or None, and an explanation."""
+    origin = "compiled on this machine"
     if interface == "public":
-        return None, f"{here}, by numba's public interface"
+        return None, f"{origin}, by numba's public interface"
     if _is_chosen():
-        return None, f"{here}, as numba's settings choose a processor"
+        return None, f"{origin}, as numba's settings choose a processor"
     import llvmlite.binding as llvm
 
     try:
         return choose_level(llvm.get_host_cpu_features())
     except RuntimeError:
-        return None, f"{here}, whose processor LLVM does not know"
+        return None, f"{origin}, whose processor LLVM does not know"
 
 
 def choose_target(interface: str) -> Level | None:
-    """Set what numba compiles for in this process, by its public settings; return the level of kernels of the wheel."""
+    """Set numba's target; return the level of the wheel's kernels if they are used."""
     import numba
 
     # LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
@@ -81,7 +82,7 @@ def choose_target(interface: str) -> Level | None:
 
 
 def _is_chosen() -> bool:
-    """Return whether the user has chosen what numba compiles for."""
+    """Return whether the user has chosen numba's target."""
     import numba
 
     config: Any = numba.config
@@ -89,11 +90,12 @@ def _is_chosen() -> bool:
 
 
 def find_features() -> str | None:
-    """Features of this processor as LLVM writes them, with 512-bit vectors where it has them; None to leave them.
+    """Return this processor's features in LLVM's format, with 512-bit vectors if available.
 
-    For Intel's processors LLVM takes half of that width, which spares ordinary programs a slower clock. A flight is
-    nearly all vectors: with the whole width it takes a fifth less time (``docs/explanation/performance.md``) and has
-    the same bits. Who sets ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES`` has chosen for himself.
+    For Intel's processors LLVM uses half of that width, as wide vectors reduce the clock rate. A
+    flight consists mostly of vector code: with the full width it takes a fifth less time
+    (``docs/explanation/performance.md``) with the same bits. Return None if the processor is unknown,
+    or if the user has set ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES``.
     """
     if _is_chosen():
         return None

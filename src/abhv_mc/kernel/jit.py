@@ -1,16 +1,17 @@
-"""The only place that decorates compiled code.
+"""Decorators of compiled code; no other module uses those of numba.
 
-Rules for compiled functions (measured; ``make bench`` holds the result):
+Rules for compiled functions (measured; ``make bench`` checks the result):
 
 - strict floating point everywhere, so that batched lanes equal one flight at a time bit for bit;
 - a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;
 - a ``lanes`` function loops over the lanes of blocks that its caller allocated;
-- arrays that a function takes do not overlap where it writes to one: the compiler relies on that;
+- arrays that a function takes do not overlap if it writes to one: the compiler relies on that;
 - no libm call inside a lane loop: use :mod:`abhv_mc.kernel.numerics.lane_math`;
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
-numba's own passes compile, its disk cache keeps kernels. Subclasses of its private classes tell it that all functions
-are inlined into a few kernels (``docs/explanation/performance.md``); its public interface makes the same bits, slower.
+numba's passes compile, and its disk cache stores kernels. Subclasses of its private classes inline
+all functions into a few kernels (``docs/explanation/performance.md``); its public interface gives the
+same bits, slower.
 """
 
 import contextlib
@@ -31,40 +32,42 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from abhv_mc.kernel.cache import is_noted, one_compiles, source_unchanged
+from abhv_mc.kernel.cache import compilation_lock, is_noted, source_unchanged
 from abhv_mc.kernel.compiler_target import PUBLIC, choose_interface, choose_target, code_folder
 from abhv_mc.kernel.prebuilt import unpack
 
 F = TypeVar("F", bound=Callable[..., Any])
-_MOST_ARRAYS = 40  # of a function's arguments: more than a vehicle's, fewer than a plan's
+_MOST_ARRAYS = 40  # arrays in a function's arguments: more than a vehicle's, fewer than a plan's
 
-# Plain Python throughout, as numba itself does it: for counting operations.
+# True if numba compiles nothing and all functions are plain Python, to count operations.
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 def scalar(function: F) -> F:
-    """Compile a pure function of scalars; inlined into the lane loop that calls it, callable from Python too."""
+    """Compile a pure function of scalars, inlined into lane loops, callable from Python."""
     return _decorate("inlined", function, error_model="numpy", forceinline=True)
 
 
-lanes = scalar  # of a function that loops over lanes; inlined, so that the loop sees where its blocks live
+# For functions that loop over lanes; inlined, so that the compiler knows where their blocks are.
+lanes = scalar
 
 
 def routine(function: F) -> F:
-    """Compile a function that kernels call in many places: not inlined."""
+    """Compile a function that kernels call often, without inlining it."""
     return _decorate("inlined", function, error_model="numpy")
 
 
 def kernel(function: F) -> F:
-    """Compile an entry point called from Python: cached on disk, releases the interpreter's lock.
+    """Compile an entry point called from Python, cached on disk, without the GIL.
 
-    Made inside a function, it may use numbers from there but no functions: numba's cache would never find it again.
+    If defined inside a function, it may use numbers of that function but no functions: numba's cache
+    would never find it again.
     """
     return _decorate("kernel", function, error_model="numpy", nogil=True)
 
 
 def intrinsic(function: F) -> F:
-    """Make numba's intrinsic of a function that returns a signature and what generates LLVM's code."""
+    """Make a numba intrinsic of a function that returns a signature and a code generator."""
     return _decorate("intrinsic", function)
 
 
@@ -76,9 +79,9 @@ def _decorate(kind: str, function: Any, **options: Any) -> Any:
 
 
 class _Deferred:
-    """A function that numba decorates when it is first called, or compiled into another.
+    """Function that numba decorates when it is first called or compiled into another.
 
-    Reports and campaigns of other simulators import the package and compile nothing; numba's import takes 0.3 s.
+    Reports and custom simulators import the package but compile nothing; importing numba takes 0.3 s.
     """
 
     def __init__(self, kind: str, function: Any, options: dict[str, Any]) -> None:
@@ -88,7 +91,7 @@ class _Deferred:
 
     @property
     def decorated(self) -> Any:
-        """What numba makes of the function."""
+        """Function as decorated by numba."""
         if self._made is None:
             with _lock:
                 if self._made is None:
@@ -99,7 +102,7 @@ class _Deferred:
         return self.decorated(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # of copies and pickles, which ask before anything is set
+        if name.startswith("__"):  # copying and unpickling read attributes before any is set
             raise AttributeError(name)
         return getattr(self.decorated, name)
 
@@ -108,7 +111,7 @@ _at_load: list[Callable[[], None]] = []
 
 
 def when_loaded(register: Callable[[], None]) -> Callable[[], None]:
-    """Have a function called once numba is imported, which it needs."""
+    """Register a function that needs numba, to be called when numba is imported."""
     _at_load.append(register)
     if load_compiler.cache_info().currsize:
         register()
@@ -116,18 +119,18 @@ def when_loaded(register: Callable[[], None]) -> Callable[[], None]:
 
 
 def compiler() -> str:
-    """Which interface of numba compiles: ``private`` or ``public``."""
+    """Return the interface of numba that compiles: ``private`` or ``public``."""
     return load_compiler().interface
 
 
-def is_kept(function: Any) -> bool:
-    """Whether the cache has a kernel."""
+def is_cached(function: Any) -> bool:
+    """Return whether the cache has a kernel."""
     folder = None if PLAIN else function.stats.cache_path
     return folder is not None and is_noted(Path(folder), function.py_func.__name__)
 
 
 class _Kernels:
-    """Contexts of the kernels that are being compiled; a listener of numba's events."""
+    """Listener of numba's events, with the contexts of the kernels that are being compiled."""
 
     def __init__(self) -> None:
         self._open = contextlib.ExitStack()
@@ -140,7 +143,7 @@ class _Kernels:
                 self.end()
 
     def end(self) -> None:
-        """Also after an interrupt, of which numba may tell nothing."""
+        """Close the contexts; called explicitly, as numba may report nothing after an interrupt."""
         self._open.close()
 
 
@@ -155,49 +158,52 @@ def _say_nothing(function: Any, elsewhere: bool) -> AbstractContextManager[None]
 _tell: Callable[[Any, bool], AbstractContextManager[None]] = _say_nothing
 
 
-def tell_compiling(told: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
-    """Have a context entered for each kernel that the cache lacks: while it is compiled here, or is waited for.
+def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
+    """Set the context entered while a kernel is compiled or its compilation is awaited.
 
-    ``told`` gets its function, and whether another process compiles it.
+    ``listener`` takes its function, and whether another process compiles it.
     """
     global _tell  # noqa: PLW0603  one listener for all kernels
-    _tell = told
+    _tell = listener
 
 
 @contextlib.contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """An interrupt inside is one outside: numba and LLVM may lose it in a callback, and end with another error."""
+def _deferred_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt at the end of the context if an interrupt occurred inside.
+
+    numba and LLVM may lose it in a callback, or end with another error.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    seen: list[int] = []
+    received: list[int] = []
 
     def note(number: int, frame: Any) -> None:
-        seen.append(number)
+        received.append(number)
         raise KeyboardInterrupt
 
-    before = {
+    handlers = {
         n: signal.getsignal(n)
         for n in (signal.SIGINT, signal.SIGTERM)
         if callable(signal.getsignal(n))
     }
-    for number in before:
+    for number in handlers:
         signal.signal(number, note)
     try:
         yield
     except Exception:
-        if seen:
+        if received:
             raise KeyboardInterrupt from None
         raise
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-    if seen:
+    if received:
         raise KeyboardInterrupt
 
 
 def _make_private() -> tuple[Any, Any]:
-    """What makes a function that kernels call, and what makes a kernel, with numba's private classes."""
+    """Return the classes of inlined functions and kernels, based on numba's private ones."""
     from llvmlite.binding import parse_assembly
     from numba.core import config, types
     from numba.core.caching import (
@@ -216,7 +222,7 @@ def _make_private() -> tuple[Any, Any]:
         return sum(isinstance(kind, types.Array) for kind in kinds) + sum(map(count_arrays, tuples))
 
     class InlinedLibrary(JITCodeLibrary):
-        """Code that only becomes part of a kernel's: neither linked nor optimized nor made machine code by itself."""
+        """Code that is only linked into kernels, and not optimized or translated separately."""
 
         def finalize(self) -> None:
             self._finalized = True
@@ -230,9 +236,9 @@ def _make_private() -> tuple[Any, Any]:
             return link(self.part().clone(), self)
 
     def link(module: Any, caller: Any) -> Any:
-        """The module with all that ``caller`` calls at any depth, each linked once.
+        """Link the module with all functions that ``caller`` calls at any depth, each once.
 
-        A function comes after all that call it: LLVM leaves out what nobody has called yet.
+        A function follows all its callers, as LLVM omits functions without a caller so far.
         """
         order: dict[Any, None] = {}
 
@@ -248,12 +254,12 @@ def _make_private() -> tuple[Any, Any]:
 
         visit(caller)
         for library in list(order)[-2::-1]:
-            part = (
+            piece = (
                 library.part()
                 if isinstance(library, InlinedLibrary)
                 else library._get_module_for_linking()
             )
-            module.link_in(part, preserve=True)
+            module.link_in(piece, preserve=True)
         return module
 
     class InlinedCompiler(Compiler):
@@ -261,8 +267,8 @@ def _make_private() -> tuple[Any, Any]:
             library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
             self.state["library"] = library
             self.state.flags.no_compile = True
-            # No checks for overlap before a loop over lanes is vectorized. But each load and store that is inlined
-            # names all arrays that it does not touch: those of a whole plan are most of what LLVM would work on.
+            # No checks for overlap before a loop over lanes is vectorized. But each inlined load and store
+            # lists all arrays that it does not access: those of a complete plan would dominate LLVM's work.
             self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
             result = super().compile_extra(function)
             entry = set[
@@ -273,7 +279,8 @@ def _make_private() -> tuple[Any, Any]:
 
     class Inlined(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
-            # No reference counting (_nrt): an atomic count on each array in each lane costs three times the physics.
+            # No reference counting (_nrt): an atomic count of each array in each lane takes three times as
+            # long as the physics.
             options |= {
                 "nopython": True,
                 "_nrt": False,
@@ -295,7 +302,7 @@ def _make_private() -> tuple[Any, Any]:
             return self.kernel(*arguments)
 
     class KernelLibrary(JITCodeLibrary):
-        """Machine code that nothing links: it is kept with its names alone, without the code that it was made from."""
+        """Machine code that is not linked further, stored with names only, without LLVM's code."""
 
         def finalize(self) -> None:
             link(self._final_module, self)
@@ -308,9 +315,9 @@ def _make_private() -> tuple[Any, Any]:
             return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
 
     class ContentLocator(UserProvidedCacheLocator):
-        """Cache location by a module's name and content in place of its path and modification time.
+        """Cache location by a module's name and content instead of its path and modification time.
 
-        Another clone, environment or container of the same source loads what the first one compiled.
+        Another clone, environment or container of the same source loads the code of the first one.
         """
 
         def __init__(self, function: Any, file: str) -> None:
@@ -324,13 +331,13 @@ def _make_private() -> tuple[Any, Any]:
         _locator_classes = [ContentLocator, *CompileResultCacheImpl._locator_classes]
 
     class KernelCache(FunctionCache):
-        """Loads a kernel without what only compiling needs: rules for all of numpy, which take longer than it."""
+        """Cache that loads a kernel without numpy's typing rules, which only compiling needs."""
 
         _impl_class = KernelCacheImpl
 
         def __init__(self, function: Any) -> None:
             super().__init__(function)
-            # Without a lock on the folder two processes would number two kernels alike.
+            # Without a lock on the folder two processes would give two kernels the same number.
             number = f"{{number:d}}-{secrets.token_hex(4)}"
             pattern = self._cache_file._data_name_pattern.replace("{number:d}", number)
             self._cache_file._data_name_pattern = pattern
@@ -359,11 +366,11 @@ def _make_private() -> tuple[Any, Any]:
             ):  # keep nothing under the name of a source that was edited meanwhile
                 self._cache = NullCache()
             with contextlib.ExitStack() as stack:
-                stack.enter_context(_interrupts_kept())
+                stack.enter_context(_deferred_interrupts())
                 stack.callback(_kernels.end)
                 waiting = functools.partial(_tell, self.py_func, True)
                 stack.enter_context(
-                    one_compiles(self.stats.cache_path, self.py_func.__name__, waiting)
+                    compilation_lock(self.stats.cache_path, self.py_func.__name__, waiting)
                 )
                 if gc.isenabled():
                     gc.disable()
@@ -385,12 +392,12 @@ def _make_private() -> tuple[Any, Any]:
 @dataclass(frozen=True)
 class _Compiler:
     interface: str  # of numba: private or public
-    makers: dict[str, Callable[..., Any]]  # of a function with numba's options, by kind
+    makers: dict[str, Callable[..., Any]]  # decorators that take numba's options, by kind
 
 
 @functools.cache
 def load_compiler() -> _Compiler:
-    """Import numba, choose what it compiles for and where it keeps that; once."""
+    """Import numba and set its target and cache folder, once."""
     import numba
     from numba.core import event, registry
     from numba.core.typing.typeof import typeof_impl
@@ -399,7 +406,7 @@ def load_compiler() -> _Compiler:
     config: Any = numba.config
     interface = choose_interface()
     level = choose_target(interface)
-    # numba decides on its cache's place when it decorates, so that is set before any function is made.
+    # numba reads the cache folder when it decorates, so it is set before any function is decorated.
     config.CACHE_DIR = str(code_folder(interface))
     if level is not None:
         unpack(level, code_folder(interface))
@@ -412,12 +419,12 @@ def load_compiler() -> _Compiler:
             inlined, kernel = private
         except Exception as error:
             warnings.warn(
-                f"the private part of numba {numba.__version__} is another than known "
-                f"({type(error).__name__}: {error}): its public interface makes the same flights, slower",
+                f"The private interface of numba {numba.__version__} is not supported "
+                f"({type(error).__name__}: {error}). Its public interface gives the same results, slower.",
                 RuntimeWarning,
                 stacklevel=2,
             )
-            # Processes that this one starts need not find out again.
+            # Child processes need not try again.
             os.environ[PUBLIC], interface = "1", "public"
             config.CACHE_DIR = str(code_folder(interface))
 
@@ -435,7 +442,7 @@ def load_compiler() -> _Compiler:
 
 
 def _try_once(folder: Path, inlined: Any, kernel: Any) -> None:
-    """Compile two functions, unless that was done: half a second; numba's version is in the folder's name."""
+    """Compile two functions as a test, once per folder and version of numba; 0.5 s."""
     global _twice  # noqa: PLW0603  a name of the module, as those that kernels call
     tried = folder / "tried"
     if not tried.exists():

@@ -1,4 +1,4 @@
-"""Functions that compiled code calls by their address, so that a user's law needs no new kernel."""
+"""Functions that compiled code calls by address, so that a custom law needs no new kernel."""
 
 from typing import Any
 
@@ -6,17 +6,17 @@ from abhv_mc.kernel.jit import PLAIN, intrinsic, load_compiler
 
 
 class Uncompilable(Exception):
-    """A user's function that numba does not compile: where, as far as known, and what numba says."""
+    """Custom function that numba cannot compile, with location and numba's message."""
 
-    def __init__(self, file: str | None, line: int | None, words: str) -> None:
-        super().__init__(file, line, words)
-        self.file, self.line, self.words = file, line, words
+    def __init__(self, file: str | None, line: int | None, message: str) -> None:
+        super().__init__(file, line, message)
+        self.file, self.line, self.message = file, line, message
 
 
 def _call_address(
     typing_context: Any,
     address: Any,
-    own: Any,
+    context_address: Any,
     Z: Any,
     reference: Any,
     gains: Any,
@@ -24,9 +24,9 @@ def _call_address(
     tick: Any,
     dt: Any,
 ) -> Any:
-    """Call a function that :func:`compile_pointer` compiled, from compiled code, by its address.
+    """Call a function compiled by :func:`compile_pointer` by its address.
 
-    ``own``: address of whatever numbers it was made with, 0 for none.
+    ``context_address`` is the address of data that the function works on, 0 for none.
     """
     from numba import types
 
@@ -53,49 +53,53 @@ call_address: Any = intrinsic(_call_address)
 
 @intrinsic
 def call_c(typing_context: Any, address: Any, arguments: Any) -> Any:
-    """``int`` of a C function at an address, called with a tuple: int64 for pointers and sizes, int32, float64."""
+    """Call a C function at an address with a tuple of int64 (also pointers), int32 or float64.
+
+    It returns an ``int``.
+    """
     from llvmlite import ir
     from numba import types
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        values = [builder.extract_value(given[1], i) for i in range(len(arguments))]
+    def generate(context: Any, builder: Any, signature: Any, operands: Any) -> Any:
+        values = [builder.extract_value(operands[1], i) for i in range(len(arguments))]
         kind = ir.FunctionType(ir.IntType(32), [value.type for value in values])
-        return builder.call(builder.inttoptr(given[0], kind.as_pointer()), values)
+        return builder.call(builder.inttoptr(operands[0], kind.as_pointer()), values)
 
     return types.int32(types.int64, arguments), generate
 
 
 @intrinsic
 def address_of(typing_context: Any, pointer: Any) -> Any:
-    """The address that a pointer holds."""
+    """Return the address in a pointer."""
     from numba import types
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.ptrtoint(given[0], context.get_value_type(types.int64))
+    def generate(context: Any, builder: Any, signature: Any, operands: Any) -> Any:
+        return builder.ptrtoint(operands[0], context.get_value_type(types.int64))
 
     return types.int64(pointer), generate
 
 
 @intrinsic
 def floats_at(typing_context: Any, address: Any) -> Any:
-    """The pointer to floats at an address."""
+    """Return a pointer to floats at an address."""
     from numba import types
 
     kind = types.CPointer(types.float64)
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.inttoptr(given[0], context.get_value_type(kind))
+    def generate(context: Any, builder: Any, signature: Any, operands: Any) -> Any:
+        return builder.inttoptr(operands[0], context.get_value_type(kind))
 
     return kind(types.int64), generate
 
 
 def compile_pointer(function: Any) -> Any:
-    """Compile a loop over lanes that flights call through its ``address``; it takes what :func:`call_address` does.
+    """Compile a loop over lanes that flights call by address, see :func:`call_address`.
 
-    Its file must exist: numba keeps the machine code under its name. Raises :class:`Uncompilable`.
+    Its file must exist, as numba caches the machine code under its name. Raise Uncompilable if numba
+    cannot compile it.
     """
     if PLAIN:
-        raise Uncompilable(None, None, "nothing is compiled where NUMBA_DISABLE_JIT is set")
+        raise Uncompilable(None, None, "NUMBA_DISABLE_JIT is set, so nothing is compiled")
     load_compiler()
     import numba
     from numba import types
@@ -108,7 +112,7 @@ def compile_pointer(function: Any) -> Any:
     try:
         return numba.cfunc(signature, cache=True, error_model="numpy")(function)
     except NumbaError as error:
-        place = getattr(error, "loc", None)
+        location = getattr(error, "loc", None)
         raise Uncompilable(
-            getattr(place, "filename", None), getattr(place, "line", None), str(error)
+            getattr(location, "filename", None), getattr(location, "line", None), str(error)
         ) from None

@@ -1,7 +1,7 @@
-"""Kernels that travel with the wheel: compiled for levels of x86-64, used if they fit interpreter and processor.
+"""Precompiled kernels in the wheel, for interpreters and levels of x86-64.
 
-A build is an archive of numba's cache and a manifest beside it. It is as trusted as the code that it lies beside; the
-SHA-256 of its manifest tells a damaged one.
+A build is an archive of numba's cache and a manifest. It is as trusted as the package's code; the
+SHA-256 in the manifest reveals damage.
 """
 
 import hashlib
@@ -18,17 +18,17 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.cache import source_hash
 
-FOLDER = Path(__file__).parents[1] / "prebuilt"  # of the wheel; a checkout has none
+FOLDER = Path(__file__).parents[1] / "prebuilt"  # in the wheel; a checkout has no builds
 _COMPILERS = ("numba", "llvmlite")
 _AVX2 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 
 
 class Level(NamedTuple):
-    """A level of x86-64 as LLVM knows it."""
+    """Level of x86-64 in LLVM's terms."""
 
     cpu: str
-    features: str  # that change LLVM's choice for the level: vectors of 512 bits
-    needed: tuple[str, ...]  # features of the processor
+    features: str  # changes to LLVM's features of the level: vectors of 512 bits
+    needed: tuple[str, ...]  # features that the processor must have
 
     def lacks(self, processor: Mapping[str, bool]) -> list[str]:
         """Return the features that a processor lacks."""
@@ -51,14 +51,14 @@ def name_interpreter() -> str:
 
 
 def choose_level(processor: Mapping[str, bool]) -> tuple[Level | None, str]:
-    """Return the best level whose build fits, or None, and a sentence that says so, or why none does."""
-    reason = f"this installation brings none for {name_interpreter()}"
+    """Return the best level with a usable build, or None, and an explanation."""
+    reason = f"this installation has no kernels for {name_interpreter()}"
     for level in LEVELS:
         archive = _archive(level)
         if not archive.is_file():
             continue
         if lacks := level.lacks(processor):
-            reason = f"those of the wheel need a processor with {', '.join(lacks)}"
+            reason = f"the wheel's kernels need a processor with {', '.join(lacks)}"
         elif misfit := _find_misfit(archive):
             reason = misfit
         else:
@@ -71,14 +71,14 @@ def _archive(level: Level) -> Path:
 
 
 def _find_misfit(archive: Path) -> str:
-    """Say why a build cannot be used; empty if it can."""
+    """Return why a build cannot be used, '' if it can."""
     try:
         manifest = json.loads(archive.with_suffix(".json").read_text(encoding="utf-8"))
         for name in _COMPILERS:
             if manifest[name] != version(name):
-                return f"those of the wheel are of {name} {manifest[name]}"
+                return f"the wheel's kernels are compiled with {name} {manifest[name]}"
         if manifest["source"] != source_hash():
-            return "those of the wheel are of other source"
+            return "the wheel's kernels are compiled from other source"
         if manifest["sha256"] != hashlib.sha256(archive.read_bytes()).hexdigest():
             return f"{archive.name} is damaged"
     except (OSError, ValueError, KeyError):
@@ -87,7 +87,7 @@ def _find_misfit(archive: Path) -> str:
 
 
 def unpack(level: Level, folder: Path) -> None:
-    """Put the kernels of a level into an empty folder of the cache, all at once; one in use stays as it is."""
+    """Move the kernels of a level into an empty cache folder; keep a folder in use."""
     if any(folder.iterdir()):
         return
     fresh = Path(tempfile.mkdtemp(prefix="unpacked-", dir=folder.parent))
@@ -100,7 +100,7 @@ def unpack(level: Level, folder: Path) -> None:
 
 
 def pack(level: Level, cache: Path, into: Path) -> None:
-    """Write the build of a level from numba's cache folder ``cache``, which holds nothing else."""
+    """Write the build of a level from numba's cache folder, which contains only its files."""
     archive = into / _archive(level).name
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as content:
         for file in sorted(cache.rglob("*")):

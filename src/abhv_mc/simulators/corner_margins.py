@@ -120,7 +120,7 @@ def _rounded(row: dict[str, Any]) -> dict[str, Any]:
 
 def is_compiled() -> bool:
     """Return whether the margin code was compiled on this machine before."""
-    from abhv_mc.kernel.jit import is_kept
+    from abhv_mc.kernel.jit import is_cached
     from abhv_mc.kernel.stability.structured import LAST_COMPILED
 
-    return is_kept(LAST_COMPILED)
+    return is_cached(LAST_COMPILED)

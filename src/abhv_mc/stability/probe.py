@@ -27,7 +27,7 @@ from abhv_mc.flight.user_law import (
 )
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
-from abhv_mc.kernel.jit import is_kept
+from abhv_mc.kernel.jit import is_cached
 from abhv_mc.kernel.laws.columns import N_LIMITS
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
@@ -100,7 +100,7 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
     if not lean:
         return make(False)
     full = choose_probe(make, False)
-    return full if is_kept(full) else make(True)
+    return full if is_cached(full) else make(True)
 
 
 def compile_probes(plan: FlightPlan) -> None:

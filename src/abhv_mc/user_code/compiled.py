@@ -12,7 +12,7 @@ from typing import Any
 
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.cache import one_compiles
+from abhv_mc.kernel.cache import compilation_lock
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.jit_pointer import Uncompilable, compile_pointer
 from abhv_mc.kernel.laws.columns import REFERENCE
@@ -179,7 +179,7 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     exec(
         compile(text, str(path), "exec", dont_inherit=True), home.__dict__
     )  # generated text with the user's functions
-    with one_compiles(path.parent.parent, f"{path.stem}.loop"):
+    with compilation_lock(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
 
 
@@ -360,13 +360,13 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     """Return numba's message at the user's line, shortened."""
     source = module.source
     line: int | None = error.line if error.file == source.file else None
-    for match in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.words):
+    for match in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.message):
         line = line or int(match.group(1))
-    for match in re.finditer(re.escape(source.file) + r" \((\d+)\)", error.words):
+    for match in re.finditer(re.escape(source.file) + r" \((\d+)\)", error.message):
         line = int(match.group(1))
-    message_lines = [text.strip() for text in error.words.splitlines()]
+    message_lines = [text.strip() for text in error.message.splitlines()]
     useful = [text for text in message_lines if text and not _NOISE.match(text)]
-    if "Unknown attribute 'aileron'" in error.words or "wrong tuple length" in error.words:
+    if "Unknown attribute 'aileron'" in error.message or "wrong tuple length" in error.message:
         expected = "return Command(...), or Command(...), Memory(...) of one that remembers"
         return InputError(source.file, "a law that returns something else", expected, line)
     return InputError(

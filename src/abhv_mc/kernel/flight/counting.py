@@ -1,9 +1,9 @@
-"""Metrics counted at every control tick as data, in two loops that :mod:`abhv_mc.flight.compile_metrics` fills.
+"""Metrics as data that :mod:`abhv_mc.flight.compile_metrics` creates.
 
-The lean loop holds metrics that are one row of the lane memory, one accumulator each. All others are small programs,
-then a statistic of what they give in a window: an instruction puts one number of every lane into a register, a row of
-the lane memory, a constant, or what an operation makes of other registers. Registers are rows of the memory of the
-tables, which nothing else uses at that moment.
+A lean metric is a statistic of one row of the lane memory with one accumulator. The others are small
+programs and a statistic of their value in a window. An instruction sets a register of every lane to a
+row of the lane memory, a constant, or the result of an operation on other registers. Registers are
+rows of the memory of the tables, which is not in use then.
 """
 
 import math
@@ -19,14 +19,14 @@ from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-MAX_DECLARED = 48  # metrics of a campaign's own
-MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # as many as the program's own metrics
+MAX_DECLARED = 48  # metrics that a campaign declares
+MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # number of built-in metrics
 MAX_PROGRAMS = MAX_DECLARED + MAX_ACTUATORS
 MAX_REGISTERS = 16
 
 
 class Statistic(IntEnum):
-    """What a metric makes of its value over the control ticks of its window."""
+    """Statistic of a metric's value over the control ticks of its window."""
 
     MIN = 0
     MAX = 1
@@ -37,21 +37,21 @@ class Statistic(IntEnum):
     INTEGRAL = 6  # trapezoidal, over time
     PEAK_TO_PEAK = 7
     TRAVEL = 8  # sum of the absolute changes
-    TIME_OUTSIDE = 9  # s in which the size of the value is above the limit
-    LAST_OUTSIDE = 10  # s; the window's start where it never was
-    FIRST_OUTSIDE = 11  # s; the end of the window or of the flight where it never was
-    REVERSALS = 12  # times that it turned back by more than the limit
+    TIME_OUTSIDE = 9  # s in which the magnitude exceeds the limit
+    LAST_OUTSIDE = 10  # s; the start of the window if it never does
+    FIRST_OUTSIDE = 11  # s; the end of the window or the flight if it never does
+    REVERSALS = 12  # number of reversals by more than the limit
     SUM = 13  # over the ticks
-    QUANTILE = 14  # over the ticks: all values are kept, see results.samples
+    QUANTILE = 14  # over the ticks; all values are stored, see results.samples
 
     @property
     def word(self) -> str:
-        """As campaign files name it."""
+        """Name in campaign files."""
         return self.name.lower()
 
 
 class Operation(IntEnum):
-    """What an instruction does."""
+    """Operation of an instruction."""
 
     LOAD = 0  # a row of the lane memory, times the constant
     CONSTANT = 1
@@ -68,30 +68,30 @@ class Operation(IntEnum):
 
 
 class Lean(NamedTuple):
-    """Metrics that are one row over the whole flight."""
+    """Metrics of one row over the complete flight."""
 
     row: Ints  # [metric] of the lane memory
     factor: Floats  # [metric]
     statistic: Ints  # [metric]
-    empty: Floats  # [metric] value where nothing counted, which the accumulator starts from
-    settled: Ints  # [metric] 1 where only settled stretches count
-    place: Ints  # [metric] among the flight's metrics
+    empty: Floats  # [metric] value without counted ticks, and initial value of the accumulator
+    settled: Ints  # [metric] 1 if only settled intervals count
+    column: Ints  # [metric] among the flight's metrics
 
 
 class Programs(NamedTuple):
-    """All other metrics."""
+    """Metrics of an expression or a window."""
 
-    code: Ints  # [instruction, 4] operation, register, and its operands: a row or registers
+    code: Ints  # [instruction, 4] operation, register, and operands: a row or registers
     constant: Floats  # [instruction]
-    first: Ints  # [metric + 1] its first instruction
-    factor: Floats  # [metric] of the changes that TRAVEL sums up
+    first: Ints  # [metric + 1] first instruction
+    factor: Floats  # [metric] of the changes that TRAVEL sums
     statistic: Ints  # [metric]
     limit: Floats  # [metric]
     start: Floats  # [metric] s
     end: Floats  # [metric] s
-    settled: Ints  # [metric] 1 where only settled stretches count
-    empty: Floats  # [metric] value where nothing counted
-    place: Ints  # [metric] among the flight's metrics
+    settled: Ints  # [metric] 1 if only settled intervals count
+    empty: Floats  # [metric] value without counted ticks
+    column: Ints  # [metric] among the flight's metrics
 
 
 class Counted(NamedTuple):
@@ -101,9 +101,9 @@ class Counted(NamedTuple):
     programs: Programs
 
 
-# Rows of the observer's memory that each program keeps: two accumulators, the last value (or the turning sense), the
-# last tick that counted (from 1), and how many did: not-a-number from the first on that was not one, as is the metric
-# then. Before them one row for each lean metric.
+# Rows of each program in the observer's memory: two accumulators, the last value (or the direction), the
+# last counted tick (from 1) and the number of counted ticks, which becomes NaN with the first NaN value,
+# as does the metric. Before them is one row for each lean metric.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -130,7 +130,7 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 
 @lanes
 def start_counting(O, width, counted, first_row):
-    """Every accumulator at its beginning; the rows of O begin at ``first_row``."""
+    """Initialize all accumulators, in the rows of O from ``first_row``."""
     for i in range(N_ROWS):
         for lane in range(width):
             O[first_row + i, lane] = 0.0
@@ -141,9 +141,10 @@ def start_counting(O, width, counted, first_row):
 
 @lanes
 def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
-    """Add the tick to the metrics of the flights that count, ``flights`` in the first ``n`` lanes.
+    """Add the tick to the metrics of the counted ``flights`` in the first ``n`` lanes.
 
-    Their rows of O begin at ``first_row``; ``samples`` [quantile, flight, tick] keeps what quantiles are taken of.
+    Their rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the values of
+    quantiles.
     """
     Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
     dt = plan.timing.step * plan.timing.steps_per_tick
@@ -153,7 +154,7 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
         if settled or lean.settled[m] == 0:
             out, row = O[natural(first_row + m)], Z[natural(lean.row[m])]
             count_row(out, row, lean.factor[m], lean.statistic[m], dt, Z[s.COUNTED], width)
-    kept = 0
+    quantile = 0
     for m in range(programs.statistic.size):
         inside = now >= programs.start[m] - 1e-9 and now <= programs.end[m] + 1e-9
         if inside and (settled or programs.settled[m] == 0):
@@ -164,16 +165,16 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
             if programs.statistic[m] == _QUANTILE:
                 for lane in range(n):
                     if Z[s.COUNTED, lane] > 0.0:
-                        samples[kept, flights[lane], tick] = T[value, lane]
+                        samples[quantile, flights[lane], tick] = T[value, lane]
             row = natural(first_row + MAX_LEAN + ROWS * m)
             statistic, limit, factor = programs.statistic[m], programs.limit[m], programs.factor[m]
             count_value(O, row, T[value], Z[s.COUNTED], statistic, limit, factor, tick, dt, width)
-        kept += 1 if programs.statistic[m] == _QUANTILE else 0
+        quantile += 1 if programs.statistic[m] == _QUANTILE else 0
 
 
 @lanes
 def count_row(out, row, factor, statistic, dt, counted, width):
-    """One sample of one lean metric, in the lanes that count."""
+    """Add a sample to a lean metric, in the counted lanes."""
     if statistic == _RMS:
         for lane in range(width):
             value = row[lane] * factor
@@ -195,24 +196,24 @@ def count_row(out, row, factor, statistic, dt, counted, width):
     elif statistic == _SUM:
         for lane in range(width):
             out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
-    else:  # _TIME, of what is never negative, above zero
+    else:  # _TIME of a nonnegative value, above zero
         for lane in range(width):
             out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
 
 
 @lanes
-def calculate(Z, T, code, constant, width):
-    """One instruction in all lanes."""
-    operation, out = code[0], T[natural(code[1])]
+def calculate(Z, T, instruction, constant, width):
+    """Execute an instruction in all lanes."""
+    operation, out = instruction[0], T[natural(instruction[1])]
     if operation == _LOAD:
-        row = Z[natural(code[2])]
+        row = Z[natural(instruction[2])]
         for lane in range(width):
             out[lane] = row[lane] * constant
     elif operation == _CONSTANT:
         for lane in range(width):
             out[lane] = constant
     else:
-        a, b = T[natural(code[2])], T[natural(code[3])]
+        a, b = T[natural(instruction[2])], T[natural(instruction[3])]
         if operation == _ADD:
             for lane in range(width):
                 out[lane] = a[lane] + b[lane]
@@ -225,7 +226,7 @@ def calculate(Z, T, code, constant, width):
         elif operation == _DIVIDE:
             for lane in range(width):
                 out[lane] = a[lane] / b[lane]
-        elif operation == _MINIMUM:  # not-a-number where one of both is
+        elif operation == _MINIMUM:  # NaN if either is NaN
             for lane in range(width):
                 out[lane] = b[lane] if b[lane] < a[lane] or b[lane] != b[lane] else a[lane]
         elif operation == _MAXIMUM:
@@ -246,7 +247,7 @@ def calculate(Z, T, code, constant, width):
 
 @lanes
 def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, width):
-    """One sample of one program's value, in the lanes that count."""
+    """Add a sample to a program's metric, in the counted lanes."""
     a, b, c, last, count = O[row], O[row + _B], O[row + _C], O[row + _TICK], O[row + _COUNT]
     now = float(tick)
     if statistic in (_MIN, _MAX, _PEAK):
@@ -267,7 +268,7 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
     elif statistic == _FINAL:
         for lane in range(width):
             a[lane] = value[lane] if counted[lane] > 0.0 else a[lane]
-    elif statistic in (_INTEGRAL, _TRAVEL):  # nothing across a gap between settled stretches
+    elif statistic in (_INTEGRAL, _TRAVEL):  # nothing across a gap between settled intervals
         for lane in range(width):
             x = value[lane]
             follows = counted[lane] > 0.0 and count[lane] > 0.0 and last[lane] == now
@@ -282,7 +283,7 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
             after = before + dt if statistic == _TIME else latest
             a[lane] = after if outside else before
             b[lane] = 1.0 if outside else b[lane]
-    elif statistic == _REVERSALS:  # b is the turning point so far, c the sense in which it moves
+    elif statistic == _REVERSALS:  # b is the current extreme, c the direction
         for lane in range(width):
             x = value[lane]
             begins = count[lane] == 0.0
@@ -303,24 +304,26 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
 
 @lanes
 def finish_counting(O, lane, counted, samples, dt, first_row, out):
-    """The metrics of one lane, ``out`` [metric], of a flight with so many ``samples`` that counted."""
+    """Compute the metrics ``out`` [metric] of one lane with ``samples`` counted ticks."""
     lean, programs = counted.lean, counted.programs
     for m in range(lean.row.size):
         a = O[natural(first_row + m), lane]
-        out[lean.place[m]] = finish_value(lean.statistic[m], a, a, samples, 0.0, 0.0, lean.empty[m])
+        out[lean.column[m]] = finish_value(
+            lean.statistic[m], a, a, samples, 0.0, 0.0, lean.empty[m]
+        )
     for m in range(programs.statistic.size):
         row = natural(first_row + MAX_LEAN + ROWS * m)
         a, b, count = O[row, lane], O[row + _B, lane], O[row + _COUNT, lane]
         last = (O[row + _TICK, lane] - 1.0) * dt
-        found = finish_value(
+        value = finish_value(
             programs.statistic[m], a, b, count, programs.start[m], last, programs.empty[m]
         )
-        out[programs.place[m]] = found
+        out[programs.column[m]] = value
 
 
 @lanes
 def finish_value(statistic, a, b, count, start, last, empty):
-    """A metric from its accumulators: ``start`` of its window and the ``last`` time that counted, s."""
+    """Return a metric from its accumulators, window ``start`` and ``last`` counted time, s."""
     inverse = 1.0 / larger(1.0, count)
     value = a
     if statistic == _MAX:

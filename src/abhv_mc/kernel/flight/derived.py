@@ -1,6 +1,6 @@
-"""Observed quantities that the lane memory does not hold, once a control tick, each in a row named as its source.
+"""Derived quantities, computed at each control tick into rows named after their sources.
 
-A source's name ends with its unit.
+The name of a source ends with its unit.
 """
 
 import math
@@ -25,12 +25,12 @@ _DEG = 180.0 / math.pi
 _G0 = 9.80665  # m/s2
 _SUTTON_GRAVES = 1.7415e-4  # kg^0.5/m
 
-# Rows of the lane memory: what is remembered of the flight so far.
+# Rows of the lane memory with the memory of the flight.
 FIRST_SURFACE = END_ROW  # deflections at the start: aileron, rudder, elevator
 LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
 RIPPLES = FIRST_MASS + 1  # of bank, angle of attack and sideslip
-FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # the quantities themselves
+FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # derived quantities
 _EACH = tuple(RIPPLES + i * N_RIPPLE_ROWS for i in range(3))
 BANK_RIPPLE_DEG, ANGLE_OF_ATTACK_RIPPLE_DEG, SIDESLIP_RIPPLE_DEG = (row + LARGEST for row in _EACH)
 BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY for row in _EACH)
@@ -51,22 +51,22 @@ _ANGLE_ERRORS = (BANK_ERROR_DEG, ANGLE_OF_ATTACK_ERROR_DEG, s.V_BETA)
 
 @scalar
 def heat_flux(density, airspeed, nose_radius):
-    """Heat flux at a stagnation point with a nose radius (m), cold wall, W/m2; not a number without a radius.
+    """Return the cold-wall stagnation heat flux, W/m2; NaN without a nose radius (m).
 
     k sqrt(density / radius) V^3: Sutton and Graves, NASA TR R-376 (1971), for the Earth's air.
     """
     cubed = airspeed * airspeed * airspeed
-    known = nose_radius > 0.0
+    has_radius = nose_radius > 0.0
     return (
-        _SUTTON_GRAVES * math.sqrt(density / (nose_radius if known else 1.0)) * cubed
-        if known
+        _SUTTON_GRAVES * math.sqrt(density / (nose_radius if has_radius else 1.0)) * cubed
+        if has_radius
         else math.nan
     )
 
 
 @lanes
 def remember_start(Z, width):
-    """Deflections and mass at the start, to which some quantities refer; no side has been seen."""
+    """Store the initial deflections and mass, and initialize the ripples."""
     for lane in range(width):
         for i in range(3):
             Z[FIRST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
@@ -78,7 +78,7 @@ def remember_start(Z, width):
 
 @lanes
 def derive(Z, width, reference, constants, tick):
-    """The quantities at this tick; ``reference`` [tick, column]."""
+    """Compute the derived quantities of this tick; ``reference`` is [tick, column]."""
     for lane in range(width):
         fuel_left = Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane]
         Z[FUEL_LEFT_KG, lane] = fuel_left if constants.burns_fuel > 0.0 else math.inf
@@ -102,18 +102,18 @@ def derive(Z, width, reference, constants, tick):
         )
         Z[ANGLE_OF_ATTACK_ERROR_DEG, lane] = Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
         Z[BANK_ERROR_DEG, lane] = wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
-        # A command at the stop counts as saturated, too: the surface creeps towards it and may never arrive.
-        limit, deflected, asked = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
+        # A command at the limit counts as saturated, as the surface approaches it asymptotically.
+        limit, deflected, commanded = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
         for i in range(3):
             deflection = Z[X + s.AILERON + i, lane]
-            deflected, asked = (
+            deflected, commanded = (
                 larger(deflected, abs(deflection)),
-                larger(asked, abs(Z[s.CMD + i, lane])),
+                larger(commanded, abs(Z[s.CMD + i, lane])),
             )
             Z[AILERON_FROM_TRIM_DEG + i, lane] = (deflection - Z[FIRST_SURFACE + i, lane]) * _DEG
             Z[AILERON_MOVED_DEG + i, lane] = abs(deflection - Z[LAST_SURFACE + i, lane]) * _DEG
             Z[LAST_SURFACE + i, lane] = deflection
-        saturated = (deflected >= limit or asked >= constants.surface_limit) and limit > 0.0
+        saturated = (deflected >= limit or commanded >= constants.surface_limit) and limit > 0.0
         Z[SURFACE_SATURATED, lane] = (
             Z[s.ANY_SATURATED, lane] if constants.driven > 0.0 else 1.0 if saturated else 0.0
         )
@@ -121,7 +121,10 @@ def derive(Z, width, reference, constants, tick):
 
 @lanes
 def follow_ripples(Z, width, settled, tick, length):
-    """Cycles of bank, angle of attack and sideslip; ``settled``: ticks of this settled stretch, 0 outside of one."""
+    """Update the cycles of bank, angle of attack and sideslip.
+
+    ``settled`` is the number of ticks in this settled interval, 0 outside.
+    """
     for i in range(3):
         row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
         if settled == 1.0:
@@ -139,6 +142,6 @@ def follow_ripples(Z, width, settled, tick, length):
 
 @lanes
 def end_ripples(Z, lane, length):
-    """At the end of a flight the third side of a cycle counts as far as it has got; ``length``: of a tick, s."""
+    """Complete the cycles at the end of a flight; ``length`` is the control period, s."""
     for i in range(3):
         keep_cycle(Z, lane, RIPPLES + i * N_RIPPLE_ROWS, length)

@@ -1,9 +1,10 @@
-"""The compiled flight: ``width`` flights side by side, tick by tick, from the start to the end of the mission.
+"""Compiled flight: ``width`` flights in lanes, tick by tick.
 
-One kernel serves every vehicle, mission, controller and gain: they are arguments. A lane never looks at another lane,
-so a flight is the same bit for bit whichever flights are in the lanes beside it. A kernel's arguments are three named
-tuples: the plan, which is only read (:class:`abhv_mc.kernel.flight.interface.KernelPlan`), the working memory
-(:class:`abhv_mc.kernel.flight.memory.Memory`) and the results (:class:`abhv_mc.kernel.flight.interface.KernelResults`).
+Vehicle, mission, controller and gains are arguments of one kernel. A lane is independent of other
+lanes, so a flight is the same bit for bit next to any other flights. The arguments are three named
+tuples: the plan (:class:`abhv_mc.kernel.flight.interface.KernelPlan`), the working memory
+(:class:`abhv_mc.kernel.flight.memory.Memory`) and the results
+(:class:`abhv_mc.kernel.flight.interface.KernelResults`).
 """
 
 from collections.abc import Callable
@@ -37,7 +38,7 @@ from abhv_mc.kernel.jit_pointer import call_address
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.lqr import lqr_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
-from abhv_mc.kernel.laws.user import call_user, own_tick
+from abhv_mc.kernel.laws.user import call_user, user_tick
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuators import (
     command_ideal,
@@ -91,14 +92,15 @@ from abhv_mc.kernel.plant.foreign import (
     foreign_thrust,
 )
 
-COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
+COMPACTION = 500  # ticks after which lanes of ended flights are given to others
 
 
 class Active(NamedTuple):
-    """What any lane meets in its flight; the rest is never computed.
+    """Effects that are active in any lane; others are not computed.
 
-    Where a function takes ``active``, None stands for still air, a whole vehicle of tables alone that moves its
-    surfaces together, ideal measurements and a law of the program: what else there is is then not even compiled.
+    If ``active`` is None, there are only calm air, a vehicle of tables without failures whose surfaces
+    move together, measurements without errors except biases, and a built-in law. Code for other
+    effects is not compiled then.
     """
 
     disturbances: Disturbances
@@ -109,7 +111,7 @@ class Active(NamedTuple):
 
 @lanes
 def find_active(Z, width, plan):
-    """From the parameters, which are constant over a flight, the vehicle and the mission."""
+    """Determine the active effects from the flights' parameters, the vehicle and the mission."""
     disturbances = active_disturbances(Z, width)
     return Active(
         disturbances,
@@ -120,14 +122,14 @@ def find_active(Z, width, plan):
 
 
 @lanes
-def nothing_active(Z, width, plan):
-    """In place of :func:`find_active`, for the lean flight."""
+def lean_active(Z, width, plan):
+    """Return None, in place of :func:`find_active`, for the lean flight."""
     return None
 
 
 @lanes
 def instruments(plan, Z, width, active, tick):
-    """What is measured against the air, and what the user's own law asks for besides."""
+    """Compute measurements relative to the air, and the additional ones of custom laws."""
     sensing, more = (
         plan.vehicle.constants.sensing,
         plan.user_code.more > 0 or active.sensor_errors.changed,
@@ -146,14 +148,17 @@ def instruments(plan, Z, width, active, tick):
 
 @lanes
 def begin_tick(plan, memory, width, active, tick):
-    """Motion, air and measurement at a control tick, with what sensors last felt of custom dynamics."""
+    """Compute motion, air and measurement at a control tick.
+
+    The effect of custom dynamics on sensors is that of the last stage.
+    """
     move(plan, memory, width, active, tick)
     measure(plan, memory, width, active, tick)
 
 
 @lanes
 def move(plan, memory, width, active, tick):
-    """Motion and air at a control tick."""
+    """Compute motion and air at a control tick."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     navigate(Z, width, tick_length, tick == 0)
     calm(Z, width)
@@ -165,7 +170,7 @@ def move(plan, memory, width, active, tick):
 
 @lanes
 def measure(plan, memory, width, active, tick):
-    """Measurement at a control tick."""
+    """Compute the measurement at a control tick."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     if active is not None:
         instruments(plan, Z, width, active, tick)
@@ -180,7 +185,7 @@ def measure(plan, memory, width, active, tick):
 
 @lanes
 def evaluate(plan, memory, width, stage, active):
-    """One Runge-Kutta stage at ``XS``."""
+    """Compute a Runge-Kutta stage at ``XS``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if active is not None and active.windy:
         move_air(Z, width, plan.profile)
@@ -208,7 +213,7 @@ def evaluate(plan, memory, width, stage, active):
 
 @lanes
 def recorded_tick(plan, memory, width, tick):
-    """No law: surfaces and engine follow a recording; the command rows hold their rates over the tick."""
+    """Set surfaces and engine to a recording, and the command rows to their rates."""
     Z, gains = memory.Z, plan.gains
     for lane in range(width):
         for i in range(3):
@@ -220,7 +225,10 @@ def recorded_tick(plan, memory, width, tick):
 
 @lanes
 def control(plan, memory, width, law, active, tick):
-    """The commands of the plan's law at a control tick; a user's filter changes the measurement before it."""
+    """Compute the commands of the plan's law.
+
+    A custom filter changes the measurement before.
+    """
     if active is not None and law != PYTHON and plan.user_code.address != 0:
         call_user(plan, memory, tick)
     if law == TLC:
@@ -228,14 +236,14 @@ def control(plan, memory, width, law, active, tick):
     elif law == LQR or active is None:
         lqr_tick(plan, memory, width, tick)
     elif law == PYTHON:
-        own_tick(plan, memory, width, tick)
+        user_tick(plan, memory, width, tick)
     else:
         recorded_tick(plan, memory, width, tick)
 
 
 @lanes
 def observe_tick(plan, memory, results, width, active, flights, n, tick):
-    """Limits and metrics at a control tick, of the ``flights`` in the first ``n`` lanes."""
+    """Update limits and metrics at a control tick, of ``flights`` in the first ``n`` lanes."""
     Z, O, reference, dt = (
         memory.Z,
         memory.O,
@@ -257,7 +265,7 @@ def observe_tick(plan, memory, results, width, active, flights, n, tick):
 
 @lanes
 def record_tick(plan, memory, results, flights, n, tick):
-    """The sample of a control tick that is recorded, of the ``flights`` in the first ``n`` lanes."""
+    """Record a sample if it is due at this tick, of the ``flights`` in the first ``n`` lanes."""
     if plan.record_every > 0 and tick % plan.record_every == 0:
         sample = tick // plan.record_every
         record(memory.Z, plan.observed, results.history, flights, n, sample)
@@ -267,7 +275,10 @@ def record_tick(plan, memory, results, flights, n, tick):
 
 @lanes
 def bin_tick(plan, memory, results, width, tick, first, last):
-    """Extremes at a control tick, where asked for; ``first`` and ``last``: of those that the lanes fly together."""
+    """Update the extremes at a control tick, if requested.
+
+    ``first`` and ``last`` mark the first and last tick of the group.
+    """
     every = plan.record_every
     if results.low.shape[0] > 0:
         follow_extremes(memory.Z, memory.E, plan.observed, width, first or tick % every == 0)
@@ -283,7 +294,7 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 
 @lanes
 def begin_control(plan, memory, width, law, active, tick):
-    """Measurement and commands of a control tick, and what fails then."""
+    """Compute measurement, commands and failures of a control tick."""
     Z, A, tick_length = memory.Z, memory.A, plan.timing.step * plan.timing.steps_per_tick
     measure(plan, memory, width, active, tick)
     control(plan, memory, width, law, active, tick)
@@ -298,7 +309,7 @@ def begin_control(plan, memory, width, law, active, tick):
 
 @lanes
 def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
-    """One group of flights from ``first_tick`` to before tick ``end``, or until all of them have ended."""
+    """Simulate a group of flights from ``first_tick`` to before ``end``."""
     Z, O, A, step, steps_per_tick = (
         memory.Z,
         memory.O,
@@ -308,11 +319,13 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
     )
     first = 0
     if active is not None and plan.user_code.dynamics != 0:
-        first = -1  # sensors feel custom dynamics at the state of the tick
+        first = -1  # sensors measure custom dynamics at the state of the tick
     for tick in range(first_tick, end):
         move(plan, memory, width, active, tick)
         flying = True
-        for evaluation in range(first, 4 * steps_per_tick):  # one loop: its code is there once
+        for evaluation in range(
+            first, 4 * steps_per_tick
+        ):  # one loop, so that its code exists once
             stage = evaluation % 4 if evaluation >= 0 else -1
             if evaluation == 0:
                 begin_control(plan, memory, width, law, active, tick)
@@ -351,14 +364,14 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
 
 @lanes
 def fly_groups(plan, memory, results, width, law, find, first_flight, last_flight):
-    """Flights from ``first_flight`` to before ``last_flight``, in groups of ``width`` lanes.
+    """Simulate flights from ``first_flight`` to before ``last_flight`` in groups.
 
-    They start at the mission's start, or from the plan's kept memories; where the results are to keep memories, they
-    fly up to the last tick, whose measurement is left to whoever goes on from there.
-    As many flights as the memory can save fly some ticks group by group; then the lanes are compacted: those of flights
-    that have ended go to flights that still fly.
+    They start at the mission's start, or from the plan's saved memory. If the results save memory, they
+    end before the measurement of the last tick, where other flights continue. As many flights as the
+    memory can save are simulated for some ticks group by group; then the lanes are compacted: those of
+    ended flights are given to others.
     """
-    saved, order, keeps = memory.saved, memory.order, results.kept.shape[1] > 0
+    saved, order, keeps = memory.saved, memory.order, results.saved.shape[1] > 0
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
     driven, custom = count_driven(plan.vehicle) > 0, has_functions(plan)
     own = plan.user_code.address != 0
@@ -389,7 +402,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
-                        # At or before its own place, which has been restored.
+                        # At or before the flight's own slot, which has been restored already.
                         save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1
@@ -401,20 +414,20 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                         results.outcome[flight] = int(O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(O[observe.END, lane])
                         if keeps:
-                            save_lane(memory, lane, results.kept[flight], driven, custom, own)
+                            save_lane(memory, lane, results.saved[flight], driven, custom, own)
             flying = still_flying
 
 
 @lanes
 def has_functions(plan):
-    """Whether the vehicle has functions, which use rows of their own."""
+    """Return whether the vehicle has custom functions, which use additional rows."""
     code = plan.user_code
     return code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
 @lanes
 def start_lanes(plan, memory, width, find, flights, n):
-    """Every lane at the start of its flight; spare lanes repeat the last flight, unseen."""
+    """Set every lane to the start of its flight; spare lanes repeat the last flight."""
     Z = memory.Z
     for i in range(Z_ROWS):
         for lane in range(width):
@@ -434,7 +447,7 @@ def start_lanes(plan, memory, width, find, flights, n):
 
 @lanes
 def start_active(plan, memory, width, active):
-    """What only some flights have at their start."""
+    """Initialize the effects that only some flights have."""
     Z = memory.Z
     if active is not None:
         if active.windy and plan.vehicle.constants.sensing.sideslip > 0:
@@ -448,19 +461,16 @@ def start_active(plan, memory, width, active):
 
 
 def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
-    """The compiled flight for ``capacity`` lanes (compiled at its first call, kept on disk).
+    """Return the flight for ``capacity`` lanes, compiled at its first call and cached on disk.
 
-    A ``lean`` one takes half as long to compile and flies what :class:`Active` says of None, with the same bits.
-
-    The number of lanes is a constant of the machine code, but for numba a number as any other: functions for each
-    constant would be optimized each by itself, and small loops unrolled into scalar code before they became vectors.
+    A ``lean`` one compiles twice as fast and simulates flights without the effects in :class:`Active`,
+    with the same bits. The number of lanes is a constant of the machine code, but not for numba, which
+    would optimize functions for each constant separately and unroll small loops into scalar code.
     """
 
     def fly_lanes(plan, memory, results):
-        """Fly every row of the plan's parameters in a memory for ``capacity`` lanes; fill the results."""
-        if has_width(
-            memory, capacity
-        ):  # checked where Python enters, and a constant to LLVM from here on
+        """Simulate every row of the plan's parameters in memory of ``capacity`` lanes."""
+        if has_width(memory, capacity):  # checked before the call, and a constant for LLVM inside
             width, flights = memory.Z.shape[1], plan.parameters.shape[0]
             fly_groups(
                 plan,
@@ -468,7 +478,7 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
                 results,
                 width,
                 plan.law,
-                nothing_active if lean else find_active,
+                lean_active if lean else find_active,
                 0,
                 flights,
             )
@@ -477,7 +487,7 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
 
 
 def named_kernel(function: Callable[..., Any], lean: bool) -> Callable[..., Any]:
-    """A kernel that the cache knows by name."""
+    """Return a kernel whose name in the cache distinguishes lean ones."""
     function.__name__ += "_lean" if lean else ""
     function.__qualname__ += "_lean" if lean else ""
     return kernel(function)

@@ -1,4 +1,4 @@
-"""What the compiled flight takes and fills: the plan and the results, named tuples of numbers and arrays."""
+"""Plan and results of the compiled flight, as named tuples of numbers and arrays."""
 
 from typing import NamedTuple
 
@@ -11,14 +11,14 @@ from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 
-LANES = 32  # flights of a group: batched lanes
+LANES = 32  # flights in a group
 
-# Which law flies: the integers that the kernel compares.
+# Kinds of control laws.
 TLC, LQR, RECORDED, PYTHON = range(4)
 
 
 class Timing(NamedTuple):
-    """The clock of a flight. Control ticks are 0..ticks; a tick holds ``steps_per_tick`` RK4 steps."""
+    """Timing of a flight with control ticks 0..ticks and RK4 steps between them."""
 
     step: float  # s
     steps_per_tick: int
@@ -36,7 +36,7 @@ class Timing(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """The tables of limits and channels as numbers; rows of the lane memory."""
+    """Limits and recorded channels as rows of the lane memory."""
 
     limit_row: Ints  # [limit]
     limit_outcome: Floats  # [limit]
@@ -47,20 +47,20 @@ class Observed(NamedTuple):
 
 
 class UserCode(NamedTuple):
-    """A law of the user's own, as the kernel calls it."""
+    """Addresses of custom code."""
 
-    address: int  # of its machine code, 0 for none
-    onboard: int  # 1 where it wants the nominal vehicle
-    channels: int  # address of the user's own channels, 0 for none
-    more: int  # 1 where it may ask for more than the ten measured values
-    context: int = 0  # address of what the law's machine code works on, 0 for none
-    aerodynamics: int = 0  # addresses of the vehicle's own functions, 0 for tables
+    address: int  # of the law's machine code, 0 for none
+    onboard: int  # 1 if the law needs the nominal vehicle
+    channels: int  # address of the custom channels, 0 for none
+    more: int  # 1 if the law may read more than the ten measured values
+    context: int = 0  # address of data that the law's machine code works on, 0 for none
+    aerodynamics: int = 0  # addresses of custom functions of the vehicle, 0 for tables
     propulsion: int = 0
     dynamics: int = 0
 
 
 class KernelPlan(NamedTuple):
-    """What is flown, only read."""
+    """Plan of flights, which the kernel only reads."""
 
     law: int
     vehicle: Vehicle
@@ -70,30 +70,32 @@ class KernelPlan(NamedTuple):
     timing: Timing
     record_every: int  # control ticks between samples, 0 for no history
     observed: Observed
-    unit_factors: Ints  # [term] the parameter that is 1, for the nominal vehicle
-    initial_state: Floats  # [state] custom ones behind the vehicle's
+    unit_factors: Ints  # [term] index of the parameter that is 1, for the nominal vehicle
+    initial_state: Floats  # [state] states of the vehicle, then custom states
     reference: Floats  # [tick, column]
     gains: Floats  # [tick, gain]
     settings: Floats  # [setting]
-    profile: Floats  # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data; no knots: still standard air
-    parameters: Floats  # [flight, parameter] settings of functions and starts of states behind them
+    # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data; no knots: calm standard air
+    profile: Floats
+    parameters: Floats  # [flight, parameter] then settings of functions and initial custom states
     counted: Counted
     first_tick: int  # at which the flights start
-    start: Floats  # [flight, row] their memories then, see abhv_mc.flight.fly; no flights: the mission's start
+    # [flight, row] memory at first_tick, see abhv_mc.flight.fly; no flights: the mission's start
+    start: Floats
     user_code: UserCode = UserCode(0, 0, 0, 0)
 
 
 class KernelResults(NamedTuple):
-    """What the compiled flight fills."""
+    """Results of flights, which the kernel fills."""
 
     metrics: Floats  # [flight, metric]
     outcome: NDArray[np.int64]  # [flight]
     end_tick: NDArray[np.int64]  # [flight]
     history: NDArray[np.float32]  # [flight, sample, channel]
-    states: Floats  # [flight, sample, state]; no samples where not asked for
-    low: Floats  # [sample, channel] least and greatest values of all flights, from the sample to the tick before the
-    high: (
-        Floats  # next, the first above the second where nobody flew; no samples where not asked for
-    )
-    kept: Floats  # [flight, row] memories before the last tick; no rows where not asked for
-    samples: Floats  # [quantile, flight, tick] of metrics that are quantiles, in their order; not-a-number where none
+    states: Floats  # [flight, sample, state]; no samples unless requested
+    # [sample, channel] least and greatest value of all flights, from the sample to the tick before the
+    # next; low above high if no flight was simulated then. No samples unless requested.
+    low: Floats
+    high: Floats
+    saved: Floats  # [flight, row] memory before the last tick; no rows unless requested
+    samples: Floats  # [quantile, flight, tick] values of quantile metrics; NaN if not counted

@@ -1,4 +1,4 @@
-"""What a group of lanes works in besides its flights' inputs and results, allocated once a call."""
+"""Working memory of a group of lanes, allocated once a call."""
 
 from typing import NamedTuple
 
@@ -14,30 +14,30 @@ from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
 from abhv_mc.kernel.plant.state import aligned_zeros
 
-TOGETHER = 256  # flights that share a compaction: what is saved of them stays in a near cache
+TOGETHER = 256  # flights that share a compaction; their saved memory fits the processor's cache
 
-Z_ROWS = observe.END_ROW  # the observer's rows are the last
+Z_ROWS = observe.END_ROW  # the rows of the observer are the last
 O_ROWS = observe.N_ROWS
 SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
 
 
 class Memory(NamedTuple):
-    """Working memory of the lanes, and the saved lanes of flights that wait for their turn."""
+    """Working memory of the lanes, and saved memory of waiting flights."""
 
     Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.kernel.plant.state
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.kernel.flight.observe
-    A: Floats  # [row, lane] effectors with actuators of their own, see abhv_mc.kernel.plant.effectors
+    A: Floats  # [row, lane] effectors with actuators, see abhv_mc.kernel.plant.effectors
     E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.kernel.flight.observe
     T: Floats  # [table row, lane]
     cells: TableCells
     trim: TrimCells
     high: Floats  # [table row], for slopes
     saved: Floats  # [flight, row] rows of Z and O of waiting flights
-    order: Ints  # [flight] their numbers
+    order: Ints  # [flight] numbers of these flights
 
 
 def make_memory(width: int) -> Memory:
-    """Memory of ``width`` lanes for any vehicle."""
+    """Return memory of ``width`` lanes for any vehicle."""
     return Memory(
         aligned_zeros((Z_ROWS, width)),
         aligned_zeros((O_ROWS, width)),
@@ -54,7 +54,7 @@ def make_memory(width: int) -> Memory:
 
 @lanes
 def has_width(memory, width):
-    """Whether the memory is that of ``width`` lanes. Machine code that has asked knows how far apart rows lie."""
+    """Return whether the memory has ``width`` lanes; tells the compiler the stride of rows."""
     return (
         memory.Z.shape[1] == width
         and memory.O.shape[1] == width
@@ -74,10 +74,10 @@ def has_width(memory, width):
 
 @lanes
 def save_lane(memory, lane, row, driven, custom, own):
-    """Save everything that a flight carries from tick to tick, to ``row`` [SAVED_ROWS].
+    """Save the memory of a flight to ``row`` [SAVED_ROWS].
 
-    ``driven``: effectors with actuators of their own are part of it; ``custom``: functions of the vehicle; ``own``: the
-    memory of a user's law.
+    It includes effectors with actuators if ``driven``, rows of custom functions if ``custom``, and the
+    memory of a custom law if ``own``.
     """
     for i in range(s.CUSTOM_STATE if not custom else s.LAW):
         row[i] = memory.Z[i, lane]
@@ -94,7 +94,7 @@ def save_lane(memory, lane, row, driven, custom, own):
 
 @lanes
 def restore_lanes(memory, width, saved, first, n, driven, custom, own):
-    """Flights from ``saved`` [flight, SAVED_ROWS] back into the lanes; spare lanes repeat the last."""
+    """Restore flights from ``saved`` [flight, SAVED_ROWS]; spare lanes repeat the last flight."""
     for lane in range(width):
         row = saved[first + min(lane, n - 1)]
         for i in range(s.CUSTOM_STATE if not custom else s.LAW):

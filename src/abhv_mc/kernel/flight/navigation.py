@@ -1,4 +1,4 @@
-"""Once a tick: the motion to the Earth and, where it is asked for, to the air, from which the sensors measure."""
+"""Motion relative to the Earth and, if measured, to the air, at each control tick."""
 
 import math
 
@@ -17,7 +17,7 @@ SEA_LEVEL_DENSITY = 1.225  # kg/m3, of the equivalent airspeed
 
 @scalar
 def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
-    """Bank about the velocity: where the wind axes' y and z point relative to the vertical."""
+    """Return the bank about the velocity, from the direction of the wind axes to the vertical."""
     d_x, d_y, d_z = rotate_to_body(
         q0, q1, q2, q3, 0.0, 0.0, 1.0
     )  # the NED down axis in body components
@@ -28,7 +28,7 @@ def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
 
 @lanes
 def navigate(Z, width, tick, first):
-    """Truth at the tick, also in the rows to be measured; the track is integrated by the trapezoidal rule."""
+    """Compute the true motion, also in the measured rows, and integrate the track."""
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
@@ -61,7 +61,7 @@ def navigate(Z, width, tick, first):
 
 @lanes
 def measure_air(Z, width, sensing):
-    """The measured values that are relative to the air, whose velocity of the tick stands in the lane memory."""
+    """Compute measured values relative to the air, whose velocity is in the lane memory."""
     for lane in range(width):
         speed, _, sin_a, cos_a, sin_b, cos_b = flow_direction(
             Z[X + s.U, lane] - Z[s.AIR_U, lane],
@@ -76,7 +76,10 @@ def measure_air(Z, width, sensing):
 
 @lanes
 def measure_more(Z, width, reference, tick):
-    """What laws of the user's own may ask for besides; the load factor is that of the step before, 1 at the start."""
+    """Compute the additional measurements of custom laws.
+
+    The load factor is that of the previous step, 1 at the start.
+    """
     sin_h, cos_h = sincos(reference[tick, ref.HEADING])
     atmosphere_lanes(
         Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH

@@ -1,6 +1,6 @@
-"""Once a tick, at the state of the tick: the end of a flight, and what is recorded: channels, states, extremes.
+"""Limits that end a flight, and recording of channels, states and extremes.
 
-Which limits and channels there are comes as numbers, see :mod:`abhv_mc.flight.arguments`.
+Limits and channels are rows of the lane memory, see :mod:`abhv_mc.flight.arguments`.
 """
 
 import math
@@ -15,19 +15,19 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import STATE_INDEX, X
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 
-# Rows of the observer's own block: of every lane, then what metrics keep, see abhv_mc.kernel.flight.counting.
-ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last sample that counted
+# Rows of the observer's block, followed by those of metrics, see abhv_mc.kernel.flight.counting.
+ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last counted sample
 FIRST_METRIC = 4
 N_ROWS = FIRST_METRIC + counting.N_ROWS
 END_ROW = VERDICT + 1  # of the lane memory
 
 MAX_RECORDED = 96  # channels
-HIDDEN = 2 * MAX_RECORDED  # row of E: 0, or NaN in the lanes that do not count
+HIDDEN = 2 * MAX_RECORDED  # row of E: 0, or NaN in lanes that are not counted
 E_ROWS = HIDDEN + 1
 
 
 def find_row(source: str) -> int:
-    """Row of the lane memory where a source stands. Raises ValueError for one that there is not."""
+    """Return the row of a source in the lane memory. Raise ValueError if it has none."""
     if source in STATE_INDEX:
         return X + STATE_INDEX[source]
     if source in VARIABLES:
@@ -40,7 +40,7 @@ def find_row(source: str) -> int:
 
 @lanes
 def start_observing(Z, O, width, counted):
-    """Metrics at their beginning, every lane alive."""
+    """Initialize metrics, with every lane alive."""
     remember_start(Z, width)
     counting.start_counting(O, width, counted, FIRST_METRIC)
     for lane in range(width):
@@ -51,9 +51,9 @@ def start_observing(Z, O, width, counted):
 
 @lanes
 def check_limits(Z, O, width, observed, states, tick):
-    """End the flights that left their limits or are no longer finite: how many. Metrics keep what was counted.
+    """End flights that are outside their limits or not finite, and return their number.
 
-    ``states``: how many custom states there are.
+    Their metrics keep the counted ticks. ``states`` is the number of custom states.
     """
     ended = 0.0
     for lane in range(width):
@@ -77,7 +77,7 @@ def check_limits(Z, O, width, observed, states, tick):
         verdict = verdict if finite else NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
-        # A last finite sample still counts; a broken one does not.
+        # A last finite sample is counted, one that is not finite is not.
         counts = alive if finite else 0.0
         O[END, lane] = float(tick) if alive > 0.0 else O[END, lane]
         O[SAMPLES, lane] += counts
@@ -89,7 +89,7 @@ def check_limits(Z, O, width, observed, states, tick):
 
 @lanes
 def finish_flights(Z, O, width, last, length):
-    """What metrics count of flights that have ended, at this tick or before; ``length``: of a tick, s."""
+    """Complete the ripples of flights that have ended; ``length`` is the control period, s."""
     for lane in range(width):
         if last or O[ALIVE, lane] == 0.0:
             end_ripples(Z, lane, length)
@@ -97,14 +97,14 @@ def finish_flights(Z, O, width, last, length):
 
 @lanes
 def check_limit(verdict, value, low, high, outcome, width):
-    """One limit in all lanes; a NaN is inside, the state itself is checked."""
+    """Check a limit in all lanes; NaN is inside, as the state itself is checked."""
     for lane in range(width):
         verdict[lane] = outcome if value[lane] < low or value[lane] > high else verdict[lane]
 
 
 @lanes
 def record(Z, observed, history, flights, n, sample):
-    """The recorded channels at this tick, of the lanes' ``flights`` that still fly."""
+    """Record the channels at this tick, of the counted ``flights``."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
             row = history[flights[lane], sample]
@@ -114,7 +114,7 @@ def record(Z, observed, history, flights, n, sample):
 
 @lanes
 def record_states(Z, states, flights, n, sample):
-    """The whole state at this tick, in the order of STATES and in double precision, for the flights that still fly."""
+    """Record the full state at this tick in double precision, in the order of STATES."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
             for i in range(s.N_STATES):
@@ -123,10 +123,10 @@ def record_states(Z, states, flights, n, sample):
 
 @lanes
 def follow_extremes(Z, E, observed, width, fresh):
-    """Add a tick to the extremes ``E[2 channel + side, lane]`` of the flights that count; ``fresh``: a bin begins.
+    """Add a tick to the extremes ``E[2 channel + side, lane]``; ``fresh`` starts a new bin.
 
-    A bin runs from a sample to the tick before the next one. What is compared are rows of the lane memory: factors are
-    positive and rounding keeps the order, so these are extremes of what a history would hold, to the bit.
+    A bin covers a sample and the ticks before the next one. Rows of the lane memory are compared: as
+    factors are positive and rounding is monotone, these are the extremes of histories, to the bit.
     """
     for lane in range(width):
         E[HIDDEN, lane] = 0.0 if Z[s.COUNTED, lane] > 0.0 else math.nan
@@ -138,7 +138,7 @@ def follow_extremes(Z, E, observed, width, fresh):
 
 @lanes
 def forget(low, high, width):
-    """No value seen."""
+    """Reset the extremes."""
     for lane in range(width):
         low[lane] = math.inf
         high[lane] = -math.inf
@@ -146,7 +146,7 @@ def forget(low, high, width):
 
 @lanes
 def widen(low, high, row, hidden, width):
-    """One value in all lanes; a NaN is none, and becomes of what is hidden."""
+    """Add a value in all lanes; ``hidden`` makes uncounted values NaN, which are ignored."""
     for lane in range(width):
         value = row[lane] + hidden[lane]
         low[lane] = value if value < low[lane] else low[lane]
@@ -155,7 +155,7 @@ def widen(low, high, row, hidden, width):
 
 @lanes
 def keep_extremes(E, observed, least, greatest, width):
-    """Widen the result ``[channel]`` of a bin by what the lanes have seen in it."""
+    """Widen the result ``[channel]`` of a bin by the extremes of the lanes."""
     for i in range(observed.channel_row.size):
         low, high = E[2 * i], E[2 * i + 1]
         smallest, largest = low[0], high[0]

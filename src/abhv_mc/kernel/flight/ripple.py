@@ -1,10 +1,10 @@
-"""Cycles of an angle about its command while the reference is settled: a few numbers a lane, tick by tick.
+"""Cycles of an angle about its command while the reference is settled.
 
-Zero is the mean of the error since the settled stretch began. A side ends when the error lies on the other one by half
-of the distance of its own farthest point, 0.01 deg at least. Three sides one after another, the last as far as it
-has got when the stretch or the flight ends, are a cycle where the smaller of the two swings between their farthest
-points is at least half the larger. Its size is the larger swing (of the error itself), its frequency 1 / (time from
-the first of the three points to the third).
+Zero is the mean of the error since the settled interval started. A side ends when the error is on the
+other side by half the distance of the side's farthest point, and at least 0.01 deg. Three successive
+sides, the last one possibly cut off by the end of the interval or flight, form a cycle if the smaller of
+the two swings between their farthest points is at least half the larger. The size of the cycle is the
+larger swing of the error, its frequency 1 / (time from the first of the three points to the third).
 """
 
 import math
@@ -12,18 +12,18 @@ import math
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import larger
 
-# Rows of one angle: the mean; the farthest point of this side (not a number before the first) and its tick, that of the
-# side before and its tick, the swing that led to that one and the tick of its beginning; the largest cycle (deg)
-# whose third side has ended, or its stretch or flight, and its frequency (Hz).
+# Rows of one angle: mean; farthest point of this side (NaN before the first) and its tick; farthest point
+# of the previous side and its tick; the swing to that point and the tick of its start; size (deg) and
+# frequency (Hz) of the largest complete cycle.
 MEAN, FARTHEST, TICK, LAST, LAST_TICK, SWING, FIRST_TICK, LARGEST, FREQUENCY = range(9)
 N_RIPPLE_ROWS = 9
-LEAST = 0.01  # deg on the other side end a side, at the least
+LEAST = 0.01  # deg, smallest distance on the other side that ends a side
 HALF = 0.5
 
 
 @lanes
 def begin_stretch(Z, width, row):
-    """Nothing has been seen of a settled stretch."""
+    """Initialize a settled interval."""
     for lane in range(width):
         Z[row + MEAN, lane] = 0.0
         Z[row + FARTHEST, lane] = math.nan
@@ -33,9 +33,10 @@ def begin_stretch(Z, width, row):
 
 @lanes
 def watch_sides(Z, width, row, error, factor, share, tick):
-    """How many lanes' error (deg: row ``error`` times ``factor``) has changed sides; :func:`change_side` follows up.
+    """Update the sides and return in how many lanes the error has changed sides.
 
-    ``share``: of this tick in the mean, 1 / ticks of the stretch.
+    The error (deg) is row ``error`` times ``factor``. ``share`` is the weight of this tick in the mean,
+    1 / ticks of the interval. Call :func:`change_side` for changes.
     """
     changes = 0.0
     for lane in range(width):
@@ -58,13 +59,13 @@ def watch_sides(Z, width, row, error, factor, share, tick):
 
 @lanes
 def _changes(now, farthest):
-    """Whether the error lies far enough on the other side of the mean; ``farthest`` is not a number before any side."""
+    """Return whether the error has changed sides; ``farthest`` is NaN before any side."""
     return (not now * farthest >= 0.0) & (abs(now) >= larger(LEAST, HALF * abs(farthest)))
 
 
 @lanes
 def change_side(Z, lane, row, error, tick, length):
-    """Another side begins where the error has changed sides; ``length``: of a tick, s."""
+    """Start a new side if the error has changed sides; ``length`` is the control period, s."""
     farthest, mean = Z[row + FARTHEST, lane], Z[row + MEAN, lane]
     if _changes(error - mean, farthest - mean):
         keep_cycle(Z, lane, row, length)
@@ -78,7 +79,7 @@ def change_side(Z, lane, row, error, tick, length):
 
 @lanes
 def keep_cycle(Z, lane, row, length):
-    """Keep the cycle of the last three sides where it is the largest so far; ``length``: of a tick, s."""
+    """Store the cycle of the last three sides if it is the largest."""
     before, swing = Z[row + SWING, lane], abs(Z[row + FARTHEST, lane] - Z[row + LAST, lane])
     size = larger(before, swing)
     if before >= HALF * swing and swing >= HALF * before and size > Z[row + LARGEST, lane]:

@@ -1,6 +1,7 @@
-"""Sensor models on the true motion: lag, scale, bias, white noise, sampling, delay, one after another in this order.
+"""Sensor models: lag, scale, bias, white noise, sampling and delay, in this order.
 
-The control laws see nothing else. A flight without them gets exact ones and zeros, which leave its bits unchanged.
+Control laws receive only the result. Flights without errors have factors of one and additions of zero,
+which leave their bits unchanged.
 """
 
 from typing import NamedTuple
@@ -16,47 +17,45 @@ from abhv_mc.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parame
 
 MAX_DELAY_TICKS = 25
 
-# Rows of the lane memory, behind the control law's.
+# Rows of the lane memory, after those of the control law.
 NOISE = LAW + N_LAW_ROWS  # random numbers
 DELAY = NOISE + N_STREAM_ROWS  # the last measurements, a ring buffer
-MORE_NOISE = (
-    DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
-)  # random numbers of what user laws may measure besides
-TRUE = MORE_NOISE + N_STREAM_ROWS  # at the last tick
-LATE = TRUE + N_SEEN  # what sensors with a lag gave then
-HELD = LATE + N_SEEN  # what is held until the next sample
+MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN  # random numbers of the additional measurements
+TRUE = MORE_NOISE + N_STREAM_ROWS  # true values at the last tick
+LATE = TRUE + N_SEEN  # output of sensors with lag at the last tick
+HELD = LATE + N_SEEN  # values held until the next sample
 END_ROW = HELD + N_SEEN
 
-# Ten rows each, in the order of the measured rows.
+# Ten rows each, in the order of the measured quantities.
 _BIAS = parameter_row("sensor.altitude_bias")
 _SIGMA = parameter_row("sensor.altitude_noise")
 _SEED = parameter_row("sensor.noise_seed")
 _DELAY = parameter_row("sensor.delay")
-# Of the other twelve.
+# Twelve rows each, of the additional measurements.
 _MORE_BIAS = parameter_row(f"sensor.{MORE_SENSORS[0]}_bias")
 _MORE_SIGMA = parameter_row(f"sensor.{MORE_SENSORS[0]}_noise")
-# Of all.
+# Rows of all measurements.
 _LAG = parameter_row("sensor.altitude_lag")
 _INTERVAL = parameter_row("sensor.altitude_interval")
 _SCALE = parameter_row("sensor.altitude_scale")
 _SCALED = tuple(ALL_SENSORS.index(name) for name in SCALED_SENSORS)
 _TURNS = tuple(
     name in ("heading", "bank", "roll", "yaw", "longitude") for name in ALL_SENSORS
-)  # by way of 180 deg
+)  # angles that wrap at 180 deg
 _LONGEST = 1e9  # ticks
 
 
 class SensorErrors(NamedTuple):
-    """Sensor errors active in any lane; the others are never computed."""
+    """Sensor errors that are active in any lane; others are not computed."""
 
     noisy: bool
     delayed: bool
-    changed: bool  # by lag, scale or interval, or the twelve besides by bias or noise
+    changed: bool  # lag, scale or interval, or bias or noise of an additional measurement
 
 
 @lanes
 def active_sensor_errors(Z, width):
-    """From the parameters, which are constant over a flight."""
+    """Determine the active sensor errors from the flights' parameters."""
     return SensorErrors(
         any_lane(Z, width, _SIGMA, N_MEASURED, 0.0),
         any_lane(Z, width, _DELAY, 1, 0.0),
@@ -67,16 +66,16 @@ def active_sensor_errors(Z, width):
 
 @lanes
 def lag_and_scale(Z, width, dt, tick):
-    """Lag and scale of the true values in the measured rows: exact for what changes at a constant rate in a tick."""
+    """Apply lag and scale to the true values; exact for a constant rate within a tick."""
     for i in range(N_SEEN):
         for lane in range(width):
             true, lag = Z[MEASURED + i, lane], Z[_LAG + i, lane]
             ratio = lag / dt
-            gone = 1.0 - exp(-1.0 / ratio) if lag > 0.0 else 1.0
-            behind, step = Z[TRUE + i, lane] - Z[LATE + i, lane], true - Z[TRUE + i, lane]
+            decayed = 1.0 - exp(-1.0 / ratio) if lag > 0.0 else 1.0
+            lag_error, step = Z[TRUE + i, lane] - Z[LATE + i, lane], true - Z[TRUE + i, lane]
             if _TURNS[i]:
-                behind, step = wrap(behind), wrap(step)
-            late = Z[LATE + i, lane] + gone * behind + (1.0 - gone * ratio) * step
+                lag_error, step = wrap(lag_error), wrap(step)
+            late = Z[LATE + i, lane] + decayed * lag_error + (1.0 - decayed * ratio) * step
             if _TURNS[i]:
                 late = wrap(late)
             late = late if lag > 0.0 and tick > 0 else true
@@ -88,7 +87,7 @@ def lag_and_scale(Z, width, dt, tick):
 
 @lanes
 def add_biases(Z, width):
-    """To the true values in the measured rows."""
+    """Add biases to the measured values."""
     for i in range(N_MEASURED):
         for lane in range(width):
             Z[MEASURED + i, lane] += Z[_BIAS + i, lane]
@@ -96,7 +95,7 @@ def add_biases(Z, width):
 
 @lanes
 def sense(Z, width, active, dt, tick):
-    """Add noise to the values in the measured rows, hold them, then replace them by delayed ones."""
+    """Add noise to the measured values, hold them between samples and delay them."""
     if active.noisy:
         if tick == 0:
             seed_stream(Z, width, NOISE, _SEED, 0)
@@ -114,7 +113,7 @@ def sense(Z, width, active, dt, tick):
 
 @lanes
 def disturb_more(Z, width, tick):
-    """Bias and noise of the twelve besides, from random numbers of their own."""
+    """Add bias and noise to the additional measurements, from separate random numbers."""
     if tick == 0:
         seed_stream(Z, width, MORE_NOISE, _SEED, 1)
     for i in range(0, len(MORE_SENSORS), 2):
@@ -127,17 +126,17 @@ def disturb_more(Z, width, tick):
 
 @lanes
 def hold(Z, width, dt, tick):
-    """What is sampled at intervals stays what it was between them."""
+    """Hold sampled measurements until their next sample."""
     for i in range(N_SEEN):
         for lane in range(width):
             ticks = max(int(min(Z[_INTERVAL + i, lane] / dt, _LONGEST) + 0.5), 1)
-            held = Z[MEASURED + i, lane] if tick % ticks == 0 else Z[HELD + i, lane]
-            Z[HELD + i, lane], Z[MEASURED + i, lane] = held, held
+            value = Z[MEASURED + i, lane] if tick % ticks == 0 else Z[HELD + i, lane]
+            Z[HELD + i, lane], Z[MEASURED + i, lane] = value, value
 
 
 @lanes
 def delay(Z, width, dt, tick):
-    """Store the measurement and return the one ``sensor.delay`` old; at the start, the first one."""
+    """Store the measurement and replace it by that ``sensor.delay`` ago, or the first one."""
     slot = DELAY + (tick % (MAX_DELAY_TICKS + 1)) * N_SEEN
     for i in range(N_SEEN):
         for lane in range(width):

@@ -1,4 +1,4 @@
-"""The start of each flight: the nominal state, moved by the flight's initial errors."""
+"""Initial state of each flight: the nominal state with the flight's initial errors."""
 
 import math
 
@@ -15,7 +15,7 @@ _ALTITUDE, _SPEED, _PATH, _HEADING, _ALPHA, _BETA, _BANK, _ROLL_RATE, _PITCH_RAT
 
 @scalar
 def multiply(a0, a1, a2, a3, b0, b1, b2, b3):
-    """Quaternion product a b, scalar first."""
+    """Return the quaternion product a b, scalar first."""
     return (
         a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
         a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
@@ -26,10 +26,11 @@ def multiply(a0, a1, a2, a3, b0, b1, b2, b3):
 
 @lanes
 def start_flights(Z, width, initial_state):
-    """The state of every lane from the nominal start [state] and the lane's parameters.
+    """Set the initial state of every lane from the nominal state and its parameters.
 
-    Speed keeps the flow angles. Heading and flight path turn velocity and body together, bank turns the body about
-    the velocity, angle of attack and sideslip turn the body under the velocity. No error leaves the state as it is.
+    An error in speed keeps the flow angles. Errors in heading and flight path rotate velocity and body
+    together, in bank the body about the velocity, in angle of attack and sideslip the body relative to
+    the velocity. Without errors the state is unchanged.
     """
     for lane in range(width):
         for i in range(s.N_STATES):
@@ -91,9 +92,10 @@ def start_flights(Z, width, initial_state):
 
 @lanes
 def face_air(Z, width):
-    """Turn each body about the vertical towards the air that comes, whose velocity stands in the lane memory.
+    """Rotate each body about the vertical into the relative wind, to zero sideslip.
 
-    A vehicle whose instruments measure the sideslip to the air starts without one.
+    This is the start of a vehicle whose instruments measure the sideslip relative to the air, whose
+    velocity is in the lane memory.
     """
     for lane in range(width):
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]

@@ -1,1 +1,1 @@
-"""The compiled control laws, one control tick in lanes, and what they look up in flight."""
+"""Compiled control laws, one control tick in lanes, and their look-up of trim tables."""

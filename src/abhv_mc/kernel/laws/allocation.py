@@ -1,7 +1,7 @@
-"""Control allocation (19): the nominal vehicle's moment and its slopes with the three axis deflections.
+"""Control allocation (19): nominal moment and its slopes with the axis deflections.
 
-Moments are about the centre of gravity. Coefficients are about the moment reference, so that a deflection's force
-counts with its arm too; forces enter through the same axes as in the equations of motion.
+Moments are about the centre of gravity. Coefficients are about the moment reference, so the force of a
+deflection contributes by its arm. The axes are those of the equations of motion.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar
@@ -13,9 +13,9 @@ from abhv_mc.kernel.plant.slopes import N_INPUTS
 
 @lanes
 def force_of(Z, lane, constants, q_bar, row, stride):
-    """Force of the coefficients at the variables' flow angles, N, or of their slopes alike.
+    """Return the force of coefficients, or of their slopes, at the flow angles, N.
 
-    They stand in the rows ``row``, ``row + stride``, ...
+    They are in the rows ``row``, ``row + stride``, ...
     """
     flow = sincos(Z[s.V_ALPHA, lane]) + sincos(Z[s.V_BETA, lane])
     lift, drag, side = Z[row, lane], Z[row + stride, lane], Z[row + 2 * stride, lane]
@@ -24,7 +24,7 @@ def force_of(Z, lane, constants, q_bar, row, stride):
 
 @lanes
 def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
-    """Moment (N m) of such coefficients and of a force (N) at the moment reference."""
+    """Return the moment (N m) of such coefficients and of a force (N) at the moment reference."""
     q_s, cg_x, cg_z = q_bar * constants.area, Z[s.CG_X, lane], Z[s.CG_Z, lane]
     return (
         q_s * constants.span * Z[row + 3 * stride, lane] + cg_z * fy,
@@ -35,13 +35,19 @@ def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
 
 @scalar
 def side_force_slope(constants, q_s, side_by_sideslip, drag):
-    """Slope of the wind axes' side force with sideslip at none, N/rad: drag given in stability axes turns into it."""
+    """Return the slope of the wind-axis side force with sideslip at zero sideslip, N/rad.
+
+    Drag in stability axes contributes to it.
+    """
     return q_s * side_by_sideslip + (0.0 if constants.drag_in_wind_axes > 0.0 else q_s * drag)
 
 
 @lanes
 def nominal_moment(Z, lane, constants, density, q_bar, speed):
-    """Moment of the nominal vehicle about its centre of gravity at the measured state and the last commands, N m."""
+    """Return the nominal vehicle's moment about its centre of gravity, N m.
+
+    It is that at the measured state and the last commands.
+    """
     fx, fy, fz = force_of(Z, lane, constants, q_bar, s.COEF, 1)
     t = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
     tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
@@ -62,9 +68,10 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
 
 @lanes
 def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
-    """Slope of :func:`nominal_moment` with one deflection (0 aileron, 1 rudder, 2 elevator), N m/rad.
+    """Return the slope of :func:`nominal_moment` with a deflection, N m/rad.
 
-    ``first_slope``: row of the coefficients' slopes, see :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
+    Deflection 0 is the aileron, 1 the rudder, 2 the elevator. ``first_slope`` is the first row of
+    :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
     """
     row = first_slope + deflection
     fx, fy, fz = force_of(Z, lane, constants, q_bar, row, N_INPUTS)
@@ -73,7 +80,7 @@ def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
 
 @scalar
 def solve_3x3(a, b, c, d, e, f, g, h, i, x, y, z):
-    """Solution of [[a, b, c], [d, e, f], [g, h, i]] u = (x, y, z); zero where the matrix is singular."""
+    """Solve [[a, b, c], [d, e, f], [g, h, i]] u = (x, y, z); zero if the matrix is singular."""
     c_0 = e * i - f * h
     c_1 = f * g - d * i
     c_2 = d * h - e * g

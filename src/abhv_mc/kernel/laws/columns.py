@@ -1,6 +1,6 @@
-"""Names and order of what the launching process computes per control tick and the compiled laws read."""
+"""Names and order of the columns that compiled laws read at each control tick."""
 
-# The mission's reference and the nominal along it, SI and radians.
+# Reference of the mission and nominal values along it, SI and radians.
 REFERENCE = (
     "time",
     "altitude",
@@ -18,8 +18,8 @@ REFERENCE = (
     "north",  # integral of the north ground speed at altitude
     "east",
     "latitude",
-    "settled",  # 0 in an S's ramps or steps and 5 s after, else ticks of this settled stretch: 1, 2, ...
-    "track_north",  # unit vector of positive cross-track error (left of the start's heading), constant
+    "settled",  # 0 in ramps or steps of an S and 5 s after, else ticks of the settled interval: 1, 2, ...
+    "track_north",  # constant unit vector of positive cross-track error (left of the initial heading)
     "track_east",
     "density",  # nominal air and gravity at the reference
     "sound_speed",
@@ -55,11 +55,11 @@ TLC_GAINS = (
     ),
 )
 TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
-_LIMITS = (  # rad, of the commands; those of deflections are what the vehicle's effectors can follow
+_LIMITS = (  # rad, of commands; deflections are limited to those that the effectors can follow
     *("angle_of_attack_min", "angle_of_attack_max", "bank_max"),
     *(f"{axis}_{end}" for axis in ("aileron", "rudder", "elevator") for end in ("min", "max")),
 )
-N_LIMITS = len(_LIMITS)  # they stand last in both laws' settings
+N_LIMITS = len(_LIMITS)  # at the end of both laws' settings
 TLC_SETTINGS = ("attitude_differentiator", "rate_differentiator", *_LIMITS)  # rad/s, rad/s
 
 # LQR: u = nominal - K (x - nominal), SI and radians (deflections too).
@@ -79,7 +79,8 @@ LQR_GAINS = (
 LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
 LQR_SETTINGS = _LIMITS
 
-# No law, to replay published flights: deflections and equivalence ratio at the tick, then their slopes to the next.
+# Replay of published flights without a law: deflections and equivalence ratio at the tick, then their
+# slopes to the next tick.
 RECORDED_GAINS = (
     *("aileron", "rudder", "elevator", "equivalence_ratio"),
     *("aileron_rate", "rudder_rate", "elevator_rate", "equivalence_ratio_rate"),

@@ -1,7 +1,7 @@
-"""The LQR baseline, one control tick in lanes: guidance (22), then longitudinal and lateral attitude (23).
+"""LQR baseline, one control tick in lanes: guidance (22) and attitude (23).
 
-Zhu & Shen (2014), section 7. Gains come per tick from the launching process (abhv_mc.control.design.lqr_design);
-deviations are taken from the reference and from the coordinated-turn rates.
+Zhu & Shen (2014), section 7. Gains of each tick are computed before the flight
+(abhv_mc.control.design.lqr_design); deviations are from the reference and the coordinated-turn rates.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -14,7 +14,7 @@ from abhv_mc.kernel.plant import state as s
 
 @lanes
 def lqr_tick(plan, memory, width, tick):
-    """Commands from the measurement at a control tick."""
+    """Compute the commands from the measurement at a control tick."""
     Z, reference, settings = memory.Z, plan.reference, plan.settings
     constants = plan.vehicle.constants
     k = plan.gains[tick]

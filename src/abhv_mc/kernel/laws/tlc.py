@@ -1,8 +1,8 @@
-"""Trajectory linearization control, one control tick in lanes: four sub-loops and control allocation.
+"""Trajectory linearization control, one control tick in lanes.
 
 Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearized about the
-reference alone, so their gains come per tick from the launching process; sub-loops 3 and 4 are linearized about
-the commands of this flight, here. The law sees the nominal vehicle and the measurement only.
+reference, so their gains are computed before the flight; sub-loops 3 and 4 are linearized here about
+the commands of the flight. The law uses only the nominal vehicle and the measurement.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar
@@ -31,7 +31,7 @@ from abhv_mc.kernel.plant.slopes import N_INPUTS, slopes_of_coefficients, table_
 from abhv_mc.kernel.plant.state import LAW, N_COEFFICIENTS
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
-# The law's memory: integrals of the errors, differentiators' states, trim data of the tick, slopes.
+# Memory of the law: integrals of the errors, states of the differentiators, trim data, slopes.
 I_ALTITUDE = LAW
 I_GUIDANCE = LAW + 1  # path, heading, speed
 I_ATTITUDE = LAW + 4  # angle of attack, sideslip, bank
@@ -45,13 +45,13 @@ N_ROWS = 21 + N_COEFFICIENTS * N_INPUTS
 
 @scalar
 def six_from(gains, i):
-    """Six of the tick's gains."""
+    """Return six gains of the tick."""
     return gains[i], gains[i + 1], gains[i + 2], gains[i + 3], gains[i + 4], gains[i + 5]
 
 
 @scalar
 def dot6(gains, errors):
-    """Six gains times six errors."""
+    """Return the sum of six gains times six errors."""
     k0, k1, k2, k3, k4, k5 = gains
     e0, e1, e2, e3, e4, e5 = errors
     return k0 * e0 + k1 * e1 + k2 * e2 + k3 * e3 + k4 * e4 + k5 * e5
@@ -59,7 +59,7 @@ def dot6(gains, errors):
 
 @lanes
 def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
-    """Sub-loops 1 and 2: flight path angle, then angle of attack, bank and equivalence ratio commands."""
+    """Compute sub-loops 1 and 2: commands of path, angle of attack, bank and throttle."""
     constants, g = vehicle.constants, gains[k]
     for lane in range(width):
         altitude = Z[s.M_ALTITUDE, lane] - reference[k, ref.ALTITUDE]
@@ -82,7 +82,7 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
         alpha_cmd = clamp(alpha, settings[2], settings[3])
         bank_cmd = clamp(bank, -settings[4], settings[4])
         eta_cmd = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
-        # Anti-windup: the integrators that feed a limited command are held.
+        # Anti-windup: integrators of a limited command are frozen.
         vertical_free = alpha_cmd == alpha
         Z[I_ALTITUDE, lane] = int_altitude if vertical_free else Z[I_ALTITUDE, lane]
         Z[I_GUIDANCE, lane] = int_path if vertical_free else Z[I_GUIDANCE, lane]
@@ -96,7 +96,7 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
 
 @lanes
 def nominal_variables(Z, width, vehicle, reference, k):
-    """Variables of the nominal vehicle at the measured state and the last commands."""
+    """Set the variables of the nominal vehicle to the measured state and the last commands."""
     constants = vehicle.constants
     atmosphere_lanes(Z, width, s.M_ALTITUDE, RHO_NOM, s.V_MACH)
     for lane in range(width):
@@ -120,7 +120,7 @@ def nominal_variables(Z, width, vehicle, reference, k):
 
 @lanes
 def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first):
-    """Sub-loops 3 and 4 and the allocation: deflection commands."""
+    """Compute sub-loops 3 and 4 and the allocation: the deflection commands."""
     constants = vehicle.constants
     mass = reference[k, ref.MASS]
     wd_attitude, wd_rate = settings[0], settings[1]
@@ -173,7 +173,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[D_ALPHA, lane] = differentiator_next(decay_attitude, d_alpha, alpha_cmd)
         Z[D_BANK, lane] = differentiator_next(decay_attitude, d_bank, bank_cmd)
         p_nom, q_nom, r_nom = attitude_inverse(point, alpha_dot, 0.0, bank_dot)
-        # Sums are written out: calls of dot6 here keep the loop from becoming SIMD code (measured, 5 times as long).
+        # Sums are written out, as calls of dot6 prevent SIMD code here (measured: 5 times as long).
         k, m, n = attitude_gains(point, p_nom, r_nom, attitude_spectrum)
         alpha_err = Z[s.M_ALPHA, lane] - alpha_cmd
         beta_err = Z[s.M_BETA, lane]
@@ -257,7 +257,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[s.CMD_AILERON, lane] = aileron_cmd
         Z[s.CMD_RUDDER, lane] = rudder_cmd
         Z[s.CMD_ELEVATOR, lane] = elevator_cmd
-        # Anti-windup: the integrators of the axes that a limited deflection serves are held.
+        # Anti-windup: integrators of the axes of a limited deflection are frozen.
         pitch_free = elevator_cmd == elevator
         lateral_free = aileron_cmd == aileron and rudder_cmd == rudder
         Z[I_ATTITUDE, lane] = int_alpha if pitch_free else Z[I_ATTITUDE, lane]
@@ -270,7 +270,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 
 @lanes
 def nominal_forces(plan, memory, width, active):
-    """Coefficients, fixed quantities and an engine function's thrust of the nominal vehicle at its variables."""
+    """Compute coefficients, fixed quantities and thrust of the nominal vehicle."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     look_up(Z, T, width, vehicle.tables, memory.cells)
     if active is not None and plan.user_code.propulsion != 0:
@@ -283,7 +283,7 @@ def nominal_forces(plan, memory, width, active):
 
 @lanes
 def nominal_vehicle(plan, memory, width, active):
-    """:func:`nominal_forces` and the coefficients' slopes (rows from ``SLOPES``)."""
+    """Compute :func:`nominal_forces` and the coefficients' slopes, rows from ``SLOPES``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     nominal_forces(plan, memory, width, active)
     if active is not None and plan.user_code.aerodynamics != 0:
@@ -295,7 +295,10 @@ def nominal_vehicle(plan, memory, width, active):
 
 @lanes
 def tlc_tick(plan, memory, width, active, tick):
-    """Commands from the measurement at a control tick; ``active`` None: of a vehicle of tables alone."""
+    """Compute the commands from the measurement at a control tick.
+
+    ``active`` is None for a vehicle without custom functions.
+    """
     Z, vehicle, reference, gains, settings = (
         memory.Z,
         plan.vehicle,

@@ -2,8 +2,8 @@
 
 Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's matrix element
 Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, a state's integral before
-the state) makes the linearized closed loop equal to the wanted one: ``B K = A - A_c`` with the rows of ``A_c``
-``[-a1, -a2]`` for each channel. SI and radians.
+the state) gives the linearized closed loop its prescribed dynamics: ``B K = A - A_c`` with the rows of
+``A_c`` ``[-a1, -a2]`` for each channel. SI and radians.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class Spectrum(NamedTuple):
 
 
 class AttitudePoint(NamedTuple):
-    """The nominal of sub-loop 3: commanded angle of attack and bank, no sideslip, and the forces there."""
+    """Nominal point of sub-loop 3: commanded angles, no sideslip, and forces."""
 
     mass_speed: float  # m V, kg m/s
     gravity_speed: float  # g / V, 1/s
@@ -51,7 +51,10 @@ class Inertia(NamedTuple):
 
 @scalar
 def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
-    """Body rates (p, q, r) that give the wanted rates of the aero-angles at zero sideslip: (13) inverted."""
+    """Return body rates (p, q, r) for rates of the aerodynamic angles, the inverse of (13).
+
+    The sideslip is zero.
+    """
     about_velocity = bank_dot - point.tan_gamma * (
         (point.normal_force * point.sin_bank + point.side_force * point.cos_bank) / point.mass_speed
     )
@@ -72,7 +75,7 @@ def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
 
 @scalar
 def attitude_gains(point, p, r, spectrum):
-    """K3: the rows of p, q and r, each from (int alpha, alpha, int beta, beta, int bank, bank).
+    """Return K3: rows p, q, r; columns int alpha, alpha, int beta, beta, int bank, bank.
 
     ``p`` and ``r`` are the nominal rates of :func:`attitude_inverse`.
     """
@@ -116,7 +119,7 @@ def attitude_gains(point, p, r, spectrum):
 
 @scalar
 def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
-    """Moments that give the wanted rates of the body rates: ``J w' + w x J w``, (17)."""
+    """Return the moments for given angular accelerations: ``J w' + w x J w``, (17)."""
     hx = inertia.xx * p + inertia.e13 * r
     hy = inertia.yy * q
     hz = inertia.zz * r + inertia.e13 * p
@@ -128,7 +131,7 @@ def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
 
 @scalar
 def rate_gains(inertia, p, q, r, spectrum):
-    """K4: the rows of the three moments, each from (int p, p, int q, q, int r, r) at the nominal rates, (18)."""
+    """Return K4 (18), with a row per moment and columns of p, q and r after their integrals."""
     jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
     roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
     pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r
@@ -143,11 +146,14 @@ def rate_gains(inertia, p, q, r, spectrum):
 
 @scalar
 def differentiator_output(bandwidth, state, command):
-    """Output of the pseudo-differentiator (21), ``wd (u - x)`` with ``x' = wd (u - x)``."""
+    """Return the pseudo-differentiator's output (21), ``wd (u - x)``, ``x' = wd (u - x)``."""
     return bandwidth * (command - state)
 
 
 @scalar
 def differentiator_next(decay, state, command):
-    """State one control period on, exact for a held input: ``x + (1 - decay)(u - x)``, ``decay = exp(-wd tick)``."""
+    """Return the state one control period later, exact for a constant input.
+
+    It is ``x + (1 - decay)(u - x)`` with ``decay = exp(-wd tick)``.
+    """
     return command + decay * (state - command)

@@ -1,4 +1,4 @@
-"""Look-up of the trim tables in lanes: each lane keeps its own cell from tick to tick."""
+"""Look-up of the trim tables in lanes; each lane keeps its cell from tick to tick."""
 
 from typing import NamedTuple
 
@@ -19,10 +19,10 @@ ELEVATOR, LIFT, DRAG, THRUST, IMPULSE = range(len(TRIM_ROWS))
 
 
 class TrimCells(NamedTuple):
-    """Each lane's cell on each axis, and buffers for the interpolated values."""
+    """Cell of each lane on each axis, and buffers for the interpolated values."""
 
     cell: Ints  # [axis, lane]
-    low: Floats  # [axis, lane] the cell's ends, between which a command mostly stays
+    low: Floats  # [axis, lane] ends of the cell, which a command rarely leaves
     high: Floats  # [axis, lane]
     per_step: Floats  # [axis, lane] 1 / length
     fraction: Floats  # [axis, lane] of the length
@@ -31,20 +31,20 @@ class TrimCells(NamedTuple):
 
 
 def make_trim_cells(width: int) -> TrimCells:
-    """Memory of ``width`` lanes before their first look-up: empty intervals, so that it searches every axis."""
+    """Return memory of ``width`` lanes with empty cells, so that the first look-up searches."""
     shapes: list[tuple[int, ...]] = [(AXES, width)] * 4 + [(CHUNK,)] * 2
     return TrimCells(aligned_zeros((AXES, width), np.int64), *map(aligned_zeros, shapes))
 
 
 @lanes
 def follow(Z, W, row, tables, axis, cells):
-    """Cell and fraction of every lane on one axis; searched only when a lane has left its cell."""
-    left = False
+    """Update cell and fraction of every lane on one axis, with a search only if needed."""
+    has_left = False
     for lane in range(W):
         x, low = Z[row, lane], cells.low[axis, lane]
-        left |= not (low <= x < cells.high[axis, lane])
+        has_left |= not (low <= x < cells.high[axis, lane])
         cells.fraction[axis, lane] = (x - low) * cells.per_step[axis, lane]
-    if left:
+    if has_left:
         start = natural(tables.axis_start[axis])
         end = start + natural(tables.axis_length[axis])
         grid, inverse_step = tables.grid[start:end], tables.inverse_step[start:end]
@@ -59,7 +59,7 @@ def follow(Z, W, row, tables, axis, cells):
 
 @scalar
 def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
-    """A cell's tables, side by side as one vector, and their slopes with the middle axis."""
+    """Interpolate all tables of a cell as one vector, and their slopes with the middle axis."""
     weights = weigh(t0, t2)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s2), natural(corner + s0 + s2)
@@ -74,9 +74,10 @@ def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
 
 @lanes
 def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
-    """Trimmed lift, drag and thrust at (Mach, angle of attack, equivalence ratio), and slopes of lift and thrust.
+    """Look up trimmed lift, drag, thrust, and slopes of lift and thrust with alpha.
 
-    The five go to the rows from ``first_row``; the slopes are those with the angle of attack.
+    The five results are in the rows from ``first_row``. The arguments are Mach number, angle of attack
+    and equivalence ratio.
     """
     follow(Z, W, s.V_MACH, trim, 0, cells)
     follow(Z, W, alpha_row, trim, 1, cells)

@@ -1,10 +1,10 @@
-"""Nominal controls along a trajectory: the guidance equations solved by nested Brent searches.
+"""Nominal controls along a trajectory, by nested Brent searches.
 
-Zhu and Shen 2014, section 4.3, equation (12): angle of attack, bank and equivalence ratio for wanted accelerations,
-on the trim tables. The paper solves its three equations in turn; its bank and angle-of-attack pass multiplies the
-error by ``-tan^2 bank`` and so diverges beyond 45 deg. Here the searches are nested: bank, which the third equation
-gives explicitly, inside each residual of the second; angle of attack inside each residual of the first. Each search
-brackets the one root of a monotone function.
+Zhu and Shen 2014, section 4.3, equation (12): angle of attack, bank and equivalence ratio for given
+accelerations, on the trim tables. The paper solves its three equations in turn; its pass of bank and
+angle of attack multiplies the error by ``-tan^2 bank`` and diverges beyond 45 deg. Here each residual
+of the second equation computes the bank explicitly by the third, and each residual of the first solves
+the second for the angle of attack. Each search brackets the only root of a monotone function.
 """
 
 from typing import NamedTuple
@@ -24,12 +24,12 @@ MAX_ITERATIONS = 100
 # Half widths of the shortened brackets about the last solution.
 _NEAR_ALPHA, _NEAR_ETA = np.deg2rad(0.25), 0.02
 
-# A status is the sum of these; zero: all three equations hold.
+# A status is a sum of these flags, zero if all three equations hold.
 NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
 
 
 class GuidancePoints(NamedTuple):
-    """Where and what to trim for, each ``[point]``, SI and radians."""
+    """Points to trim at, with prescribed accelerations, each ``[point]``, SI and radians."""
 
     speed: Floats
     density: Floats
@@ -45,7 +45,7 @@ class GuidancePoints(NamedTuple):
 
 
 class SearchBounds(NamedTuple):
-    """Where the searches look."""
+    """Intervals of the searches."""
 
     alpha_low: float
     alpha_high: float
@@ -53,10 +53,10 @@ class SearchBounds(NamedTuple):
     eta_high: float
     elevator_low: float
     elevator_high: float
-    searches: int  # 2: a shortened bracket may fail once; a constant here would be unrolled and compile for long
+    searches: int  # 2: a shortened bracket may fail once; not a constant, which numba would unroll
 
 
-class _Wanted(NamedTuple):
+class _Demand(NamedTuple):
     mach: float
     q_area: float  # dynamic pressure times reference area, N
     axial: float  # N, along the velocity: T cos - D
@@ -67,7 +67,7 @@ class _Wanted(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """The trim tables at one Mach number, and of that at one equivalence ratio: so searches compile and run fast."""
+    """Trim tables at one Mach number, and at one equivalence ratio, so that searches are fast."""
 
     alpha: Floats  # nodes
     eta: Floats  # nodes
@@ -95,8 +95,8 @@ def _cut_at_mach(tables, mach, cut):
 
 
 @scalar
-def _place(nodes, x):
-    """Cell and fraction of ``x`` among the nodes, held at the ends."""
+def _locate(nodes, x):
+    """Return cell and fraction of ``x`` among the nodes, limited to the ends."""
     low, high = 0, nodes.size - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -110,7 +110,7 @@ def _place(nodes, x):
 @routine
 def _cut_at_eta(eta, cut):
     """Interpolate ``cut.plane`` in the equivalence ratio, into ``cut.line``."""
-    k, u = _place(cut.eta, eta)
+    k, u = _locate(cut.eta, eta)
     for j in range(cut.alpha.size):
         for row in range(cut.line.shape[1]):
             cut.line[j, row] = (1.0 - u) * cut.plane[k, j, row] + u * cut.plane[k + 1, j, row]
@@ -118,19 +118,19 @@ def _cut_at_eta(eta, cut):
 
 @routine
 def _look_up(alpha, row, cut):
-    """One of TRIM_ROWS on the line."""
-    j, t = _place(cut.alpha, alpha)
+    """Interpolate one of TRIM_ROWS on the line."""
+    j, t = _locate(cut.alpha, alpha)
     return (1.0 - t) * cut.line[j, row] + t * cut.line[j + 1, row]
 
 
-# One compiled search per level: numba takes a search inside a search for a recursion.
+# One compiled search per level, as numba regards a search inside a search as a recursion.
 _brent_alpha = scalar(brent.py_func)  # type: ignore[attr-defined]
 _brent_eta = scalar(brent.py_func)  # type: ignore[attr-defined]
 
 
 @scalar
 def _sin_bank_of(normal, lateral):
-    """Third equation, which is explicit: sine of the bank, nearest end where there is none."""
+    """Return the sine of the bank by the third equation, limited to BANK_LIMIT."""
     limit = np.sin(BANK_LIMIT)
     sine = lateral / normal if normal > 0.0 else np.copysign(limit, lateral)
     return min(max(sine, -limit), limit)
@@ -138,8 +138,8 @@ def _sin_bank_of(normal, lateral):
 
 @routine
 def _normal_force(alpha, cut, expected):
-    """N = L + T sin(alpha + e), N."""
-    j, t = _place(cut.alpha, alpha)
+    """Return N = L + T sin(alpha + e), N."""
+    j, t = _locate(cut.alpha, alpha)
     lift = (1.0 - t) * cut.line[j, LIFT] + t * cut.line[j + 1, LIFT]
     thrust = (1.0 - t) * cut.line[j, THRUST] + t * cut.line[j + 1, THRUST]
     return expected.q_area * (
@@ -156,7 +156,10 @@ def _alpha_residual(alpha, cut, expected):
 
 @routine
 def _alpha_of(eta, near, margin, cut, expected, bounds):
-    """Second equation with the third inside it: (angle of attack, status); leaves the cut at ``eta``."""
+    """Solve the second equation with the third: (angle of attack, status).
+
+    The cut stays at ``eta``.
+    """
     _cut_at_eta(eta, cut)
     low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
     root, status = near, NO_SIGN_CHANGE
@@ -182,11 +185,17 @@ def _eta_residual(eta, near_alpha, margin, cut, expected, bounds):
 
 @routine
 def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
-    """First equation with the others inside it: (equivalence ratio, status)."""
+    """Solve the first equation with the others: (equivalence ratio, status)."""
     low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
-    root, status, given = near, NO_SIGN_CHANGE, (near_alpha, alpha_margin, cut, expected, bounds)
+    root, status, arguments = (
+        near,
+        NO_SIGN_CHANGE,
+        (near_alpha, alpha_margin, cut, expected, bounds),
+    )
     for _ in range(bounds.searches):
-        root, _, status = _brent_eta(_eta_residual, given, low, high, X_TOLERANCE, MAX_ITERATIONS)
+        root, _, status = _brent_eta(
+            _eta_residual, arguments, low, high, X_TOLERANCE, MAX_ITERATIONS
+        )
         if status != NO_SIGN_CHANGE:
             break
         low, high = bounds.eta_low, bounds.eta_high
@@ -194,8 +203,8 @@ def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
 
 
 @kernel
-def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut, solution):
-    """Fill ``solution[point, 6]``; see :func:`abhv_mc.control.design.guidance_trim.trim_along`."""
+def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cut, solution):
+    """Fill ``solution[point, 6]``; see ``control.design.guidance_trim.trim_along``."""
     near_eta, eta_margin = (
         0.5 * (bounds.eta_low + bounds.eta_high),
         bounds.eta_high - bounds.eta_low,
@@ -209,7 +218,7 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
         gravity, radius = points.gravity[k], points.radius[k]
         cos_gamma = np.cos(gamma)
         turn = speed * speed * cos_gamma * np.sin(chi) * np.tan(points.latitude[k]) / radius
-        expected = _Wanted(
+        expected = _Demand(
             speed / points.sound_speed[k],
             0.5 * points.density[k] * speed * speed * constants.area,
             mass * (points.axial[k] + gravity * np.sin(gamma)),
@@ -219,14 +228,14 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
             constants.thrust_sin,
         )
         _cut_at_mach(tables, expected.mach, cut)
-        eta, status = held_eta, 0
-        if held_eta < 0.0:
-            eta, found = _eta_of(
+        eta, status = fixed_eta, 0
+        if fixed_eta < 0.0:
+            eta, search_status = _eta_of(
                 near_eta, eta_margin, near_alpha, alpha_margin, cut, expected, bounds
             )
-            status += NO_EQUIVALENCE_RATIO if found != 0 else 0
-        alpha, found = _alpha_of(eta, near_alpha, alpha_margin, cut, expected, bounds)
-        status += NO_ANGLE_OF_ATTACK if found != 0 else 0
+            status += NO_EQUIVALENCE_RATIO if search_status != 0 else 0
+        alpha, search_status = _alpha_of(eta, near_alpha, alpha_margin, cut, expected, bounds)
+        status += NO_ANGLE_OF_ATTACK if search_status != 0 else 0
         normal = _normal_force(alpha, cut, expected)
         sine = _sin_bank_of(normal, expected.lateral)
         status += NO_BANK if abs(normal * sine - expected.lateral) > 1e-9 * abs(normal) else 0
@@ -243,7 +252,7 @@ def fill_trim(tables, constants, points, mass, tick, held_eta, warm, bounds, cut
             near_eta, eta_margin, near_alpha, alpha_margin = eta, _NEAR_ETA, alpha, _NEAR_ALPHA
         if tick > 0.0:
             thrust = expected.q_area * _look_up(alpha, THRUST, cut)
-            impulse = _look_up(alpha, IMPULSE, cut)  # zero where an engine does not run
+            impulse = _look_up(alpha, IMPULSE, cut)  # zero if an engine does not run
             burns = impulse > 0.0 and constants.burns_fuel > 0.0
             burnt = thrust / (constants.standard_gravity * impulse) * tick if burns else 0.0
             mass = max(mass - burnt, constants.mass_empty)

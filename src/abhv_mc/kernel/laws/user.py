@@ -1,7 +1,7 @@
-"""A law of the user's own, one control tick in lanes: what it needs, the call of its compiled code, its commands.
+"""Custom control law, one control tick in lanes: inputs, call and commands.
 
-Its code is compiled apart from the flight (:mod:`abhv_mc.user_code`) and called once a tick for all lanes through an
-address that the plan holds, so that the flight's machine code serves every law.
+The code is compiled separately (:mod:`abhv_mc.user_code`) and called once a tick for all lanes by an
+address in the plan, so that the flight's machine code serves every law.
 """
 
 import math
@@ -24,34 +24,35 @@ from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_
 from abhv_mc.kernel.plant.equations import thrust
 from abhv_mc.kernel.plant.state import LAW
 
-MAX_MEMORY = 256  # numbers that a law may keep between ticks
+MAX_MEMORY = 256  # numbers in a law's memory
 
-# Rows of the lane memory, behind TLC's, whose rows of the nominal vehicle serve here, too.
+# Rows of the lane memory after those of TLC, whose rows of the nominal vehicle are used here, too.
 FAULT = LAW + N_TLC_ROWS  # outcome with which the law ends the flight, 0 for none
 MEMORY = FAULT + 1
 ONBOARD = MEMORY + MAX_MEMORY  # in the order of abhv_mc.user_code.law_interface.Onboard
 _MOMENT, _LIFT, _SLOPES, _INERTIA = ONBOARD + 3, ONBOARD + 15, ONBOARD + 18, ONBOARD + 24
 N_ONBOARD = 28
-CHANNEL = ONBOARD + N_ONBOARD  # the user's own channels
+CHANNEL = ONBOARD + N_ONBOARD  # custom channels
 MAX_CHANNELS = 16
 N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
-NOT_FINITE = 4.0  # what abhv_mc.flight.outcome calls so
+NOT_FINITE = 4.0  # see abhv_mc.flight.outcome
 
-_STEP = 1e-6  # rad, and of the equivalence ratio: tables are linear in a cell, so that it need not be tuned
+# rad, and for the equivalence ratio; uncritical, as tables are linear in a cell
+_STEP = 1e-6
 
 
 @lanes
 def call_user(plan, memory, tick):
-    """Call the user's code at a control tick: a law, or what changes the measurement before a law of the program."""
+    """Call custom code at a control tick: a law, or a filter of the measurement."""
     code, dt = plan.user_code, plan.timing.step * plan.timing.steps_per_tick
     reference, gains, settings = plan.reference, plan.gains, plan.settings
     call_address(code.address, code.context, memory.Z, reference, gains, settings, tick, dt)
 
 
 @lanes
-def own_tick(plan, memory, width, tick):
-    """Commands from the measurement at a control tick."""
+def user_tick(plan, memory, width, tick):
+    """Compute the commands from the measurement at a control tick."""
     Z, user_code = memory.Z, plan.user_code
     if user_code.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
@@ -66,7 +67,7 @@ def own_tick(plan, memory, width, tick):
 
 @lanes
 def finish_commands(Z, width, constants, effectors, reference, tick):
-    """Commands within the vehicle's limits; a law that gives what is not a number ends its flight."""
+    """Limit the commands to the vehicle's range; one that is not finite ends the flight."""
     limit = constants.surface_limit
     for lane in range(width):
         path, alpha, bank = Z[s.GAMMA_CMD, lane], Z[s.ALPHA_CMD, lane], Z[s.BANK_CMD, lane]
@@ -81,8 +82,8 @@ def finish_commands(Z, width, constants, effectors, reference, tick):
         eta = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         total = aileron + rudder + elevator + eta + path + alpha + bank
         for i in range(effectors):
-            given = Z[s.EFFECTOR_COMMAND + i, lane]
-            total += 0.0 if given == math.inf else given
+            command = Z[s.EFFECTOR_COMMAND + i, lane]
+            total += 0.0 if command == math.inf else command
         finite = total - total == 0.0
         fault = Z[FAULT, lane]
         Z[FAULT, lane] = NOT_FINITE if fault == 0.0 and not finite else fault
@@ -97,11 +98,11 @@ def finish_commands(Z, width, constants, effectors, reference, tick):
 
 @lanes
 def nominal_onboard(plan, memory, width, tick):
-    """The nominal vehicle at the measured state and the last commands: the rows from ``ONBOARD``."""
+    """Compute the nominal vehicle at the measured state, in rows from ``ONBOARD``."""
     Z, vehicle = memory.Z, plan.vehicle
     constants = vehicle.constants
     nominal_variables(Z, width, vehicle, plan.reference, tick)
-    for probe in range(3):  # there, at another angle of attack, at another equivalence ratio
+    for probe in range(3):  # at the point, at another angle of attack, at another equivalence ratio
         for lane in range(width):
             eta = Z[s.CMD_ETA, lane]
             eta_step = _STEP if eta + _STEP < constants.equivalence_ratio_max else -_STEP

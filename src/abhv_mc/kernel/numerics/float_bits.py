@@ -1,6 +1,6 @@
-"""A float's 64 bits as an integer and back: the one place that leaves arithmetic.
+"""Conversion of a float's 64 bits to an integer and back.
 
-Plain Python goes through ``struct``; compiled code gets one LLVM bitcast, which vectorises.
+Plain Python uses ``struct``; compiled code is one LLVM bitcast, which vectorizes.
 """
 
 import struct
@@ -10,12 +10,12 @@ from abhv_mc.kernel.jit import when_loaded
 
 
 def float_bits(x: float) -> int:
-    """The bits of a float as a signed 64-bit integer."""
+    """Return the bits of a float as a signed 64-bit integer."""
     return int(struct.unpack("<q", struct.pack("<d", x))[0])
 
 
 def bits_float(bits: int) -> float:
-    """The float whose bits are a signed 64-bit integer."""
+    """Return the float with the bits of a signed 64-bit integer."""
     return float(struct.unpack("<d", struct.pack("<q", bits))[0])
 
 

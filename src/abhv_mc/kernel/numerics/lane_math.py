@@ -1,8 +1,9 @@
-"""exp, log, sin, cos, atan2 and related functions without libm, so that a loop over lanes becomes SIMD code.
+"""Elementary functions without libm, so that loops over lanes become SIMD code.
 
-A call into libm stops the vectoriser; these are arithmetic, selects and one bitcast. Within 2 ulp on the ranges that
-each docstring states. Strict floating point and no fused multiply-add: plain Python gives the same bits.
-Non-finite input gives what IEEE arithmetic makes of it, never an exception.
+A call into libm prevents vectorization; these functions consist of arithmetic, selects and one bitcast.
+Errors are within 2 ulp on the ranges in the docstrings. Floating point is strict, without fused
+multiply-add, so plain Python gives the same bits. Non-finite input follows IEEE arithmetic and never
+raises an exception.
 
 Coefficients: own fits, ``tests/reference/fit_lane_math.py``. Reductions: Cody and Waite, "Software Manual for the
 Elementary Functions" (1980), ch. 6-8, 11; splitting of log: Tang, ACM TOMS 16 (1990) 378.
@@ -64,7 +65,7 @@ _ATAN = (
     0.03923165829558719,
     -0.01917688711906226,
 )
-# Constants in parts whose products with the small integers of a reduction are exact.
+# Constants split so that their products with the small integers of a reduction are exact.
 _LN2 = (0.6931471803691238, 1.9082149292705877e-10)
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
@@ -73,19 +74,19 @@ _TWO_OVER_PI = 0.6366197723675814
 _PI, _PI_LOW = 3.141592653589793, 1.2246467991473532e-16
 TAN_EIGHTH_PI = 0.41421356237309503
 
-# Adding 1.5 * 2^52 rounds to an integer, which the low bits of the sum then hold.
+# Adding 1.5 * 2^52 rounds to an integer, which is then in the low bits of the sum.
 _ROUND = 6755399441055744.0
 _ROUND_BITS = 0x4338000000000000
 _MANTISSA = 0x000FFFFFFFFFFFFF
 _BITS_SQRT_HALF = 0x3FE6A09E00000000  # just below sqrt(1/2): mantissas run from there to sqrt(2)
 _BITS_TO_ONE = 0x3FF0000000000000 - _BITS_SQRT_HALF
 
-SINCOS_LIMIT = 1048576.0  # rad; beyond it the reduction is no longer exact and the answer is NaN
+SINCOS_LIMIT = 1048576.0  # rad; beyond it the reduction is not exact and the result is NaN
 
 
 @scalar
 def exp(x: float) -> float:
-    """Exponential; 0 and inf beyond the range of doubles, gradual underflow between."""
+    """Return the exponential; 0 and inf beyond the range of doubles, with gradual underflow."""
     low = -746.0 if x < -746.0 else x
     high = low if low < 710.0 else 710.0  # NaN goes to 710 here and comes back with r
     rounded = high * _LOG2_E + _ROUND
@@ -108,7 +109,7 @@ def exp(x: float) -> float:
 
 @scalar
 def log(x: float) -> float:
-    """Natural logarithm; -inf at 0, NaN below."""
+    """Return the natural logarithm; -inf at 0, NaN below."""
     subnormal = x < 2.2250738585072014e-308
     scaled = x * 18014398509481984.0 if subnormal else x  # 2^54
     bits = float_bits(scaled) + _BITS_TO_ONE
@@ -132,13 +133,13 @@ def log(x: float) -> float:
 
 @scalar
 def power(x: float, y: float) -> float:
-    """Power of a positive x, as exp(y log x): the relative error grows as 1e-16 |y log x|."""
+    """Return a power of a positive x as exp(y log x); the relative error is 1e-16 |y log x|."""
     return exp(y * log(x))
 
 
 @scalar
 def sincos(x: float) -> tuple[float, float]:
-    """(sin x, cos x), x in radians up to :data:`SINCOS_LIMIT`."""
+    """Return (sin x, cos x) for x in radians up to :data:`SINCOS_LIMIT`."""
     rounded = x * _TWO_OVER_PI + _ROUND
     n = rounded - _ROUND
     quadrant = float_bits(rounded) & 3
@@ -146,8 +147,8 @@ def sincos(x: float) -> tuple[float, float]:
     a = x - n * HALF_PI[0]
     b = -(n * HALF_PI[1])
     c = a + b
-    part = c - a
-    tail = ((a - (c - part)) + (b - part)) - n * HALF_PI[2]
+    increment = c - a
+    tail = ((a - (c - increment)) + (b - increment)) - n * HALF_PI[2]
     r = c + tail
     tail = (c - r) + tail
 
@@ -172,33 +173,33 @@ def sincos(x: float) -> tuple[float, float]:
 
 @scalar
 def tan(x: float) -> float:
-    """Tangent, x in radians up to :data:`SINCOS_LIMIT`; inf where the cosine is zero (no double is)."""
+    """Return the tangent for x in radians up to :data:`SINCOS_LIMIT`."""
     sin_x, cos_x = sincos(x)
     return sin_x / cos_x
 
 
 @scalar
 def reciprocals(a: float, b: float) -> tuple[float, float]:
-    """(1 / a, 1 / b) within 1.5 ulp for one division, which takes as long as a dozen multiplications.
+    """Return (1 / a, 1 / b) within 1.5 ulp, by one division.
 
-    Where ``a b`` is 0 or beyond the range of doubles the result is not finite or 0.
+    If ``a b`` is 0 or beyond the range of doubles, the result is not finite or 0.
     """
     inverse = 1.0 / (a * b)
     return b * inverse, a * inverse
 
 
 class Octant(NamedTuple):
-    """An angle by quarters of pi and the arc tangent of a quotient, at most tan(pi/8)."""
+    """Angle as quarters of pi and the arc tangent of a quotient of at most tan(pi/8)."""
 
     numerator: float
     denominator: float
     quarters: float
-    falls: bool  # the arc tangent is taken away
+    falls: bool  # whether the arc tangent is subtracted
 
 
 @scalar
 def octant_of(y: float, x: float) -> Octant:
-    """Where the point (x, abs(y)) lies."""
+    """Return the octant of the point (x, abs(y))."""
     abs_x = abs(x)
     abs_y = abs(y)
     steep = abs_y > abs_x
@@ -217,7 +218,7 @@ def octant_of(y: float, x: float) -> Octant:
 
 @scalar
 def atan_excess(u: float) -> float:
-    """atan u - u for abs(u) up to tan(pi/8)."""
+    """Return atan u - u for abs(u) up to tan(pi/8)."""
     z = u * u
     z2 = z * z
     z4 = z2 * z2
@@ -232,7 +233,7 @@ def atan_excess(u: float) -> float:
 
 @scalar
 def angle_in(octant: Octant, u: float, y: float) -> float:
-    """The angle of a point from its octant and quotient ``u``, with the sign of y."""
+    """Return the angle of a point from its octant and quotient ``u``, with the sign of y."""
     excess = atan_excess(u)
     u = -u if octant.falls else u
     excess = -excess if octant.falls else excess
@@ -242,20 +243,20 @@ def angle_in(octant: Octant, u: float, y: float) -> float:
 
 @scalar
 def atan2(y: float, x: float) -> float:
-    """Angle of the point (x, y), in (-pi, pi], with the signed zeros of C; NaN if both are infinite."""
+    """Return the angle of (x, y) in (-pi, pi], with signed zeros; NaN if both are infinite."""
     octant = octant_of(y, x)
     return angle_in(octant, octant.numerator / octant.denominator, y)
 
 
 @scalar
 def is_shallow(y: float, x: float) -> bool:
-    """Whether the point (x, y) is within pi/8 of the positive x axis."""
+    """Return whether the point (x, y) is within pi/8 of the positive x axis."""
     return abs(y) <= TAN_EIGHTH_PI * x
 
 
 @scalar
 def shallow_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, float]:
-    """What :func:`two_angles` gives, bit for bit, of two points that are shallow; a third of its work."""
+    """Return :func:`two_angles` of two shallow points, bit for bit, at a third of its cost."""
     per_x_1, per_x_2 = reciprocals(x_1, x_2)
     u_1, u_2 = y_1 * per_x_1, y_2 * per_x_2
     angle_1, angle_2 = u_1 + atan_excess(u_1), u_2 + atan_excess(u_2)
@@ -264,7 +265,7 @@ def shallow_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[floa
 
 @scalar
 def two_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, float]:
-    """``atan2`` of two points near the unit circle, within 4 ulp, with one division for both."""
+    """Return ``atan2`` of two points near the unit circle, within 4 ulp, with one division."""
     first, second = octant_of(y_1, x_1), octant_of(y_2, x_2)
     per_first, per_second = reciprocals(first.denominator, second.denominator)
     return angle_in(first, first.numerator * per_first, y_1), angle_in(
@@ -274,7 +275,7 @@ def two_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, f
 
 @scalar
 def asin(x: float) -> float:
-    """Arc sine; beyond +-1, where only rounding leads, the value at +-1."""
+    """Return the arc sine, limited to its value at +-1 if rounding leads beyond."""
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(x, math.sqrt((1.0 - x) * (1.0 + x)))
@@ -282,7 +283,7 @@ def asin(x: float) -> float:
 
 @scalar
 def acos(x: float) -> float:
-    """Arc cosine; beyond +-1, where only rounding leads, the value at +-1."""
+    """Return the arc cosine, limited to its value at +-1 if rounding leads beyond."""
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(math.sqrt((1.0 - x) * (1.0 + x)), x)

@@ -1,8 +1,8 @@
-"""Attitude as a unit quaternion, scalar first, that takes body components to NED components.
+"""Attitude as a unit quaternion, scalar first, from body to NED components.
 
-v_N = q v_B q*. Yaw, pitch, roll are the 3-2-1 angles from NED to body. Formulas: Stevens, Lewis and Johnson,
-"Aircraft Control and Simulation", 3rd ed., sec. 1.8. The matrix elements are written out in each function:
-the compiler shares them between calls with the same quaternion.
+v_N = q v_B q*. Yaw, pitch, roll are the 3-2-1 angles from NED to body. Formulas: Stevens, Lewis and
+Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8. The matrix elements are written out in
+each function, as the compiler shares them between calls with the same quaternion.
 """
 
 from abhv_mc.kernel.jit import scalar
@@ -13,7 +13,7 @@ from abhv_mc.kernel.numerics.lane_math import sincos
 def rotate_to_ned(
     q0: float, q1: float, q2: float, q3: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """North, east, down components of the vector whose body components are x, y, z."""
+    """Return the NED components of a vector with body components x, y, z."""
     north = (
         (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * x
         + 2.0 * (q1 * q2 - q0 * q3) * y
@@ -36,7 +36,7 @@ def rotate_to_ned(
 def rotate_to_body(
     q0: float, q1: float, q2: float, q3: float, north: float, east: float, down: float
 ) -> tuple[float, float, float]:
-    """Body x, y, z components of the vector whose NED components are given."""
+    """Return the body components of a vector with the given NED components."""
     x = (
         (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * north
         + 2.0 * (q1 * q2 + q0 * q3) * east
@@ -59,7 +59,7 @@ def rotate_to_body(
 def rotate_meridional(
     q0: float, q1: float, q2: float, q3: float, north: float, down: float
 ) -> tuple[float, float, float]:
-    """:func:`rotate_to_body` of a vector without an east component."""
+    """Return the body components of a vector without an east component."""
     x = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * north + 2.0 * (q1 * q3 - q0 * q2) * down
     y = 2.0 * (q1 * q2 - q0 * q3) * north + 2.0 * (q2 * q3 + q0 * q1) * down
     z = 2.0 * (q1 * q3 + q0 * q2) * north + (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * down
@@ -70,7 +70,7 @@ def rotate_meridional(
 def quaternion_rate(
     q0: float, q1: float, q2: float, q3: float, p: float, q: float, r: float
 ) -> tuple[float, float, float, float]:
-    """Derivative, 1/s, at the rate p, q, r (rad/s, body axes) of the body relative to NED."""
+    """Return the derivative, 1/s, at the body rate p, q, r (rad/s, body axes) relative to NED."""
     return (
         -0.5 * (q1 * p + q2 * q + q3 * r),
         0.5 * (q0 * p + q2 * r - q3 * q),
@@ -81,7 +81,7 @@ def quaternion_rate(
 
 @scalar
 def from_euler(yaw: float, pitch: float, roll: float) -> tuple[float, float, float, float]:
-    """Quaternion of the 3-2-1 angles, rad."""
+    """Return the quaternion of 3-2-1 angles, rad."""
     s_yaw, c_yaw = sincos(0.5 * yaw)
     s_pitch, c_pitch = sincos(0.5 * pitch)
     s_roll, c_roll = sincos(0.5 * roll)

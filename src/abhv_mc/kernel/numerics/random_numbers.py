@@ -1,4 +1,4 @@
-"""Random numbers inside a flight: L'Ecuyer's MRG32k3a, whose arithmetic is exact in doubles.
+"""Random numbers in flight: L'Ecuyer's MRG32k3a, whose arithmetic is exact in doubles.
 
 P. L'Ecuyer, "Good parameters and implementations for combined multiple recursive random number generators",
 Operations Research 47 (1999) 159. Lane-safe: no integers, the same bits compiled, in batched lanes and in plain Python.
@@ -20,7 +20,7 @@ N_STREAM_ROWS = 6  # of a stream's state in the lane memory
 
 @scalar
 def modulo(x, m, inverse_m):
-    """``x`` modulo ``m`` in 0..m-1, exact for integers below 2^53."""
+    """Return ``x`` modulo ``m`` in 0..m-1, exact for integers below 2^53."""
     k = (x * inverse_m + _ROUND) - _ROUND
     r = x - k * m
     return r + m if r < 0.0 else r
@@ -28,11 +28,11 @@ def modulo(x, m, inverse_m):
 
 @scalar
 def seed_word(seed, number, m):
-    """The ``number``-th word, 1..m-1, of the starting state that belongs to a seed in [0, 1)."""
+    """Return the ``number``-th word, 1..m-1, of the initial state for a seed in [0, 1)."""
     x = (seed + 0.137) * (number + 1.0) * 7919.0 + _GOLDEN * number
     fraction = x - ((x + _ROUND) - _ROUND)
     fraction = fraction + 1.0 if fraction < 0.0 else fraction
-    # A second, finer look at the seed: two seeds that differ in the last bits start apart.
+    # The last bits of the seed, so that seeds that differ only there have different states.
     fine = fraction * 1048576.0
     fine -= (fine + _ROUND) - _ROUND
     word = (fraction + fine * 0.25 + 0.25) * 0.6 * m
@@ -41,7 +41,7 @@ def seed_word(seed, number, m):
 
 @scalar
 def next_uniform(s0, s1, s2, s3, s4, s5):
-    """(a number in (0, 1), the six words of the next state)."""
+    """Return a number in (0, 1) and the six words of the next state."""
     p1 = modulo(1403580.0 * s1 - 810728.0 * s0, M1, _INVERSE_M1)
     p2 = modulo(527612.0 * s5 - 1370589.0 * s3, M2, _INVERSE_M2)
     difference = p1 - p2
@@ -51,7 +51,7 @@ def next_uniform(s0, s1, s2, s3, s4, s5):
 
 @scalar
 def normal_pair(u1, u2):
-    """Two independent standard normal numbers from two uniform ones (Box and Muller 1958)."""
+    """Return two standard normal numbers from two uniform ones (Box and Muller 1958)."""
     radius = math.sqrt(-2.0 * log(u1))
     sine, cosine = sincos(2.0 * math.pi * u2)
     return radius * cosine, radius * sine

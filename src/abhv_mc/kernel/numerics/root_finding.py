@@ -1,9 +1,9 @@
-"""Brent's root finder as a compiled function of a compiled function.
+"""Brent's root finder for compiled functions.
 
-R. P. Brent, "Algorithms for Minimization without Derivatives" (1973), ch. 4: inverse quadratic or linear
-interpolation while it converges, bisection otherwise; the root stays bracketed.
+R. P. Brent, "Algorithms for Minimization without Derivatives" (1973), ch. 4: inverse quadratic or
+linear interpolation while it converges, bisection otherwise; the root stays bracketed.
 
-Pass module-level compiled functions only: a closure would keep the calling kernel out of the cache on disk.
+Pass module-level compiled functions only, as numba does not cache kernels with closures.
 """
 
 import math
@@ -29,13 +29,14 @@ def brent(
     x_tolerance: float,
     max_iterations: int,
 ) -> tuple[float, int, int]:
-    """Zero of ``function(x, *arguments)`` between ``low`` and ``high``: (root, iterations, status).
+    """Find a zero of ``function(x, *arguments)`` in [low, high]: (root, iterations, status).
 
-    The root is within ``x_tolerance`` (absolute) and a few roundings. Iterations count the function calls after
-    the two ends. Without a change of sign (or with NaN at an end) the root is the end with the smaller residual.
+    The root is within ``x_tolerance`` (absolute) and a few roundings. Iterations count the function
+    calls after those at the ends. Without a change of sign, or with NaN at an end, the root is the end
+    with the smaller residual.
     """
     # b is the best point so far, c the other end of the bracket, a the point before b.
-    # One call of the function serves the ends and the search: each call site would be compiled anew.
+    # One call site serves the ends and the search, as each call site would be compiled separately.
     a, b, c = low, low, low
     fa, fb, fc = 0.0, 0.0, 0.0
     step, before = 0.0, 0.0

@@ -1,8 +1,8 @@
-"""Compiled multilinear look-up of packed tables: one bracket search per axis serves every table.
+"""Compiled multilinear look-up of packed tables, with one search per axis.
 
-Work is done lane by lane, because flights are in different cells; within a lane all tables of a cell
-lie side by side, so the interpolation itself is the vector loop (no gather). Outside its grid an axis is
-clamped and the lane's ``outside`` row is set, never silently extrapolated.
+It works lane by lane, as flights are in different cells; within a lane all tables of a cell are
+contiguous, so the interpolation is the vector loop (no gather). Outside its grid an axis is clamped
+and the lane's ``outside`` row is set; there is no extrapolation.
 """
 
 from abhv_mc.kernel.jit import scalar
@@ -10,21 +10,19 @@ from abhv_mc.kernel.jit import scalar
 
 @scalar
 def natural(i):
-    """An index that is never negative, and known to be: no code to count negative ones from the end."""
+    """Return a nonnegative index in a form that tells the compiler so."""
     return i & 0x7FFFFFFF
 
 
 @scalar
 def bracket(grid, inverse_step, length, hint, x):
-    """Cell of ``x`` on one axis, searched from a hint; the answer does not depend on the hint.
+    """Return the cell 0..length-2 and the fraction 0..1 of ``x``, clamped to the axis.
 
-    Returns (cell index 0..length-2, fraction 0..1 of ``x`` clamped to the axis).
+    The search starts at ``hint``; the result does not depend on it.
     """
     low = grid[0]
     high = grid[length - 1]
-    x = (
-        x if x > low else low
-    )  # a NaN lands on the first node; the state itself is checked elsewhere
+    x = x if x > low else low  # NaN becomes the first node; the state itself is checked elsewhere
     x = x if x < high else high
     i = natural(hint)
     while i < length - 2 and x >= grid[natural(i + 1)]:
@@ -37,19 +35,19 @@ def bracket(grid, inverse_step, length, hint, x):
 
 @scalar
 def weigh(t0, t1):
-    """Weights of the four corners of a 2-D cell."""
+    """Return the weights of the four corners of a 2-D cell."""
     return (1.0 - t0) * (1.0 - t1), t0 * (1.0 - t1), (1.0 - t0) * t1, t0 * t1
 
 
 @scalar
 def corners_of(data, i, s0, s1):
-    """One table's values at the four corners of a 2-D cell."""
+    """Return a table's values at the four corners of a 2-D cell."""
     return data[i], data[i + s0], data[i + s1], data[i + s0 + s1]
 
 
 @scalar
 def mix(weights, corners):
-    """Corners' values by their weights."""
+    """Return the weighted sum of the corners' values."""
     w00, w10, w01, w11 = weights
     a, b, c, d = corners
     return w00 * a + w10 * b + w01 * c + w11 * d
@@ -57,7 +55,7 @@ def mix(weights, corners):
 
 @scalar
 def interpolate_1d(data, corner, s0, t0, width, out):
-    """The ``width`` tables that lie side by side from ``corner`` on, between two nodes, into ``out[:width]``."""
+    """Interpolate ``width`` contiguous tables at ``corner`` between two nodes into ``out``."""
     a, b = natural(corner), natural(corner + s0)
     for k in range(width):
         out[k] = (1.0 - t0) * data[a + k] + t0 * data[b + k]
@@ -65,7 +63,7 @@ def interpolate_1d(data, corner, s0, t0, width, out):
 
 @scalar
 def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
-    """The ``width`` tables that lie side by side from ``corner`` on, in one 2-D cell, into ``out[:width]``."""
+    """Interpolate ``width`` contiguous tables from ``corner`` on in one 2-D cell into ``out``."""
     weights = weigh(t0, t1)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s1), natural(corner + s0 + s1)
@@ -75,7 +73,7 @@ def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
 
 @scalar
 def interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, width, out):
-    """The ``width`` tables that lie side by side from ``corner`` on, in one 3-D cell, into ``out[:width]``."""
+    """Interpolate ``width`` contiguous tables from ``corner`` on in one 3-D cell into ``out``."""
     weights = weigh(t0, t1)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s1), natural(corner + s0 + s1)

@@ -1,1 +1,1 @@
-"""State, forces and equations of motion of a packed vehicle, its actuators, its failures and the air around it."""
+"""Equations of motion of a packed vehicle, with its actuators, failures and air."""

@@ -1,6 +1,7 @@
 """Surfaces and engine over an integrator step, in lanes.
 
-They depend on their commands alone, which are held over a tick, so they run ahead of the equations of motion.
+They depend only on their commands, which are constant over a tick, so they are computed before the
+equations of motion.
 """
 
 from typing import NamedTuple
@@ -29,7 +30,7 @@ _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
 @lanes
 def pass_commands(Z, width):
-    """The law's commands to the actuators."""
+    """Pass the commands of the law to the actuators."""
     for i in range(4):
         for lane in range(width):
             Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
@@ -37,7 +38,7 @@ def pass_commands(Z, width):
 
 @lanes
 def prepare_actuators(Z, width, constants, step):
-    """The blocks of the surfaces and of the engine; bandwidth and damping stay over a flight."""
+    """Prepare the coefficients of surfaces and engine, which are constant in a flight."""
     for lane in range(width):
         for engine in range(2):
             bandwidth = constants.surface_bandwidth * Z[s.K_BANDWIDTH, lane]
@@ -52,13 +53,13 @@ def prepare_actuators(Z, width, constants, step):
 
 @lanes
 def prepare_actuator(Z, lane, block, bandwidth, damping, step):
-    """What an actuator needs for a step, in its block of rows."""
+    """Compute the coefficients of an actuator's step, in its block of rows."""
     stiffness, friction = bandwidth * bandwidth, 2.0 * damping * bandwidth
     Z[block + STIFFNESS, lane], Z[block + FRICTION, lane] = stiffness, friction
     e11, e12, e21, e22, i11, i12 = transition(stiffness, friction, step)
     Z[block + END, lane], Z[block + END + 1, lane] = e11, e12
     Z[block + END + 2, lane], Z[block + END + 3, lane] = e21, e22
-    # The integrator's sum is step / 6 (start + 4 middle + end); it is to be the integral.
+    # The integrator's sum, step / 6 (start + 4 middle + end), must equal the integral.
     Z[block + MIDDLE, lane] = 0.25 * (6.0 / step * i11 - 1.0 - e11)
     Z[block + MIDDLE + 1, lane] = 0.25 * (6.0 / step * i12 - e12)
     e11, e12, e21, e22, _, _ = transition(stiffness, friction, step / SUBSTEPS)
@@ -70,7 +71,7 @@ def prepare_actuator(Z, lane, block, bandwidth, damping, step):
 
 
 class Actuator(NamedTuple):
-    """Rows of one actuator: position and rate before the step, the stages' position, both after it, its command."""
+    """Rows of an actuator: position and rate before and after the step, command."""
 
     position: int
     rate: int
@@ -78,12 +79,12 @@ class Actuator(NamedTuple):
     end: int
     end_rate: int
     command: int
-    block: int  # from here on what prepare_actuator makes
+    block: int  # first row of prepare_actuator's coefficients
 
 
 @scalar
 def deflection_rows(i):
-    """Rows of aileron, rudder or elevator."""
+    """Return the rows of aileron, rudder or elevator."""
     position, rate = s.AILERON + i, s.AILERON_RATE + i
     return Actuator(
         X + position,
@@ -98,7 +99,7 @@ def deflection_rows(i):
 
 @scalar
 def engine_rows():
-    """Rows of the engine."""
+    """Return the rows of the engine."""
     block = s.ACTUATORS + N_ACTUATOR_ROWS
     return Actuator(
         X + s.ETA, X + s.ETA_RATE, XS + s.ETA, SUM + s.ETA, SUM + s.ETA_RATE, s.ACTUATED + 3, block
@@ -107,11 +108,11 @@ def engine_rows():
 
 @lanes
 def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
-    """One actuator through a step: its end, and the position of the stages in between.
+    """Compute an actuator's step: its end, and the position of the middle stages.
 
-    That is not the position half way but the one with which the integrator's sum over the step is the integral of the
-    position: the same to the integrator's order, and right where a limit bends the path. low, high, rate_limit: [lane].
-    A recorded actuator has its rate in the command row.
+    The middle position makes the integrator's sum over the step the integral of the position: it equals
+    the position half-way to the integrator's order, and is correct at limits, too. ``low``, ``high`` and
+    ``rate_limit`` are [lane]. A recorded actuator has its rate in the command row.
     """
     slow, block = 0, rows.block
     for lane in range(width):
@@ -156,7 +157,7 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
             )
             total += integral
         middle = 0.25 * (6.0 / step * total - start - position)
-        # A lane that meets no limit keeps what it would have alone.
+        # A lane that meets no limit keeps the exact step, as it would without other lanes.
         Z[rows.middle, lane] = Z[rows.middle, lane] if inside else middle
         Z[rows.end, lane] = Z[rows.end, lane] if inside else position
         Z[rows.end_rate, lane] = Z[rows.end_rate, lane] if inside else rate
@@ -164,7 +165,7 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
 
 @lanes
 def command_ideal(Z, width, constants):
-    """Deflections and throttle without dynamics: what is commanded for the tick, within the limits, from its start."""
+    """Set deflections and throttle without dynamics to their limited commands."""
     if constants.ideal_surfaces > 0.0:
         for i in range(3):
             for lane in range(width):
@@ -181,14 +182,14 @@ def command_ideal(Z, width, constants):
 
 @lanes
 def place_actuator(Z, lane, row, position):
-    """An actuator where it is told to be."""
+    """Set the position of an actuator."""
     Z[X + row, lane] = position
     Z[XS + row, lane] = position
 
 
 @lanes
 def rest_actuator(Z, width, position_row, rate_row):
-    """An actuator that stays where it is through a step."""
+    """Keep the position of an actuator through a step."""
     for lane in range(width):
         Z[SUM + position_row, lane] = Z[X + position_row, lane]
         Z[SUM + rate_row, lane] = 0.0
@@ -196,7 +197,7 @@ def rest_actuator(Z, width, position_row, rate_row):
 
 @lanes
 def run_actuators(Z, width, constants, step, recorded):
-    """Surfaces and engine through a step, after its first stage."""
+    """Compute surfaces and engine through a step, after its first stage."""
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
     for lane in range(width):
         limit = constants.surface_limit * Z[s.K_LIMIT, lane]
@@ -222,7 +223,7 @@ def run_actuators(Z, width, constants, step, recorded):
 
 @lanes
 def set_actuators(Z, width):
-    """Surfaces and engine at the end of the step, for its last stage."""
+    """Set surfaces and engine to the end of the step, for its last stage."""
     for i in range(s.AILERON, s.ETA_RATE + 1):
         for lane in range(width):
             Z[XS + i, lane] = Z[SUM + i, lane]

@@ -1,4 +1,4 @@
-"""Tables and build-up in lanes: variables -> table rows -> the six coefficients."""
+"""Look-up of tables and build-up of the six coefficients from the variables, in lanes."""
 
 from typing import NamedTuple
 
@@ -31,18 +31,18 @@ from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS
 
 
 class TableCells(NamedTuple):
-    """Cells of the lanes in the tables, kept from look-up to look-up, and buffers for interpolation."""
+    """Cells of the lanes in the tables from the last look-up, and buffers for interpolation."""
 
-    cell: Ints  # [axis, lane], where the next search begins
+    cell: Ints  # [axis, lane], at which the next search starts
     fraction: Floats  # [axis, lane] of the cell's length
     lowest: Ints  # [axis] the lowest cell of the lanes
-    spread: Ints  # [axis] how many cells further the highest is
+    spread: Ints  # [axis] number of cells from the lowest to the highest
     weight: Floats  # [4, lane]
     row: Floats  # [table row]
 
 
 def make_cells(width: int) -> TableCells:
-    """Memory of ``width`` lanes before their first look-up."""
+    """Return the memory of ``width`` lanes before their first look-up."""
     cell, fraction = aligned_zeros((MAX_AXES, width), np.int64), aligned_zeros((MAX_AXES, width))
     lowest, spread = aligned_zeros(MAX_AXES, np.int64), aligned_zeros(MAX_AXES, np.int64)
     return TableCells(
@@ -52,10 +52,10 @@ def make_cells(width: int) -> TableCells:
 
 @lanes
 def find_cells(Z, W, tables, cells):
-    """Cell and fraction of every axis and lane. ``OUTSIDE`` counts the axes whose tables are left.
+    """Find cell and fraction of every axis and lane, and count axes outside their grid.
 
-    Flights of one campaign are mostly in one cell or in two neighbouring ones, and stay there: then no search is needed
-    and the loop over the lanes vectorises (four times as fast).
+    Flights of a campaign mostly stay in one cell or two neighbouring ones: then no search is needed and
+    the loop over the lanes vectorizes (four times as fast).
     """
     for lane in range(W):
         Z[OUTSIDE, lane] = 0.0
@@ -73,7 +73,7 @@ def find_cells(Z, W, tables, cells):
         for lane in range(W):
             x = Z[variable, lane]
             above = x >= middle
-            elsewhere |= not (left <= x < right)  # nor is a NaN anywhere
+            elsewhere |= not (left <= x < right)  # true for NaN, too
             some_below |= not above
             some_above |= above
             cells.cell[a, lane] = cell + 1 if above else cell
@@ -88,7 +88,7 @@ def find_cells(Z, W, tables, cells):
 
 @lanes
 def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
-    """:func:`find_cells` for an axis whose lanes are further apart, have moved further or have left the grid."""
+    """Search the cells of an axis whose lanes are not in two neighbouring cells."""
     low, high = grid[0], grid[length - 1]
     lowest, highest = length, 0
     for lane in range(W):
@@ -104,11 +104,12 @@ def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
 
 @lanes
 def interpolate_groups(T, W, tables, cells):
-    """Every table's value, T [row, lane], from the cells and fractions.
+    """Interpolate all tables, T [row, lane], from the cells and fractions.
 
-    Lanes that share a cell (or, of a 2-D table, are in two neighbouring cells) use the same corner values, and the loop
-    over the lanes vectorises. Otherwise each lane loads its own corners, and the loop over the tables that lie side by
-    side vectorises. The arithmetic is the same, bit for bit; a shared cell takes half the time.
+    If lanes share a cell, or two neighbouring cells of a 1-D or 2-D table, they use the same corner
+    values and the loop over the lanes vectorizes. Otherwise each lane loads its own corners and the loop
+    over the contiguous tables vectorizes. The results are the same, bit for bit; a shared cell takes
+    half the time.
     """
     data, fraction, weight = tables.data, cells.fraction, cells.weight
     for g in range(tables.group_start.size):
@@ -133,7 +134,7 @@ def interpolate_groups(T, W, tables, cells):
                 choose_nodes(T[row + k], fraction[a0], cells.cell[a0], upper, nodes, W)
         elif flat and not line and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
-            for k in range(0, used, 2):  # in pairs: the padding makes their number even
+            for k in range(0, used, 2):  # in pairs, as padding makes their number even
                 corners, corners_2 = (
                     corners_of(data, c + k, s0, s1),
                     corners_of(data, c + k + 1, s0, s1),
@@ -181,7 +182,7 @@ def interpolate_groups(T, W, tables, cells):
 
 @lanes
 def set_weights(weights, fractions, a0, a1, W):
-    """Weights of the four corners in the first two axes."""
+    """Compute the weights of the four corners in the first two axes."""
     for lane in range(W):
         weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane] = weigh(
             fractions[a0, lane], fractions[a1, lane]
@@ -190,7 +191,7 @@ def set_weights(weights, fractions, a0, a1, W):
 
 @lanes
 def choose_nodes(out, fraction, cell, upper, nodes, W):
-    """One 1-D table between three nodes, for lanes in either of the two cells."""
+    """Interpolate a 1-D table between three nodes, for lanes in either cell."""
     a, b, c = nodes
     for lane in range(W):
         up = cell[lane] == upper
@@ -200,7 +201,7 @@ def choose_nodes(out, fraction, cell, upper, nodes, W):
 
 @lanes
 def share_corners_2d(out, out_2, weights, corners, corners_2, W):
-    """Two tables of a 2-D cell that all lanes share."""
+    """Interpolate two tables in a 2-D cell that all lanes share."""
     for lane in range(W):
         w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
         out[lane], out_2[lane] = mix(w, corners), mix(w, corners_2)
@@ -208,7 +209,7 @@ def share_corners_2d(out, out_2, weights, corners, corners_2, W):
 
 @lanes
 def choose_corners_2d(out, weights, cell, upper, corners, corners_up, W):
-    """One table of two neighbouring 2-D cells, for lanes in either."""
+    """Interpolate a table in two neighbouring 2-D cells, for lanes in either."""
     a, b, c, d = corners
     a_up, b_up, c_up, d_up = corners_up
     for lane in range(W):
@@ -221,7 +222,7 @@ def choose_corners_2d(out, weights, cell, upper, corners, corners_up, W):
 
 @lanes
 def share_corners_3d(out, weights, t2, corners, corners_up, W):
-    """One table of a 3-D cell that all lanes share."""
+    """Interpolate a table in a 3-D cell that all lanes share."""
     for lane in range(W):
         w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
         out[lane] = (1.0 - t2[lane]) * mix(w, corners) + t2[lane] * mix(w, corners_up)
@@ -229,7 +230,7 @@ def share_corners_3d(out, weights, t2, corners, corners_up, W):
 
 @lanes
 def look_up(Z, T, W, tables, cells):
-    """All tables of every lane at its variables: T [row, lane], and the fixed quantities as rows of Z."""
+    """Look up all tables at the variables, T [row, lane], and copy the fixed quantities to Z."""
     find_cells(Z, W, tables, cells)
     interpolate_groups(T, W, tables, cells)
     for i in range(len(FIXED_TABLE_ROWS)):
@@ -240,7 +241,7 @@ def look_up(Z, T, W, tables, cells):
 
 @lanes
 def build_up(Z, T, W, terms, factors):
-    """Sum the terms of each coefficient: factor * table * variable. ``factors`` names the parameter rows."""
+    """Sum the terms of each coefficient: parameter ``factors`` * table * variable."""
     for c in range(s.N_COEFFICIENTS):
         for lane in range(W):
             Z[COEF + c, lane] = 0.0
@@ -253,6 +254,6 @@ def build_up(Z, T, W, terms, factors):
 
 @lanes
 def add_term(total, factor, table, variable, W):
-    """One term of a coefficient."""
+    """Add a term to a coefficient."""
     for lane in range(W):
         total[lane] += factor[lane] * (table[lane] * variable[lane])

@@ -1,7 +1,8 @@
-"""First loop of a stage: from the state to the air data and to the variables of the tables.
+"""First loop of a stage: air data and variables of the tables from the state.
 
-The mission's nominal air is wind and a factor on the standard density over altitude, from a table; without one nothing
-is computed. The factor is held over a control tick, as a dispersed profile's is.
+The mission's nominal air is wind and a factor on the standard density against altitude, from a table;
+without a table it is not computed. The factor is constant over a control tick, as that of a dispersed
+profile is.
 """
 
 import math
@@ -27,13 +28,13 @@ PROFILE = (
     "wind_north",
     "wind_east",
     "density",
-)  # m, m/s towards north and east, factor
+)  # m; m/s to the north and east; factor
 _ALTITUDE, _NORTH, _EAST, _DENSITY = range(4)
 
 
 @scalar
 def flow_direction(u, v, w):
-    """Speed and direction of a body-axis velocity: V, 1 / V, sin alpha, cos alpha, sin beta, cos beta.
+    """Return V, 1 / V, sin alpha, cos alpha, sin beta and cos beta of a body-axis velocity.
 
     At rest both angles and 1 / V are zero, so that a dropped sphere needs no special case.
     """
@@ -57,9 +58,9 @@ def flow_direction(u, v, w):
 
 @lanes
 def flow_angles(Z, width, alpha_row, beta_row):
-    """Angle of attack and sideslip from the sines and cosines of the air data.
+    """Compute angle of attack and sideslip from the sines and cosines of the air data.
 
-    Usually both are within pi/8: then there are no octants to distinguish.
+    Usually both are within pi/8: then no octants need to be distinguished.
     """
     is_large = False
     for lane in range(width):
@@ -81,7 +82,10 @@ def flow_angles(Z, width, alpha_row, beta_row):
 
 @lanes
 def move_air(Z, width, profile):
-    """Velocity of the air at the stage's state ``XS``: wind, linear in the altitude, the tick's gusts, the profile."""
+    """Compute the velocity of the air at the stage's state ``XS``.
+
+    It is the sum of a wind linear in altitude, the gusts of the tick, and the wind of the profile.
+    """
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
         wind_n = Z[s.K_WIND_NORTH, lane] + Z[s.K_SHEAR_NORTH, lane] * altitude
@@ -104,34 +108,34 @@ def move_air(Z, width, profile):
 
 @lanes
 def wind_in_body(Z, lane, north, east):
-    """Body components of a wind at the stage's attitude."""
+    """Return the body components of a wind at the stage's attitude."""
     q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
     return rotate_to_body(q0, q1, q2, q3, north, east, 0.0)
 
 
 def no_profile() -> Floats:
-    """Still standard air: no knots."""
+    """Return a profile without knots, which stands for calm standard air."""
     return np.empty((0, len(PROFILE)))
 
 
 @lanes
 def between_knots(profile, column, altitude):
-    """A column at an altitude: linear between the knots, constant beyond them."""
+    """Interpolate a column at an altitude, linear between the knots and constant beyond them."""
     knot, count = 0, profile.shape[0] - 1
-    while count > 1:  # of intervals, among which a half is left at each step
+    while count > 1:  # number of intervals, halved at each step
         half = count // 2
         knot = knot + half if altitude > profile[knot + half, _ALTITUDE] else knot
         count -= half
     low, high = profile[knot, _ALTITUDE], profile[knot + 1, _ALTITUDE]
     share = (altitude - low) / (high - low)
     share = 1.0 if share > 1.0 else share
-    here = profile[knot, column] + share * (profile[knot + 1, column] - profile[knot, column])
-    return here if altitude > low else profile[0, column]
+    value = profile[knot, column] + share * (profile[knot + 1, column] - profile[knot, column])
+    return value if altitude > low else profile[0, column]
 
 
 @lanes
 def nominal_density(Z, width, profile):
-    """Multiply the factor on the density of the tick by the profile's."""
+    """Multiply the tick's density factor by that of the profile."""
     if profile.shape[0] > 0:
         for lane in range(width):
             Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, Z[X + s.ALTITUDE, lane])
@@ -139,9 +143,9 @@ def nominal_density(Z, width, profile):
 
 @lanes
 def air_data(Z, width, vehicle, earth):
-    """Air data and variables of the stage's state ``XS``, dispersions included.
+    """Compute air data and variables of the stage's state ``XS``, including dispersions.
 
-    The damping terms feel the body rates relative to the air, which turns with the Earth and in rotary gusts.
+    Damping terms use the body rates relative to the air, which rotates with the Earth and rotary gusts.
     """
     constants = vehicle.constants
     atmosphere_lanes(
@@ -200,7 +204,7 @@ def air_data(Z, width, vehicle, earth):
 
 @lanes
 def deflections(Z, width):
-    """Effective deflections and equivalence ratio of the stage, as the aerodynamics see them."""
+    """Compute the effective deflections and equivalence ratio of the stage."""
     for lane in range(width):
         Z[s.V_DELTA_A, lane] = Z[s.EFFECT, lane] * Z[XS + s.AILERON, lane]
         Z[s.V_DELTA_R, lane] = Z[s.EFFECT + 1, lane] * Z[XS + s.RUDDER, lane]

@@ -1,6 +1,6 @@
-"""Once a tick: gusts, turbulence and the density profile around each flight.
+"""Gusts, turbulence and density profile of each flight, constant over a control tick.
 
-Held over the control period. A flight without them gets exact zeros and ones, which leave its bits unchanged.
+Flights without them have additions of zero and factors of one, which leave their bits unchanged.
 """
 
 import math
@@ -46,7 +46,7 @@ _KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
 
 @lanes
 def any_lane(Z, width, first, rows, value):
-    """Whether any of ``rows`` rows from ``first`` differs from a value in any lane."""
+    """Return whether any of ``rows`` rows from ``first`` differs from a value in any lane."""
     different = 0
     for row in range(first, first + rows):
         for lane in range(width):
@@ -56,20 +56,20 @@ def any_lane(Z, width, first, rows, value):
 
 @lanes
 def seed_stream(Z, width, first_row, seed_row, stream):
-    """Start a stream of random numbers in six rows from the flight's seed, the ``stream``-th of that seed."""
+    """Start the ``stream``-th stream of random numbers of the flight's seed, in six rows."""
     for word in range(N_STREAM_ROWS):
         modulus = M1 if word < 3 else M2
         for lane in range(width):
             number = float(N_STREAM_ROWS * stream + word)
             Z[first_row + word, lane] = seed_word(Z[seed_row, lane], number, modulus)
-    for _ in range(8):  # away from the start, which is a plain function of the seed
+    for _ in range(8):  # discard the first numbers, which are simple functions of the seed
         for lane in range(width):
             draw(Z, lane, first_row)
 
 
 @lanes
 def draw(Z, lane, r):
-    """The next uniform number of a lane's stream."""
+    """Return the next uniform number of a lane's stream."""
     u, s0, s1, s2, s3, s4, s5 = next_uniform(
         Z[r, lane], Z[r + 1, lane], Z[r + 2, lane], Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane]
     )
@@ -80,14 +80,14 @@ def draw(Z, lane, r):
 
 @lanes
 def draw_normals(Z, lane, r):
-    """Two standard normal numbers of a lane's stream."""
+    """Return two standard normal numbers of a lane's stream."""
     u1 = draw(Z, lane, r)
     u2 = draw(Z, lane, r)
     return normal_pair(u1, u2)
 
 
 class Disturbances(NamedTuple):
-    """Disturbances active in any lane; the others are never computed."""
+    """Disturbances that are active in any lane; others are not computed."""
 
     gusty: bool
     turbulent: bool
@@ -97,7 +97,7 @@ class Disturbances(NamedTuple):
 
 @lanes
 def active_disturbances(Z, width):
-    """From the parameters, which are constant over a flight."""
+    """Determine the active disturbances from the flights' parameters."""
     gusty, turbulent = any_lane(Z, width, _GUST, 3, 0.0), any_lane(Z, width, _SIGMA, 1, 0.0)
     windy = gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
     return Disturbances(gusty, turbulent, any_lane(Z, width, _PROFILE, _KNOTS, 1.0), windy)
@@ -105,7 +105,7 @@ def active_disturbances(Z, width):
 
 @lanes
 def calm(Z, width):
-    """No gust, and the standard density."""
+    """Reset gusts to zero and the density to the standard."""
     for lane in range(width):
         Z[s.GUST_P, lane], Z[s.GUST_Q, lane], Z[s.GUST_R, lane] = 0.0, 0.0, 0.0
         Z[s.GUST_U, lane], Z[s.GUST_V, lane], Z[s.GUST_W, lane] = 0.0, 0.0, 0.0
@@ -114,7 +114,7 @@ def calm(Z, width):
 
 @lanes
 def disturb(Z, width, span, active, time, dt, first):
-    """Gusts in body axes and density factor of the tick that begins at ``time`` (s), where it was calm."""
+    """Add gusts in body axes and the density factor of the tick that starts at ``time`` (s)."""
     if active.gusty:
         gust(Z, width, time)
     if active.turbulent:
@@ -125,7 +125,7 @@ def disturb(Z, width, span, active, time, dt, first):
 
 @lanes
 def gust(Z, width, time):
-    """The discrete 1-cosine gust, built up along the distance flown."""
+    """Add the discrete 1-cosine gust, as a function of the distance covered."""
     for lane in range(width):
         distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
         share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
@@ -143,9 +143,10 @@ def gust(Z, width, time):
 
 @lanes
 def turbulence(Z, width, span, dt, first):
-    """Dryden turbulence along and about body axes; its states start in their stationary distribution.
+    """Add Dryden turbulence along and about body axes, stationary from the start.
 
-    The air turns as the gusts' slopes along the path say, q = -dw/dx and r = dv/dx, each behind a lag of the span's.
+    The rotation of the air follows from the gusts' slopes along the path, q = -dw/dx and r = dv/dx, each
+    with a lag that depends on the span.
     """
     if first:
         seed_stream(Z, width, TURBULENCE, _SEED, 0)
@@ -190,7 +191,7 @@ def turbulence(Z, width, span, dt, first):
 
 @lanes
 def density_profile(Z, width):
-    """Factor on the density: linear in altitude between the knots, constant beyond them."""
+    """Set the factor on the density, linear between the knots and constant beyond them."""
     for lane in range(width):
         x = (Z[X + s.ALTITUDE, lane] - _FIRST_KNOT) / _KNOT_STEP
         x = 0.0 if x < 0.0 else x

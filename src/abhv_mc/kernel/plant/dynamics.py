@@ -1,7 +1,7 @@
-"""Custom dynamics of a vehicle: states of the user's function, integrated with the vehicle by the same method.
+"""Custom dynamics of a vehicle: states of a custom function, integrated with the vehicle.
 
-The function is called once a stage, after all other forces, and sees the acceleration that these cause. Its force and
-moment are added to the derivatives, which are linear in them.
+The function is called once a stage, after all other forces, and receives the acceleration that these
+cause. Its force and moment are added to the derivatives, which are linear in them.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -17,7 +17,7 @@ _N_MOTION = s.MASS - s.U + 1  # velocity, attitude, rates and mass
 
 @lanes
 def start_states(Z, width, states, settings, initial_state):
-    """States at the start of a flight, with their initial dispersions, which follow the settings."""
+    """Set the initial states, with their initial dispersions, which follow the settings."""
     for i in range(states):
         for lane in range(width):
             start = initial_state[N_STATES + i] + Z[s.SETTING + settings + i, lane]
@@ -26,7 +26,7 @@ def start_states(Z, width, states, settings, initial_state):
 
 @lanes
 def load_settings(Z, width, parameters, flights, n):
-    """Settings and initial dispersions of each flight, which are the columns behind the parameters."""
+    """Load settings and initial dispersions of each flight, the columns after the parameters."""
     for lane in range(width):
         flight = flights[min(lane, n - 1)]
         for i in range(parameters.shape[1] - N_PARAMETERS):
@@ -35,7 +35,7 @@ def load_settings(Z, width, parameters, flights, n):
 
 @lanes
 def keep_motion(Z, width):
-    """Keep the motion of the stage for the function; the equations of motion put the next stage's in its place."""
+    """Copy the motion of the stage for the function, as the equations of motion overwrite it."""
     for i in range(_N_MOTION):
         for lane in range(width):
             Z[s.MOTION + i, lane] = Z[XS + s.U + i, lane]
@@ -43,12 +43,12 @@ def keep_motion(Z, width):
 
 @lanes
 def run_dynamics(Z, width, vehicle, user_code, stage):
-    """Call the function; add its force and moment to the vehicle, and its rates to the integrator's sums."""
+    """Call the function and add its force, moment and rates to the integrator's sums."""
     for i in range(3):
         for lane in range(width):
             Z[s.MOTION_ACCELERATION + i, lane] = Z[s.SPECIFIC_X + i, lane] + Z[s.GRAVITY + i, lane]
-    given = vehicle.foreign.settings
-    call_address(user_code.dynamics, 0, Z, given, given, given, DISPERSED, 0.0)
+    settings = vehicle.foreign.settings
+    call_address(user_code.dynamics, 0, Z, settings, settings, settings, DISPERSED, 0.0)
     for lane in range(width):
         per_mass, _ = reciprocals(Z[s.MOTION + _N_MOTION - 1, lane], 1.0)
         for i in range(3):
@@ -79,20 +79,20 @@ def run_dynamics(Z, width, vehicle, user_code, stage):
 
 @lanes
 def finish_states(Z, width, states, step, alive):
-    """States after the step. A flight that has ended (``alive`` 0) keeps its own."""
+    """Compute the states after the step; ended flights (``alive`` 0) keep theirs."""
     sixth = step / 6.0
     for i in range(states):
         for lane in range(width):
             before = Z[s.CUSTOM_STATE + i, lane]
             after = before + sixth * Z[s.CUSTOM_SUM + i, lane]
-            kept = after if alive[lane] > 0.0 else before
+            value = after if alive[lane] > 0.0 else before
             Z[s.CUSTOM_SUM + i, lane] = 0.0
-            Z[s.CUSTOM_STATE + i, lane], Z[s.CUSTOM_STAGE + i, lane] = kept, kept
+            Z[s.CUSTOM_STATE + i, lane], Z[s.CUSTOM_STAGE + i, lane] = value, value
 
 
 @lanes
 def add_sensed(Z, width, measured):
-    """Add to the first ``measured`` quantities what the function says that sensors feel of its states."""
+    """Add the effect of the states on sensors to the first ``measured`` quantities."""
     for i in range(measured):
         for lane in range(width):
             Z[s.MEASURED + i, lane] += Z[s.SENSED + i, lane]

@@ -1,8 +1,8 @@
-"""The vehicle's own surfaces: mixed from the three axis deflections, or each moved by an actuator of its own.
+"""Effectors: surfaces mixed from the axis deflections, or with separate actuators.
 
-Where they have actuators, these are the whole list: an axis is then what a law commands, mixed before them, and what
-is shown of its deflection is what theirs make together. What actuators of effectors need has a memory of its own,
-``A[row, lane]``: vehicles without them never touch it.
+If effectors have actuators, the axes have none: axis commands are mixed before the actuators, and axis
+deflections are those that the effectors produce together. Actuators of effectors have the memory
+``A[row, lane]``, which vehicles without them do not use.
 """
 
 import math
@@ -17,8 +17,8 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.state import VAR, XS, X
 from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, HIGH, IDEAL, LOW, MAX_ACTUATORS, RATE
 
-# Rows of an effector: position, rate, the position of the stages, both after the step, its command, the factor on its
-# rate limit; then what its actuator needs.
+# Rows of an effector: position, rate, position of the stage, position and rate after the step, command,
+# factor on its rate limit; then the coefficients of its actuator.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
@@ -26,13 +26,13 @@ A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
 
 @lanes
 def count_driven(vehicle):
-    """How many effectors have actuators: all of the list, or none."""
+    """Return the number of effectors with actuators, which is all of the list or none."""
     return vehicle.effectors.mix.shape[0] if vehicle.constants.driven > 0.0 else 0
 
 
 @lanes
 def mix_axes(Z, lane, mix, e, row):
-    """An effector's part of the three axes' rows."""
+    """Return an effector's mix of the three axes' rows."""
     mixed = 0.0
     for i in range(3):
         mixed += mix[e, i] * Z[row + i, lane]
@@ -41,14 +41,14 @@ def mix_axes(Z, lane, mix, e, row):
 
 @lanes
 def limits_of(Z, lane, vehicle, e):
-    """Lowest and highest deflection of an effector with an actuator."""
+    """Return the lowest and highest deflection of an effector with an actuator."""
     actuator, factor = vehicle.effectors.actuator, Z[s.K_LIMIT, lane]
     return actuator[e, LOW] * factor, actuator[e, HIGH] * factor
 
 
 @lanes
 def set_effectors(Z, width, mix):
-    """Effectors that follow the three (effective) axis deflections."""
+    """Set effectors that follow the three (effective) axis deflections."""
     for e in range(mix.shape[0]):
         aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
         for lane in range(width):
@@ -61,10 +61,11 @@ def set_effectors(Z, width, mix):
 
 @lanes
 def place_effectors(Z, A, width, vehicle, failing, without):
-    """Deflections of the stage, from the axes' (effective) deflections among the variables or from the actuators.
+    """Set the deflections of the stage, from effective axis deflections or actuators.
 
-    ``failing``: an effector of some flight fails, see :mod:`abhv_mc.kernel.plant.failures`. ``without``: the axis whose
-    part is left out, -1 for none; its deflection among the variables is 0 then.
+    ``failing`` means that an effector of some flight fails, see :mod:`abhv_mc.kernel.plant.failures`.
+    ``without`` is an axis whose contribution is omitted, -1 for none; its deflection among the variables
+    is 0 then.
     """
     driven = count_driven(vehicle)
     for e in range(driven):
@@ -85,27 +86,27 @@ def place_effectors(Z, A, width, vehicle, failing, without):
 
 @lanes
 def fail_effector(Z, width, row, e):
-    """What a failure leaves of an effector's deflection."""
+    """Apply a failure to an effector's deflection."""
     for lane in range(width):
         Z[row, lane] = Z[s.EFFECTOR_GAIN + e, lane] * Z[row, lane] + Z[s.EFFECTOR_OFFSET + e, lane]
 
 
 @lanes
 def weaken_effector(Z, A, width, vehicle, e, i, without):
-    """Less of the axis' part of an effector, which the positions of its set make."""
+    """Reduce the contribution of an axis to an effector, by the positions of its set."""
     share, row = vehicle.effectors.share, natural(VAR + vehicle.effectors.variable[e])
     for f in range(share.shape[1]):
         if share[i, e, f] != 0.0:
             for lane in range(width):
-                kept = 0.0 if i == without else Z[s.EFFECT + i, lane]
-                Z[row, lane] += (kept - 1.0) * (
+                factor = 0.0 if i == without else Z[s.EFFECT + i, lane]
+                Z[row, lane] += (factor - 1.0) * (
                     share[i, e, f] * A[f * N_EFFECTOR_ROWS + STAGE, lane]
                 )
 
 
 @lanes
 def leave_effectors(Z, width, vehicle):
-    """No law commands them."""
+    """Reset direct commands of effectors."""
     for e in range(count_driven(vehicle)):
         for lane in range(width):
             Z[s.EFFECTOR_COMMAND + e, lane] = math.inf
@@ -113,23 +114,26 @@ def leave_effectors(Z, width, vehicle):
 
 @lanes
 def share_commands(Z, width, vehicle):
-    """Of a law that commands effectors: the mix of its axes for the others, and the axes' that all of them make."""
+    """Complete the commands of a law that commands effectors directly.
+
+    Other effectors follow the mix of the axes; the axes' commands become those of all effectors together.
+    """
     mix, axes, count = vehicle.effectors.mix, vehicle.effectors.axes, count_driven(vehicle)
     for lane in range(width):
-        given = False
+        is_commanded = False
         for e in range(count):
-            given |= Z[s.EFFECTOR_COMMAND + e, lane] != math.inf
-        if given:
+            is_commanded |= Z[s.EFFECTOR_COMMAND + e, lane] != math.inf
+        if is_commanded:
             aileron, rudder, elevator = 0.0, 0.0, 0.0
             for e in range(count):
                 mixed = mix[e, 0] * Z[s.CMD_AILERON, lane]
                 mixed += mix[e, 1] * Z[s.CMD_RUDDER, lane] + mix[e, 2] * Z[s.CMD_ELEVATOR, lane]
-                own = Z[s.EFFECTOR_COMMAND + e, lane]
-                own = mixed if own == math.inf else own
-                Z[s.EFFECTOR_COMMAND + e, lane] = own
-                aileron += axes[0, e] * own
-                rudder += axes[1, e] * own
-                elevator += axes[2, e] * own
+                command = Z[s.EFFECTOR_COMMAND + e, lane]
+                command = mixed if command == math.inf else command
+                Z[s.EFFECTOR_COMMAND + e, lane] = command
+                aileron += axes[0, e] * command
+                rudder += axes[1, e] * command
+                elevator += axes[2, e] * command
             Z[s.CMD_AILERON, lane], Z[s.CMD_RUDDER, lane], Z[s.CMD_ELEVATOR, lane] = (
                 aileron,
                 rudder,
@@ -139,7 +143,7 @@ def share_commands(Z, width, vehicle):
 
 @lanes
 def start_effectors(Z, A, width, vehicle, step):
-    """Effectors where the axes' deflections at the start put them, at rest."""
+    """Set the initial effectors by the mix of the axes' deflections, at rest."""
     actuator = vehicle.effectors.actuator
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
@@ -156,7 +160,7 @@ def start_effectors(Z, A, width, vehicle, step):
 
 @lanes
 def show_axes(Z, A, width, vehicle):
-    """The axes' deflections and rates that those of the effectors make."""
+    """Set the axes' deflections and rates to those that the effectors produce."""
     axes, count = vehicle.effectors.axes, count_driven(vehicle)
     if count > 0:
         for i in range(3):
@@ -171,23 +175,23 @@ def show_axes(Z, A, width, vehicle):
 
 @lanes
 def command_effectors(Z, A, width, vehicle):
-    """Commands of the tick: what the law gives an effector, else the mix of the axes', within its limits."""
+    """Compute the limited commands of the tick, direct ones or the mix of the axes'."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            mixed, given = (
+            mixed, direct = (
                 mix_axes(Z, lane, vehicle.effectors.mix, e, s.ACTUATED),
                 Z[s.EFFECTOR_COMMAND + e, lane],
             )
-            asked = mixed if given == math.inf else given
+            command = mixed if direct == math.inf else direct
             low, high = limits_of(Z, lane, vehicle, e)
-            Z[s.EFFECTOR_ASKED + e, lane] = asked
-            A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(asked, low, high), 1.0
+            Z[s.EFFECTOR_ASKED + e, lane] = command
+            A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(command, low, high), 1.0
 
 
 @lanes
 def begin_effectors(Z, A, width, vehicle):
-    """Those without dynamics are where they are commanded, from the tick's start; what is shown of all at the tick."""
+    """Set effectors without dynamics to their commands, and update all saturations."""
     actuator = vehicle.effectors.actuator
     for lane in range(width):
         Z[s.ANY_SATURATED, lane] = 0.0
@@ -201,9 +205,11 @@ def begin_effectors(Z, A, width, vehicle):
                 )
         for lane in range(width):
             low, high = limits_of(Z, lane, vehicle, e)
-            at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
-            saturated = high > low and (at <= low or at >= high or asked <= low or asked >= high)
-            Z[s.EFFECTOR_AT + e, lane] = at
+            position, command = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
+            saturated = high > low and (
+                position <= low or position >= high or command <= low or command >= high
+            )
+            Z[s.EFFECTOR_AT + e, lane] = position
             Z[s.EFFECTOR_SATURATED + e, lane] = 1.0 if saturated else 0.0
             Z[s.ANY_SATURATED, lane] = 1.0 if saturated else Z[s.ANY_SATURATED, lane]
     show_axes(Z, A, width, vehicle)
@@ -211,7 +217,7 @@ def begin_effectors(Z, A, width, vehicle):
 
 @lanes
 def run_effectors(Z, A, width, vehicle, step):
-    """Effectors with actuators of their own through a step, after its first stage."""
+    """Compute effectors with actuators through a step, after its first stage."""
     actuator = vehicle.effectors.actuator
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
     for e in range(count_driven(vehicle)):
@@ -233,7 +239,7 @@ def run_effectors(Z, A, width, vehicle, step):
 
 @lanes
 def end_effectors(A, width, vehicle):
-    """Their positions at the end of the step, for its last stage."""
+    """Set the positions to those at the end of the step, for its last stage."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
@@ -242,7 +248,7 @@ def end_effectors(A, width, vehicle):
 
 @lanes
 def finish_effectors(Z, A, width, vehicle, alive):
-    """Their state after the step. A flight that has ended (``alive`` 0) keeps its own."""
+    """Set the state after the step. A flight that has ended (``alive`` 0) keeps its state."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):

@@ -1,7 +1,7 @@
-"""Last loop of a stage: forces and moments, the derivatives of the 22 states, and the integrator's sums.
+"""Last loop of a stage: forces, derivatives of the 22 states, and integrator's sums.
 
-Body axes forward-right-down, local frame north-east-down, rotating ellipsoid; Zhu & Shen (2014), eqs. (2)-(4)
-with the axes above; moments about the centre of gravity.
+Body axes are forward-right-down, the local frame north-east-down, the Earth a rotating ellipsoid; Zhu &
+Shen (2014), eqs. (2)-(4) in these axes; moments are about the centre of gravity.
 """
 
 import math
@@ -28,16 +28,16 @@ _K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D
 
 @lanes
 def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
-    """Thrust, N: captured air times specific impulse, or dynamic pressure times a thrust area."""
+    """Return the thrust, N: captured air times specific impulse, plus q_bar times thrust area."""
     captured = constants.capture_thrust * eta * rho * airspeed * Z[s.CAPTURE, lane] * Z[s.ISP, lane]
     return captured + q_bar * Z[s.THRUST_AREA, lane]
 
 
 @scalar
 def aerodynamic_force(constants, q_bar, lift, drag, side, flow):
-    """Aerodynamic force in body axes, N, from coefficients in stability (or wind) axes.
+    """Return the body-axis aerodynamic force, N, from stability- or wind-axis coefficients.
 
-    ``flow``: sine and cosine of the angle of attack, then of the sideslip.
+    ``flow`` contains sine and cosine of the angle of attack, then of the sideslip.
     """
     sin_a, cos_a, sin_b, cos_b = flow
     q_s = q_bar * constants.area
@@ -53,7 +53,7 @@ def aerodynamic_force(constants, q_bar, lift, drag, side, flow):
 
 @scalar
 def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
-    """J^-1 (M - w x J w) with the product of inertia as matrix element 13 (eq. (3))."""
+    """Return J^-1 (M - w x J w) with the product of inertia as matrix element 13 (eq. (3))."""
     hx = ixx * p + i13 * r
     hy = iyy * q
     hz = izz * r + i13 * p
@@ -65,7 +65,7 @@ def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
 
 
 class Stage(NamedTuple):
-    """One stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
+    """Stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
 
     weight: float
     ahead: float  # s
@@ -73,29 +73,30 @@ class Stage(NamedTuple):
 
 @scalar
 def runge_kutta_stage(stage, step):
-    """The four stages of the classical method of order 4; :func:`finish_step` makes the step of their sum.
+    """Return a stage 0..3 of the classical method of order 4, see :func:`finish_step`.
 
-    Stage -1 leaves sum and state as they are: the forces at the state of a control tick, for its measurement.
+    Stage -1 does not change sum and state; it evaluates the forces at a control tick, for measurement.
     """
     moves = 0.0 if stage < 0 else 1.0
     return Stage(
-        moves * (2.0 if abs(stage - 1.5) < 1.0 else 1.0),  # the two in the middle
+        moves * (2.0 if abs(stage - 1.5) < 1.0 else 1.0),  # 2 for the middle stages
         moves * (step if stage == 2 else 0.5 * step),
     )
 
 
 @lanes
 def accumulate(Z, lane, i, derivative, stage):
-    """Put one derivative into the Runge-Kutta sum and into the next state."""
+    """Add a derivative to the Runge-Kutta sum and set the next stage's state."""
     Z[SUM + i, lane] += stage.weight * derivative
     Z[XS + i, lane] = Z[X + i, lane] + stage.ahead * derivative
 
 
 @lanes
 def equations_of_motion(Z, width, vehicle, earth, stage, active):
-    """Derivatives at the stage's state ``XS``, which becomes the state of the next stage; the actuators run apart.
+    """Compute the derivatives at the stage's state ``XS``, and the next stage's state.
 
-    Where ``active`` is not None there may be the moment of a thrust function, and thrust off the line of the whole.
+    Actuators are computed separately. If ``active`` is not None, there may be the moment of a thrust
+    function and an offset of the thrust from the thrust line.
     """
     constants = vehicle.constants
     for lane in range(width):
@@ -118,7 +119,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         flow = Z[s.SIN_ALPHA, lane], Z[s.COS_ALPHA, lane], Z[s.SIN_BETA, lane], Z[s.COS_BETA, lane]
         fx, fy, fz = aerodynamic_force(constants, q_bar, lift, drag, side, flow)
         isp = Z[s.ISP, lane]
-        # A vehicle without an empty mass keeps its mass and its engine.
+        # A vehicle without an empty mass has a constant mass and a running engine.
         fuel_left = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         nominal_thrust = thrust(
             Z, lane, constants, Z[XS + s.ETA, lane], Z[s.RHO, lane], Z[s.AIRSPEED, lane], q_bar
@@ -128,7 +129,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         Z[s.THRUST, lane] = t
         fuel_divisor = constants.standard_gravity * isp * Z[s.K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
-        # The thrust factor is thrust at the same fuel flow.
+        # The thrust factor changes the thrust at the same fuel flow.
         fuel_flow = (
             nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
         )
@@ -182,7 +183,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         if active is not None:
             Z[s.GRAVITY, lane], Z[s.GRAVITY + 1, lane], Z[s.GRAVITY + 2, lane] = g_x, g_y, g_z
         we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
-        # Body rate to inertial plus Earth rate: transport and Coriolis terms together.
+        # Inertial body rate plus Earth rate: transport and Coriolis terms together.
         a, b, c = p + we_x, q + we_y, r + we_z
         specific_x, specific_y, specific_z = (
             (fx + tx) * per_mass,
@@ -203,7 +204,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
 
-        # Attitude: body rate to the local frame, which itself turns with the Earth and with the flight over it.
+        # Attitude: body rate relative to the local frame, which rotates with the Earth and the flight.
         n_x, n_y, n_z = rotate_to_body(
             q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat
         )
@@ -219,12 +220,12 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
 
 @lanes
 def finish_step(Z, width, step, alive):
-    """The new state from the sum of the stages, with a unit quaternion; the sum is zero again.
+    """Compute the new state from the sum of the stages, and normalize the quaternion.
 
     A flight that has ended (``alive`` 0) keeps its state.
     """
     sixth = step / 6.0
-    for i in range(s.AILERON):  # the actuators after it have run
+    for i in range(s.AILERON):  # the actuators, which follow, are complete
         for lane in range(width):
             Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0
@@ -250,6 +251,6 @@ def finish_step(Z, width, step, alive):
     for i in range(s.N_STATES):
         for lane in range(width):
             before, after = Z[X + i, lane], Z[XS + i, lane]
-            kept = after if alive[lane] > 0.0 else before
-            Z[X + i, lane] = kept
-            Z[XS + i, lane] = kept
+            value = after if alive[lane] > 0.0 else before
+            Z[X + i, lane] = value
+            Z[XS + i, lane] = value

@@ -1,7 +1,7 @@
-"""Failures of surfaces, engine and sensors at a control tick: from the flight's parameters to what the plant reads.
+"""Failures of surfaces, engine and sensors at a control tick, by the flight's parameters.
 
-A flight whose failure times are all infinite gets exact ones and zeros and its own commands, which leave its bits
-unchanged. A failure acts from the first control tick at or after its time.
+Flights whose failure times are all infinite have factors of one and additions of zero, which leave
+their bits unchanged. A failure acts from the first control tick at or after its time.
 """
 
 from typing import NamedTuple
@@ -24,19 +24,19 @@ from abhv_mc.kernel.plant.state import XS, X, parameter_row, parameter_rows
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
-_N_FIRST = 4  # effectors whose failures stand in a block of their own
-_SAME_TIME = 1e-9  # s: a tick that close before a failure's time is at it
+_N_FIRST = 4  # effectors whose failures are in the first block of parameters
+_SAME_TIME = 1e-9  # s, tolerance of ticks before a failure's time
 
 _TIMES = parameter_row(FAILURE_TIMES[0])  # three of each surface and effector: stuck, loss, slow
 _EFFECTOR_TIMES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_time")
 _ENGINE_TIME = parameter_row("failure.engine.time")
 _SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
-_HOW = parameter_row(
+_MODES = parameter_row(
     "failure.aileron.stuck_at"
 )  # three of each: stuck_at, effectiveness, rate_limit
-_EFFECTOR_HOW = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
+_EFFECTOR_MODES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
 _MORE_TIMES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_time")
-_MORE_HOW = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_at")
+_MORE_MODES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_at")
 _ENGINE_TIMES, _ENGINE_DURATION, _ENGINE_FACTOR = (
     parameter_row(f"failure.{ENGINES[0]}.{name}") for name in ("time", "duration", "thrust")
 )
@@ -47,7 +47,7 @@ _EFFECTOR_EFFECTIVENESS = parameter_row(f"control.{EFFECTORS[0]}_effectiveness")
 
 
 class Failures(NamedTuple):
-    """Failures that any lane has in its flight; the others are never computed."""
+    """Failures that occur in any lane; others are not computed."""
 
     surfaces: bool
     effectors: bool
@@ -58,7 +58,7 @@ class Failures(NamedTuple):
 
 @lanes
 def possible_failures(Z, width, constants):
-    """From the parameters, which are constant over a flight, and whether the vehicle's inlet may unstart."""
+    """Determine the possible failures from the flights' parameters and the vehicle's inlet."""
     return Failures(
         constants.driven == 0.0 and any_lane(Z, width, _TIMES, 3 * N_AXES, NEVER),
         any_lane(Z, width, _EFFECTOR_TIMES, 3 * _N_FIRST, NEVER)
@@ -72,7 +72,7 @@ def possible_failures(Z, width, constants):
 
 @lanes
 def start_failures(Z, width):
-    """Nothing has failed; call it when the flight's parameters stand in the lane."""
+    """Initialize a lane without failures, after its parameters are set."""
     for lane in range(width):
         for i in range(N_AXES):
             Z[s.RATE_FACTOR + i, lane] = 1.0
@@ -92,7 +92,7 @@ def start_failures(Z, width):
 
 @lanes
 def fail_sensors(Z, width, time):
-    """Measurements that have failed: what they were at the tick before, or off by the bias that the flight gives."""
+    """Apply failures to measurements: frozen, or biased if a bias is given."""
     for i in range(s.N_MEASURED):
         for lane in range(width):
             failed = time >= Z[_SENSOR_TIMES + i, lane] - _SAME_TIME
@@ -106,9 +106,9 @@ def fail_sensors(Z, width, time):
 
 @lanes
 def fail_plant(Z, A, width, failures, vehicle, time, tick):
-    """Commands as the actuators get them, and the factors and increments of the tick that begins at ``time`` (s).
+    """Compute the actuators' commands and the failures' factors at ``time`` (s).
 
-    ``tick`` is its length. Call it when the control law's commands have been passed on.
+    ``tick`` is the control period. Call it after the law's commands have been passed on.
     """
     if failures.surfaces:
         fail_surfaces(Z, width, vehicle.constants, time)
@@ -122,70 +122,76 @@ def fail_plant(Z, A, width, failures, vehicle, time, tick):
 
 
 @lanes
-def hold_stuck(Z, lane, row, asked, at, stuck):
-    """Where a stuck surface is: where it is ``asked`` to, else where it was ``at`` first, which ``row`` remembers."""
-    held = Z[row, lane]
-    held = (at if held == NEVER else held) if asked == NEVER else asked
-    Z[row, lane] = held if stuck else NEVER
-    return held
+def hold_stuck(Z, lane, row, target, position, stuck):
+    """Return the deflection of a stuck surface: ``target``, or its ``position`` when it stuck.
+
+    ``row`` stores the deflection.
+    """
+    deflection = Z[row, lane]
+    deflection = (position if deflection == NEVER else deflection) if target == NEVER else target
+    Z[row, lane] = deflection if stuck else NEVER
+    return deflection
 
 
 @lanes
 def fail_surfaces(Z, width, constants, time):
-    """Aileron, rudder and elevator.
+    """Apply failures to aileron, rudder and elevator.
 
-    A surface that sticks where it is stops there at once; one that sticks elsewhere is driven there by its actuator.
+    A surface that sticks at its position stops immediately; one that sticks elsewhere is driven there by
+    its actuator.
     """
     for i in range(N_AXES):
         for lane in range(width):
             stuck, lost, slow = has_failed(Z, lane, _TIMES + 3 * i, time)
-            factor = Z[_HOW + 3 * i + 2, lane] if slow else 1.0
+            factor = Z[_MODES + 3 * i + 2, lane] if slow else 1.0
             Z[s.EFFECT + i, lane] = Z[_EFFECTIVENESS + i, lane] * (
-                Z[_HOW + 3 * i + 1, lane] if lost else 1.0
+                Z[_MODES + 3 * i + 1, lane] if lost else 1.0
             )
             Z[s.RATE_FACTOR + i, lane] = factor
             fastest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor
             rate = Z[X + s.AILERON_RATE + i, lane]
             rate = clamp(rate, -fastest, fastest) if slow else rate
-            asked = Z[_HOW + 3 * i, lane]
-            held = hold_stuck(
-                Z, lane, s.STUCK_SURFACE + i, asked, Z[X + s.AILERON + i, lane], stuck
+            target = Z[_MODES + 3 * i, lane]
+            deflection = hold_stuck(
+                Z, lane, s.STUCK_SURFACE + i, target, Z[X + s.AILERON + i, lane], stuck
             )
-            Z[s.ACTUATED + i, lane] = held if stuck else Z[s.ACTUATED + i, lane]
-            Z[X + s.AILERON_RATE + i, lane] = 0.0 if stuck and asked == NEVER else rate
+            Z[s.ACTUATED + i, lane] = deflection if stuck else Z[s.ACTUATED + i, lane]
+            Z[X + s.AILERON_RATE + i, lane] = 0.0 if stuck and target == NEVER else rate
             Z[XS + s.AILERON_RATE + i, lane] = Z[X + s.AILERON_RATE + i, lane]
 
 
 @lanes
 def fail_driven_effector(Z, A, width, e, time):
-    """One that has an actuator of its own, as :func:`fail_surfaces` does it for the axes."""
+    """Apply failures to an effector with an actuator, like :func:`fail_surfaces`."""
     first = e * N_EFFECTOR_ROWS
-    times, how = failure_rows(e)
+    times, modes = failure_rows(e)
     for lane in range(width):
         stuck, lost, slow = has_failed(Z, lane, times, time)
-        held = hold_stuck(
-            Z, lane, s.STUCK_EFFECTOR + e, Z[how, lane], A[first + POSITION, lane], stuck
+        deflection = hold_stuck(
+            Z, lane, s.STUCK_EFFECTOR + e, Z[modes, lane], A[first + POSITION, lane], stuck
         )
-        A[first + COMMAND, lane] = held if stuck else A[first + COMMAND, lane]
-        A[first + MOVES, lane] = 0.0 if stuck and Z[how, lane] == NEVER else A[first + MOVES, lane]
-        A[first + SLOWED, lane] *= Z[how + 2, lane] if slow else 1.0
+        A[first + COMMAND, lane] = deflection if stuck else A[first + COMMAND, lane]
+        A[first + MOVES, lane] = (
+            0.0 if stuck and Z[modes, lane] == NEVER else A[first + MOVES, lane]
+        )
+        A[first + SLOWED, lane] *= Z[modes + 2, lane] if slow else 1.0
         Z[s.EFFECTOR_GAIN + e, lane] = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (
-            Z[how + 1, lane] if lost else 1.0
+            Z[modes + 1, lane] if lost else 1.0
         )
         Z[s.EFFECTOR_OFFSET + e, lane] = 0.0
 
 
 @lanes
 def failure_rows(e):
-    """First rows of an effector's three times, and of how it fails."""
+    """Return the first rows of an effector's three failure times and three values."""
     if e < _N_FIRST:
-        return _EFFECTOR_TIMES + 3 * e, _EFFECTOR_HOW + 3 * e
-    return _MORE_TIMES + 3 * (e - _N_FIRST), _MORE_HOW + 3 * (e - _N_FIRST)
+        return _EFFECTOR_TIMES + 3 * e, _EFFECTOR_MODES + 3 * e
+    return _MORE_TIMES + 3 * (e - _N_FIRST), _MORE_MODES + 3 * (e - _N_FIRST)
 
 
 @lanes
 def has_failed(Z, lane, times, time):
-    """Whether a surface sticks, has lost effectiveness, is slow."""
+    """Return whether a surface sticks, has lost effectiveness, and is slow, as three values."""
     return (
         time >= Z[times, lane] - _SAME_TIME,
         time >= Z[times + 1, lane] - _SAME_TIME,
@@ -195,76 +201,82 @@ def has_failed(Z, lane, times, time):
 
 @lanes
 def fail_effectors(Z, A, width, vehicle, time, tick):
-    """The vehicle's own surfaces, which the three axis deflections are mixed to.
+    """Apply failures to the effectors, which are mixed from the three axis deflections.
 
-    A slow one follows its mix no faster than the surfaces' rate limit allows, and is held over the tick.
+    A slow effector follows its mix at a reduced rate limit of the surfaces, and is constant over the tick.
     """
     constants, mix = vehicle.constants, vehicle.effector_mix
     for e in range(mix.shape[0]):
         if constants.driven > 0.0:
             fail_driven_effector(Z, A, width, e, time)
             continue
-        times, how = failure_rows(e)
+        times, modes = failure_rows(e)
         reach = abs(mix[e, 0]) + abs(mix[e, 1]) + abs(mix[e, 2])
         for lane in range(width):
             mixed = 0.0
             for i in range(N_AXES):
                 mixed += mix[e, i] * (Z[s.EFFECT + i, lane] * Z[X + s.AILERON + i, lane])
             stuck, lost, slow = has_failed(Z, lane, times, time)
-            factor = Z[how + 2, lane]
+            factor = Z[modes + 2, lane]
             farthest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor * reach * tick
             last = Z[s.SLOW_EFFECTOR + e, lane]
-            near = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
-            Z[s.SLOW_EFFECTOR + e, lane] = near if slow else NEVER
-            gain = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[how + 1, lane] if lost else 1.0)
-            at = gain * (near if slow else mixed)
-            held = hold_stuck(Z, lane, s.STUCK_EFFECTOR + e, Z[how, lane], at, stuck)
+            limited = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
+            Z[s.SLOW_EFFECTOR + e, lane] = limited if slow else NEVER
+            gain = Z[_EFFECTOR_EFFECTIVENESS + e, lane] * (Z[modes + 1, lane] if lost else 1.0)
+            deflection = gain * (limited if slow else mixed)
+            stuck_deflection = hold_stuck(
+                Z, lane, s.STUCK_EFFECTOR + e, Z[modes, lane], deflection, stuck
+            )
             Z[s.EFFECTOR_GAIN + e, lane] = 0.0 if stuck or slow else gain
-            Z[s.EFFECTOR_OFFSET + e, lane] = held if stuck else (gain * near if slow else 0.0)
+            Z[s.EFFECTOR_OFFSET + e, lane] = (
+                stuck_deflection if stuck else (gain * limited if slow else 0.0)
+            )
 
 
 @lanes
-def settle(value, aim, lag, tick):
-    """A first-order answer to ``aim``: what a value is at the end of a tick, and its mean over the tick."""
-    kept = exp(-tick / lag) if lag > 0.0 else 0.0
-    return aim + kept * (value - aim), aim + (1.0 - kept) * (lag / tick) * (value - aim)
+def settle(value, target, lag, tick):
+    """Return a first-order response to ``target`` after a tick, and its mean over the tick."""
+    decay = exp(-tick / lag) if lag > 0.0 else 0.0
+    return target + decay * (value - target), target + (1.0 - decay) * (lag / tick) * (
+        value - target
+    )
 
 
 @lanes
 def engine_lag(Z, lane, constants):
-    """Time constant of the engine's own answer, s."""
+    """Return the time constant of the engine's response, s."""
     damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
     return 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
 
 
 @lanes
 def fails_now(Z, lane, time, begin, duration):
-    """Whether ``time`` is within a failure of an engine, of which rows give time and duration."""
+    """Return whether ``time`` is within the failure with time and duration in these rows."""
     since = time - Z[begin, lane]
     return since >= -_SAME_TIME and since < Z[duration, lane] - _SAME_TIME
 
 
 @lanes
 def fail_engine(Z, width, constants, time, tick):
-    """Thrust, drag and pitching moment of an engine that has failed, at its time or by its inlet's condition.
+    """Compute thrust, drag and pitching moment of an engine that has failed or unstarted.
 
-    Its thrust decays with the engine's own lag; it relights after a delay, and comes back with a time constant.
+    Its thrust decays with the lag of the engine; it relights after a delay, with a time constant.
     """
     inlet = constants.inlet
     for lane in range(width):
         lag, unstarted = engine_lag(Z, lane, constants), Z[s.UNSTARTED, lane] > 0.0
         failed = fails_now(Z, lane, time, _ENGINE_TIME, _DURATION) or unstarted
         last = time if failed else Z[s.FAILED_TIME, lane]
-        out = time - last < constants.relight_delay - _SAME_TIME
-        before, aim = Z[s.ENGINE_WHOLE, lane], Z[_THRUST, lane] if failed or out else 1.0
+        is_off = time - last < constants.relight_delay - _SAME_TIME
+        before, aim = Z[s.ENGINE_WHOLE, lane], Z[_THRUST, lane] if failed or is_off else 1.0
         slow = (
             constants.relight_time_constant
             if aim > before and constants.relight_time_constant > 0.0
             else lag
         )
-        at_once = constants.ideal_engine > 0.0 and slow == lag
+        is_immediate = constants.ideal_engine > 0.0 and slow == lag
         Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = settle(
-            before, aim, 0.0 if at_once else slow, tick
+            before, aim, 0.0 if is_immediate else slow, tick
         )
         Z[s.FAILED_TIME, lane] = last
         Z[s.ENGINE_DRAG, lane] = (Z[_DRAG, lane] if failed else 0.0) + (
@@ -276,42 +288,43 @@ def fail_engine(Z, width, constants, time, tick):
 
 
 @lanes
-def fail_engines(Z, width, vehicle, whole_fails, time, tick):
-    """Single engines of several: less thrust, which acts off the line of the whole.
+def fail_engines(Z, width, vehicle, engine_fails, time, tick):
+    """Apply failures of single engines: the reduced thrust is offset from the thrust line.
 
-    Each decays, and comes back, with the engine's own lag. ``whole_fails``: :func:`fail_engine` has run.
+    Each thrust decays and recovers with the lag of the engine. ``engine_fails`` means that
+    :func:`fail_engine` has been called.
     """
     constants = vehicle.constants
     for lane in range(width):
         lag = 0.0 if constants.ideal_engine > 0.0 else engine_lag(Z, lane, constants)
-        left, x, y, z, some = 1.0, 0.0, 0.0, 0.0, False
+        remaining, x, y, z, any_failed = 1.0, 0.0, 0.0, 0.0, False
         for i in range(vehicle.engines.shape[0]):
             failed = fails_now(Z, lane, time, _ENGINE_TIMES + i, _ENGINE_DURATION + i)
             aim = Z[_ENGINE_FACTOR + i, lane] if failed else 1.0
             Z[s.ENGINE_RUNS + i, lane], mean = settle(Z[s.ENGINE_RUNS + i, lane], aim, lag, tick)
             lost = vehicle.engines[i, 0] * (mean - 1.0)
-            left += lost
+            remaining += lost
             x += lost * vehicle.engines[i, 1]
             y += lost * vehicle.engines[i, 2]
             z += lost * vehicle.engines[i, 3]
-            some |= failed
-        per = 1.0 / left if left > 1e-12 else 0.0
+            any_failed |= failed
+        per = 1.0 / remaining if remaining > 1e-12 else 0.0
         Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane] = (
             per * x,
             per * y,
             per * z,
         )
-        Z[s.ENGINE_THRUST, lane] = (Z[s.ENGINE_THRUST, lane] if whole_fails else 1.0) * left
+        Z[s.ENGINE_THRUST, lane] = (Z[s.ENGINE_THRUST, lane] if engine_fails else 1.0) * remaining
         Z[s.ENGINE_FAILED, lane] = (
-            1.0 if some else (Z[s.ENGINE_FAILED, lane] if whole_fails else 0.0)
+            1.0 if any_failed else (Z[s.ENGINE_FAILED, lane] if engine_fails else 0.0)
         )
 
 
 @lanes
 def watch_inlet(Z, width, inlet, time):
-    """Whether the flow at the tick's air data leaves the inlet started; what follows acts from the next tick on.
+    """Update whether the inlet is unstarted, with effect from the next tick.
 
-    It starts again when the flow has been inside its range for the restart delay.
+    It restarts after the flow has been inside its range for the restart delay.
     """
     for lane in range(width):
         alpha, beta, mach = Z[s.V_ALPHA, lane], Z[s.V_BETA, lane], Z[s.V_MACH, lane]

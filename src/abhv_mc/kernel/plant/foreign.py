@@ -1,7 +1,8 @@
-"""A vehicle's own functions in the flight: coefficients and thrust of all lanes by one call each.
+"""Custom functions of a vehicle in flight, each called once for all lanes.
 
-Dispersions act as with tables. What scales a part of a coefficient that goes with a variable scales ``f(x) - f(x with
-that variable 0)``, or less the axis' part of all deflections, by one more evaluation for each that is dispersed.
+Dispersions act as with tables. The factor on a coefficient's dependence on a variable multiplies
+``f(x) - f(x with that variable 0)``, or for an axis the difference without the axis' contribution to
+all deflections, by an additional evaluation for each dispersed variable.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -14,7 +15,7 @@ from abhv_mc.kernel.plant.slopes import N_INPUTS
 from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row
 
 STEP = 1e-5  # rad: slopes by central differences
-# Settings that a function is called with: of the vehicle file, or of each flight, the rows from ``SETTING``.
+# Settings of a call: those of the vehicle file, or those of each flight in the rows from ``SETTING``.
 NOMINAL, DISPERSED = range(2)
 _K_PART = parameter_row(
     "aero.lift.sideslip"
@@ -24,7 +25,7 @@ N_PARTS = s.V_DELTA_E - s.V_BETA + 1  # sideslip, rates and deflections
 
 @lanes
 def find_dispersed(Z, width):
-    """Whether parts of a flight's coefficients are dispersed, which stays so."""
+    """Determine whether a flight disperses coefficients by variable."""
     for lane in range(width):
         Z[s.F_DISPERSED, lane] = 0.0
     for i in range(N_COEFFICIENTS * N_PARTS):
@@ -34,14 +35,14 @@ def find_dispersed(Z, width):
 
 @lanes
 def call_aerodynamics(Z, foreign, user_code, settings):
-    """Coefficients at the variables, in stability axes; ``settings``: NOMINAL or DISPERSED."""
-    given = foreign.settings
-    call_address(user_code.aerodynamics, 0, Z, given, given, given, settings, 0.0)
+    """Compute coefficients in stability axes; ``settings`` is NOMINAL or DISPERSED."""
+    values = foreign.settings
+    call_address(user_code.aerodynamics, 0, Z, values, values, values, settings, 0.0)
 
 
 @lanes
 def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
-    """Coefficients of the stage with their dispersions, at the deflections that are there."""
+    """Compute the dispersed coefficients of the stage at its deflections."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
     call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
@@ -50,26 +51,26 @@ def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
-    for part in range(N_PARTS):
+    for variable in range(N_PARTS):
         used = False
         for c in range(N_COEFFICIENTS):
-            used |= any_lane(Z, width, _K_PART + c * N_PARTS + part, 1, 1.0)
+            used |= any_lane(Z, width, _K_PART + c * N_PARTS + variable, 1, 1.0)
         if used:
-            add_part(Z, A, width, vehicle, user_code, failing, part)
+            add_dispersion(Z, A, width, vehicle, user_code, failing, variable)
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
 
 
 @lanes
-def add_part(Z, A, width, vehicle, user_code, failing, part):
-    """Add to the rows ``F_COEF`` what one variable's dispersions change. ``Z[COEF]`` is as it was found afterwards."""
-    row = s.V_BETA + part
+def add_dispersion(Z, A, width, vehicle, user_code, failing, variable):
+    """Add the effect of one variable's dispersions to ``F_COEF``; keep ``Z[COEF]``."""
+    row = s.V_BETA + variable
     for lane in range(width):
         Z[s.F_MASS, lane] = Z[row, lane]
         Z[row, lane] = 0.0
-    if part >= 4:
-        place_effectors(Z, A, width, vehicle, failing, part - 4)
+    if variable >= 4:
+        place_effectors(Z, A, width, vehicle, failing, variable - 4)
     base = s.F_BASE  # of the coefficients, undispersed
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
@@ -77,19 +78,19 @@ def add_part(Z, A, width, vehicle, user_code, failing, part):
     call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
     for lane in range(width):
         Z[row, lane] = Z[s.F_MASS, lane]
-    if part >= 4:
+    if variable >= 4:
         place_effectors(Z, A, width, vehicle, failing, -1)
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
-            factor = Z[_K_PART + c * N_PARTS + part, lane] - 1.0
-            whole = Z[base + c, lane]
-            Z[s.F_COEF + c, lane] += factor * (whole - Z[s.COEF + c, lane])
-            Z[s.COEF + c, lane] = whole
+            factor = Z[_K_PART + c * N_PARTS + variable, lane] - 1.0
+            total = Z[base + c, lane]
+            Z[s.F_COEF + c, lane] += factor * (total - Z[s.COEF + c, lane])
+            Z[s.COEF + c, lane] = total
 
 
 @lanes
 def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
-    """Coefficients of the nominal vehicle at the variables, at a density and a speed."""
+    """Compute the coefficients of the nominal vehicle at the variables, a density and a speed."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
     call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
@@ -97,9 +98,10 @@ def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
 
 @lanes
 def nominal_slopes(Z, width, vehicle, user_code, first_row):
-    """Rows ``first_row + coefficient * N_INPUTS + input``: slopes with aileron, rudder, elevator and sideslip.
+    """Compute slopes with aileron, rudder, elevator and sideslip.
 
-    ``Z[COEF]`` and the variables are as they were found afterwards.
+    They are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the variables are
+    unchanged.
     """
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
@@ -128,20 +130,20 @@ def nominal_slopes(Z, width, vehicle, user_code, first_row):
 
 @lanes
 def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
-    """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``."""
+    """Compute thrust, moment and fuel flow of the nominal engine, rows from ``F_THRUST``."""
     call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, NOMINAL)
 
 
 @lanes
 def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settings):
-    """Thrust, moment and fuel flow of the engine function: the rows from ``F_THRUST``.
+    """Compute thrust, moment and fuel flow of the engine function, rows from ``F_THRUST``.
 
-    The moment is about the point about which the aerodynamics' is.
+    The moment is about the point of the aerodynamic moments.
     """
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
-    given = vehicle.foreign.settings
-    call_address(user_code.propulsion, 0, Z, given, given, given, settings, 0.0)
+    values = vehicle.foreign.settings
+    call_address(user_code.propulsion, 0, Z, values, values, values, settings, 0.0)
     x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
     if x != 0.0 or z != 0.0:
         for lane in range(width):
@@ -153,15 +155,15 @@ def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settin
 
 @lanes
 def foreign_thrust(Z, width, vehicle, user_code):
-    """The engine function's thrust at the stage's state: the rows from ``F_THRUST`` as they act.
+    """Compute the dispersed thrust of the engine function, in rows from ``F_THRUST``.
 
-    The moment is about the centre of gravity, with that of engines which have failed.
+    The moment is about the centre of gravity and includes that of failed engines.
     """
     call_propulsion(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED, DISPERSED)
     constants = vehicle.constants
     for lane in range(width):
         mass = Z[XS + s.MASS, lane]
-        # A vehicle without an empty mass keeps its engine.
+        # The engine of a vehicle without an empty mass always has fuel.
         has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
         factor = Z[s.K_THRUST, lane] * runs
@@ -186,7 +188,7 @@ def foreign_thrust(Z, width, vehicle, user_code):
 
 @lanes
 def add_thrust(Z, width, stage):
-    """Add that thrust's force to the derivatives, which are linear in it; the next stage's state is there."""
+    """Add the thrust of the engine function to the derivatives, which are linear in it."""
     for lane in range(width):
         Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
         for i in range(3):
@@ -198,6 +200,6 @@ def add_thrust(Z, width, stage):
 
 @lanes
 def add_derivative(Z, lane, i, derivative, stage):
-    """Add to what :func:`abhv_mc.kernel.plant.equations.accumulate` has put there."""
+    """Add a derivative after :func:`abhv_mc.kernel.plant.equations.accumulate`."""
     Z[s.SUM + i, lane] += stage.weight * derivative
     Z[XS + i, lane] += stage.ahead * derivative

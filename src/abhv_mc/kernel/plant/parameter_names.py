@@ -1,8 +1,8 @@
-"""Names of all that a campaign may disperse, in the order of a flight's parameters ``[parameter, flight]``.
+"""Names of all dispersible parameters, in the order of a flight's parameters.
 
-What each is stands in :mod:`abhv_mc.plant.parameters`. A new one goes to the end, in no order of ideas: the dimension
-of a Sobol or Halton sequence is its place here, which later ones must not move. So what belongs together may stand in
-several places; the kernel finds each block by the name of its first.
+:mod:`abhv_mc.plant.parameters` describes them. New parameters are appended, as the position here is the
+dimension of a Sobol or Halton sequence and must not change. Related parameters may therefore be in
+several blocks; the kernel finds each block by the name of its first parameter.
 """
 
 import math
@@ -12,7 +12,7 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS, MAX_ENGINE
 NEVER = math.inf  # time of a failure that does not happen
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
-# What may fail: the three axis deflections, effectors and engines by their place in the vehicle's file, sensors.
+# Parts that may fail: axis deflections, effectors and engines by their number in the vehicle file, sensors.
 AXES = ("aileron", "rudder", "elevator")
 EFFECTORS = tuple(f"effector_{i}" for i in range(MAX_EFFECTORS))
 ENGINES = tuple(f"engine_{i}" for i in range(MAX_ENGINES))
@@ -20,7 +20,7 @@ SENSORS = (
     *("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
 )
-# What user laws may measure besides; the places of their errors came later.
+# Additional measurements of custom laws, whose errors were added later.
 MORE_SENSORS = (
     *(
         "airspeed",
@@ -37,7 +37,7 @@ MORE_SENSORS = (
     *("equivalent_airspeed", "cross_track"),
 )
 ALL_SENSORS = (*SENSORS, *MORE_SENSORS)
-ANGLES_OF_PLACE = (
+UNSCALED_SENSORS = (
     "flight_path_angle",
     "heading",
     "bank",
@@ -47,19 +47,22 @@ ANGLES_OF_PLACE = (
     "latitude",
     "longitude",
 )
-SCALED_SENSORS = tuple(name for name in ALL_SENSORS if name not in ANGLES_OF_PLACE)
+SCALED_SENSORS = tuple(name for name in ALL_SENSORS if name not in UNSCALED_SENSORS)
 SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in ALL_SENSORS)
 _RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 _GUST_AXES = ("forward", "right", "down")
-_FIRST = (*AXES, *EFFECTORS[:4])  # whose places came first
+_FIRST = (*AXES, *EFFECTORS[:4])  # in the first block
 _MORE = EFFECTORS[4:]
 
 
-def _each(first: tuple[str, ...], then: tuple[str, ...]) -> tuple[str, ...]:
+def _failure_names(first: tuple[str, ...], then: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"failure.{name}.{what}" for name in first for what in then)
 
 
-_TIMES, _HOW = ("stuck_time", "loss_time", "slow_time"), ("stuck_at", "effectiveness", "rate_limit")
+_TIMES, _MODES = (
+    ("stuck_time", "loss_time", "slow_time"),
+    ("stuck_at", "effectiveness", "rate_limit"),
+)
 
 PARAMETER_NAMES: tuple[str, ...] = (
     *(
@@ -91,21 +94,23 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *("wind.turbulence", "wind.turbulence_length", "wind.turbulence_seed"),
     *SENSOR_NOISES[: len(SENSORS)],
     *("sensor.noise_seed", "sensor.delay"),
-    # Of failures first all times, so that one search finds whether any of them is used.
-    *_each(_FIRST, _TIMES),
+    # All failure times are contiguous, so that one search finds whether any of them is used.
+    *_failure_names(_FIRST, _TIMES),
     "failure.engine.time",
     *(f"failure.sensor.{name}.time" for name in SENSORS),
-    *_each(_FIRST, _HOW),
-    *_each(("engine",), ("duration", "thrust", "drag_increment", "pitching_moment_increment")),
+    *_failure_names(_FIRST, _MODES),
+    *_failure_names(
+        ("engine",), ("duration", "thrust", "drag_increment", "pitching_moment_increment")
+    ),
     *(f"failure.sensor.{name}.bias" for name in SENSORS),
     *(f"wind.turbulence_{axis}" for axis in _GUST_AXES),
     *(f"wind.turbulence_length_{axis}" for axis in _GUST_AXES),
     "wind.turbulence_rotary",
-    *_each(_MORE, _TIMES),
-    *_each(ENGINES, ("time",)),
-    *_each(_MORE, _HOW),
-    *_each(ENGINES, ("duration",)),
-    *_each(ENGINES, ("thrust",)),
+    *_failure_names(_MORE, _TIMES),
+    *_failure_names(ENGINES, ("time",)),
+    *_failure_names(_MORE, _MODES),
+    *_failure_names(ENGINES, ("duration",)),
+    *_failure_names(ENGINES, ("thrust",)),
     *(f"control.{name}_effectiveness" for name in EFFECTORS),
     *(f"sensor.{name}_bias" for name in MORE_SENSORS),
     *SENSOR_NOISES[len(SENSORS) :],

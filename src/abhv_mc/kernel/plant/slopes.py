@@ -1,4 +1,4 @@
-"""Slopes of the coefficients with the deflections and with sideslip: what control allocation inverts."""
+"""Slopes of the coefficients with deflections and sideslip, for control allocation."""
 
 from typing import NamedTuple
 
@@ -16,19 +16,19 @@ class Effectiveness(NamedTuple):
 
     coefficient: Ints  # [term]
     input: Ints  # [term] index into INPUTS
-    row: Ints  # [term] table row, or a slope row behind the tables
+    row: Ints  # [term] table row, or a slope row after the tables
     variable: Ints  # [term]
     weight: Floats  # [term]
-    slope_group: Ints  # [slope] group that is differentiated
-    slope_axis: Ints  # [slope] the axis with respect to which
-    slope_row: Ints  # [slope] its first row
+    slope_group: Ints  # [slope] differentiated group
+    slope_axis: Ints  # [slope] axis of differentiation
+    slope_row: Ints  # [slope] first row
 
 
 @lanes
 def table_slopes(T, W, tables, effectiveness, cells, high):
-    """Slope rows of every lane, from the cells and fractions that the look-up just found.
+    """Compute the slope rows of every lane from the cells and fractions of the last look-up.
 
-    high [MAX_TABLE_ROWS] is scratch.
+    ``high`` [MAX_TABLE_ROWS] is a buffer.
     """
     low = cells.row
     for slope in range(effectiveness.slope_group.size):
@@ -63,7 +63,7 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
 
 @lanes
 def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
-    """Rows ``first_row + coefficient * N_INPUTS + input`` of every lane."""
+    """Compute the slopes in rows ``first_row + coefficient * N_INPUTS + input`` of every lane."""
     for i in range(N_COEFFICIENTS * N_INPUTS):
         for lane in range(W):
             Z[first_row + i, lane] = 0.0
@@ -78,6 +78,6 @@ def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
 
 @lanes
 def add_weighted(total, weight, table, variable, W):
-    """One term of a slope."""
+    """Add a term to a slope."""
     for lane in range(W):
         total[lane] += weight * (table[lane] * variable[lane])

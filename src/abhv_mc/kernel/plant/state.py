@@ -1,7 +1,7 @@
-"""Where a lane keeps its numbers: the rows of the one block ``Z[row, lane]`` of a kernel's memory.
+"""Rows of the lane memory ``Z[row, lane]``.
 
-One block with constant rows lets the compiler see that nothing overlaps, which is what makes the
-lane loops vector code.
+One block with constant rows shows the compiler that nothing overlaps, which lets it vectorize the loops
+over lanes.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ from abhv_mc.kernel.plant.parameter_names import (
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_ACTUATORS, VARIABLES
 from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
 
-# The state, in this order: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
+# Order of the state: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
 # attitude quaternion body -> NED, inertial body rates, mass, surface deflections and rates, engine.
 STATES = (
     "altitude",
@@ -54,69 +54,67 @@ ALTITUDE, LONGITUDE, LATITUDE, U, V, W, Q0, Q1, Q2, Q3 = range(10)
 ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
 AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 
-# Room of a lane for any vehicle; load_vehicle refuses one that needs more. What a vehicle does not use costs nothing.
+# Capacity of a lane; load_vehicle rejects larger vehicles. Unused capacity costs nothing.
 MAX_TABLE_ROWS = (
     1024  # tables and their slopes with the deflections, spare rows of the padding counted
 )
 MAX_AXES = 64  # different grids
 
-# Blocks of the lane memory Z, one after another. The owner of a block says how many rows it has; rows that have names
-# are counted by them, as unpacking a range of another length fails.
-X = 0  # the state at the beginning of the step
-XS = X + N_STATES  # the state at the stage of the integrator
+# Contiguous blocks of the lane memory Z. The module that owns a block defines its number of rows; named
+# rows are counted by unpacking, which fails for a range of another length.
+X = 0  # state at the start of the step
+XS = X + N_STATES  # state at the stage of the integrator
 SUM = XS + N_STATES  # weighted sum of the stages' derivatives
 P = SUM + N_STATES  # parameters
 VAR = P + len(PARAMETER_NAMES)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
 AIR = CMD + 4  # air data of the stage
-FIXED = AIR + 20  # the fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
-NAV = FIXED + len(FIXED_TABLE_ROWS)  # the true motion relative to the Earth
-MEASURED = NAV + 8  # the measurement, which the control laws see
+FIXED = AIR + 20  # fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+NAV = FIXED + len(FIXED_TABLE_ROWS)  # true motion relative to the Earth
+MEASURED = NAV + 8  # measurement, the input of the control laws
 N_MEASURED = len(SENSORS)
-N_SEEN = len(ALL_SENSORS)  # with what laws of the user's own may ask for besides
-COUNTED = MEASURED + N_SEEN  # 1 where the sample of this tick counts
-COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
+N_SEEN = len(ALL_SENSORS)  # including the additional measurements of custom laws
+COUNTED = MEASURED + N_SEEN  # 1 if the sample of this tick counts
+COMMANDS = COUNTED + 1  # commands of the guidance to the attitude loop
 GUST = (
     COMMANDS + 3
-)  # gust and turbulence of the tick in body axes, and the profile's factor on the density
+)  # gust and turbulence of the tick in body axes, and the density factor of the profile
 TURBULENCE = GUST + 7  # random numbers, then the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
-PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
-ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
-LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
-FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
+PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, by flight
+ACTUATORS = PER_MASS_FACTOR + 1  # coefficients of the actuators of surfaces and engine, by flight
+LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the current actuator: lowest, highest, rate
+FAILURE = LIMITS + 3  # failures at the tick, and their memory
 FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
-)  # what functions of the vehicle's own are given and give
-EFFECTOR_COMMAND = (
-    FOREIGN + 23
-)  # what a law commands of the vehicle's effectors themselves, infinite where nothing
-# Of effectors with actuators: position, what it is asked for, whether one of both is at its limit; whether any is.
+)  # arguments and results of custom functions of the vehicle
+EFFECTOR_COMMAND = FOREIGN + 23  # direct commands of effectors by a law, infinite if there is none
+# Effectors with actuators: position, unlimited command, whether either is at its limit; whether any is.
 EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (
     EFFECTOR_COMMAND + i * MAX_ACTUATORS for i in range(1, 4)
 )
 ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
 ENGINE_WHOLE = (
     ANY_SATURATED + 1
-)  # factor on the thrust of all engines, then of each; where the rest of it acts
-# Of custom dynamics (abhv_mc.kernel.plant.dynamics): states at the beginning of the step and at the stage, the weighted
-# sum of their rates, their rates; what the function is given of the motion, and what it returns; settings by flight.
+)  # factor on the thrust of all engines, then of each; position of the remaining thrust
+# Custom dynamics (abhv_mc.kernel.plant.dynamics): states at the start of the step and at the stage, weighted
+# sum of their rates, rates; motion as argument of the function, and its results; settings by flight.
 MAX_STATES = 32  # of a vehicle's custom dynamics
-MAX_SETTINGS = 128  # of a vehicle's functions, with the starts of its states
+MAX_SETTINGS = 128  # of a vehicle's functions, including initial values of its states
 CUSTOM_STATE = ENGINE_WHOLE + 1 + len(ENGINES) + 3
 CUSTOM_STAGE, CUSTOM_SUM, CUSTOM_RATE, MOTION = (CUSTOM_STATE + i * MAX_STATES for i in range(1, 5))
-MOTION_ACCELERATION = MOTION + 11  # behind velocity, attitude, rates and mass
+MOTION_ACCELERATION = MOTION + 11  # after velocity, attitude, rates and mass
 ANGULAR_ACCELERATION, GRAVITY = MOTION_ACCELERATION + 3, MOTION_ACCELERATION + 6
 CUSTOM_FORCE, CUSTOM_MOMENT = GRAVITY + 3, GRAVITY + 6
 SENSED = CUSTOM_MOMENT + 3  # additions to the measured quantities
 SETTING = SENSED + N_SEEN
-LAW = SETTING + MAX_SETTINGS  # the rows of control and flight follow: the law's own memory first
+LAW = SETTING + MAX_SETTINGS  # rows of control and flight follow, starting with the law's memory
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
-# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of the air and
-# specific force in body axes, thrust.
+# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of
+# the air and specific force in body axes; thrust.
 _FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
 SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
@@ -145,10 +143,10 @@ M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = ra
 M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
-# Commands that the actuators get; factors on the three surfaces' rates and effectiveness; of the engine: factor on
-# thrust, increments of drag and pitching moment, whether it has failed; the deflections that surfaces stick at; of the
-# inlet: whether it has unstarted and the last time it was outside its range; the last time that the engine had failed;
-# of the vehicle's effectors: gain and offset, the deflections that they stick at, slow ones; then frozen measurements.
+# Commands of the actuators; factors on rate and effectiveness of the three surfaces; engine: factor on
+# thrust, increments of drag and pitching moment, whether it has failed; deflections of stuck surfaces;
+# inlet: whether it is unstarted and the last time outside its range; last time of a failed engine;
+# effectors: gain, offset, deflections of stuck and of slow ones; then frozen measurements.
 ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
 STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = (
@@ -162,8 +160,8 @@ EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
 )
 ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 
-# Density and airspeed that they are given; thrust, moment and fuel flow; coefficients with their dispersions and
-# without; 1 / mass at the stage, or a variable stored for later; whether parts of them are dispersed.
+# Custom functions: density and airspeed as arguments; thrust, moment and fuel flow; coefficients with
+# dispersions and without; 1 / mass at the stage, or a stored variable; whether they are dispersed.
 F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
 F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
 F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
@@ -176,7 +174,7 @@ N_PARAMETERS = len(PARAMETER_NAMES)
 def aligned_zeros(
     shape: tuple[int, ...] | int, dtype: type[np.generic] = np.float64
 ) -> NDArray[Any]:
-    """Zeros that begin with a cache line: vectors of eight doubles are as long, and would otherwise touch two."""
+    """Return zeros aligned to cache lines, so that vectors of eight doubles do not cross them."""
     line = 64  # bytes
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.zeros(size + line, dtype=np.uint8)
@@ -185,21 +183,21 @@ def aligned_zeros(
 
 
 def parameter_row(name: str) -> int:
-    """Row of a parameter in the lane memory."""
+    """Return the row of a parameter in the lane memory."""
     return P + PARAMETER_INDEX[name]
 
 
 def parameter_rows(first: str, count: int) -> range:
-    """Rows of so many parameters from the first on."""
+    """Return the rows of ``count`` parameters from ``first`` on."""
     return range(parameter_row(first), parameter_row(first) + count)
 
 
 def variable_row(name: str) -> int:
-    """Row of a variable in the lane memory."""
+    """Return the row of a variable in the lane memory."""
     return VAR + VARIABLES.index(name)
 
 
-# Rows that more than one part reads: variables, and dispersions of mass and inertia, engine, actuators, air.
+# Rows read by several modules: variables, and dispersions of mass and inertia, engine, actuators, air.
 V_ONE, V_MACH, V_ALPHA, V_BETA, V_P_HAT, V_Q_HAT, V_R_HAT, V_DELTA_A, V_DELTA_R, V_DELTA_E = range(
     VAR, VAR + 10
 )

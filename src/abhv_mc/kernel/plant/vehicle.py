@@ -1,8 +1,7 @@
-"""The packed form of a vehicle: plain arrays that the compiled plant reads.
+"""Packed form of a vehicle: named tuples of arrays that the compiled plant reads.
 
-A vehicle file (any tables, any build-up) is turned once into these named tuples.
-They are arguments of the compiled code, not constants of it: one compiled flight
-serves every vehicle, and a changed table can never meet a stale cache.
+They are arguments of the compiled code, not constants: one compiled flight serves every vehicle, and a
+changed table never meets a stale cache.
 """
 
 import math
@@ -12,12 +11,12 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 
-MAX_EFFECTORS = 16  # surfaces of a vehicle's own
-MAX_ACTUATORS = MAX_EFFECTORS + 3  # with the axes that the aerodynamics name themselves
+MAX_EFFECTORS = 16
+MAX_ACTUATORS = MAX_EFFECTORS + 3  # including axes that the aerodynamics use directly
 MAX_ENGINES = 4
 
-# What a table axis or a build-up term may depend on, SI and radians.
-# The effectors are the vehicle's own surfaces, mixed from the three axis deflections.
+# Variables of table axes and build-up terms, SI and radians. Effectors are surfaces of the vehicle, mixed
+# from the three axis deflections.
 VARIABLES = (
     "one",
     "mach",
@@ -38,12 +37,12 @@ VARIABLES = (
 # Lift and drag are in stability axes (from alpha), side force along body y; moments about body axes.
 COEFFICIENTS = ("lift", "drag", "side_force", "rolling_moment", "pitching_moment", "yawing_moment")
 
-# What the plant reads from every vehicle's tables: entry i is table row ``Tables.fixed_row[i]``.
-# A vehicle that gives no such table has a constant there.
+# Quantities that the plant reads from every vehicle's tables: entry i is table row
+# ``Tables.fixed_row[i]``, which is constant if the vehicle has no such table.
 FIXED_TABLE_ROWS = (
-    "capture_area_ratio",  # ca(Mach, alpha); 0 when the vehicle gives a thrust coefficient instead
+    "capture_area_ratio",  # ca(Mach, alpha); 0 if the vehicle has a thrust area instead
     "specific_impulse",  # s
-    "thrust_area",  # T / q_bar, m2; 0 when the vehicle gives capture area and specific impulse
+    "thrust_area",  # T / q_bar, m2; 0 if the vehicle has capture area and specific impulse
     "inertia_xx",  # kg m2
     "inertia_yy",
     "inertia_zz",
@@ -57,7 +56,7 @@ CHUNK = 8  # doubles of one AVX-512 register, two AVX2 ones
 
 
 class Tables(NamedTuple):
-    """Look-up tables grouped by their axes, all tables of a group side by side in each cell.
+    """Look-up tables grouped by their axes, with a group contiguous at each node.
 
     Rows of the output are numbered 0..n_rows-1; a group fills ``group_width`` consecutive
     rows from ``group_row``. Node (i, j, k) of group g starts at
@@ -69,14 +68,16 @@ class Tables(NamedTuple):
     axis_variable: Ints  # [axis] index into VARIABLES
     axis_start: Ints  # [axis] first node in grid
     axis_length: Ints  # [axis] number of nodes, at least 2
-    grid: Floats  # [node] all axes one after another, strictly increasing within an axis
+    grid: Floats  # [node] concatenated axes, strictly increasing within an axis
     inverse_step: Floats  # [node] 1 / (grid[i + 1] - grid[i]); 0 at an axis's last node
     group_dimensions: Ints  # [group] 2 or 3
-    group_axis: Ints  # [group, 3] axis index; an unused dimension names axis 0 with stride 0
+    group_axis: Ints  # [group, 3] axis index; an unused dimension has axis 0 with stride 0
     group_stride: Ints  # [group, 3]
     group_start: Ints  # [group]
-    group_width: Ints  # [group] a multiple of CHUNK: the look-up's vector loop has no remainder; spare rows hold zeros
-    group_used: Ints  # [group] tables without the spare ones of the padding
+    group_width: (
+        Ints  # [group] a multiple of CHUNK, padded with zeros, so that vector loops have no rest
+    )
+    group_used: Ints  # [group] number of tables without padding
     group_row: Ints  # [group]
     data: Floats  # [value]
     fixed_row: Ints  # [entry] table row of each of FIXED_TABLE_ROWS
@@ -93,7 +94,7 @@ class BuildUp(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Which of the measured values are relative to the air: 1, or 0 where to the Earth."""
+    """Reference of measured values: 1 relative to the air, 0 relative to the Earth."""
 
     angle_of_attack: int = 0
     sideslip: int = 0
@@ -101,7 +102,7 @@ class Sensing(NamedTuple):
 
 
 class LoadBounds(NamedTuple):
-    """Greatest values in a flight, SI and radians; infinite where there is no limit."""
+    """Greatest values in a flight, SI and radians; infinite without a limit."""
 
     dynamic_pressure: float = math.inf  # Pa
     load_factor: float = math.inf  # g
@@ -113,39 +114,39 @@ class LoadBounds(NamedTuple):
 
 
 class Inlet(NamedTuple):
-    """Where the inlet stays started, SI and radians, and what its unstart does besides the loss of thrust."""
+    """Range in which the inlet stays started, SI and radians, and increments of its unstart."""
 
-    unstarts: float = 0.0  # 1 where the vehicle file has such a range
+    unstarts: float = 0.0  # 1 if the vehicle file has such a range
     angle_of_attack_min: float = -math.inf
     angle_of_attack_max: float = math.inf
     sideslip_max: float = math.inf
     mach_min: float = -math.inf
     mach_max: float = math.inf
-    restart_delay: float = math.inf  # s inside the range until it starts again; infinite: never
+    restart_delay: float = math.inf  # s inside the range until it restarts; infinite: never
     drag_increment: float = 0.0
     pitching_moment_increment: float = 0.0
 
 
 class Foreign(NamedTuple):
-    """Functions of the vehicle's own; their code is known by its digest."""
+    """Custom functions of the vehicle, whose code is identified by its digest."""
 
-    aerodynamics: int  # 1 where they give the coefficients
-    propulsion: int  # 1 where they give the thrust
-    engine_x: float  # m, where the thrust's moments are given, from the moment reference
+    aerodynamics: int  # 1 if they compute the coefficients
+    propulsion: int  # 1 if they compute the thrust
+    engine_x: float  # m, point of the thrust's moments, from the moment reference
     engine_z: float
-    digest: Ints  # [4] SHA-256 of the code and of how it is called; zeros without code
-    settings: Floats  # [setting] of aerodynamics, propulsion and dynamics, one after another
-    states: int  # of custom dynamics
-    state_limit: Floats  # [state] greatest value to either side; a flight ends above
+    digest: Ints  # [4] SHA-256 of the code and its calling conventions; zeros without code
+    settings: Floats  # [setting] of aerodynamics, propulsion and dynamics
+    states: int  # number of custom states
+    state_limit: Floats  # [state] greatest magnitude, above which a flight ends
 
 
 def no_functions() -> Foreign:
-    """A vehicle of tables."""
+    """Return the functions of a vehicle of tables, which has none."""
     return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(0), 0, np.zeros(0))
 
 
 class Constants(NamedTuple):
-    """Numbers of a vehicle, SI and radians."""
+    """Constants of a vehicle, SI and radians."""
 
     area: float  # reference area, m2
     span: float  # reference span (roll and yaw), m
@@ -157,8 +158,8 @@ class Constants(NamedTuple):
     thrust_offset_z: float  # thrust line below the moment reference, m
     mass_start: float  # kg
     mass_empty: float  # kg: no fuel below it
-    burns_fuel: float  # 1, or 0 for a vehicle whose file gives no empty mass: its mass stays and its engine runs
-    surface_bandwidth: float  # rad/s, the three axis deflections alike
+    burns_fuel: float  # 1, or 0 without an empty mass: the mass is constant and the engine runs
+    surface_bandwidth: float  # rad/s, of all three axis deflections
     surface_damping: float
     surface_limit: float  # rad
     surface_rate_limit: float  # rad/s
@@ -170,44 +171,44 @@ class Constants(NamedTuple):
     angle_of_attack_min: float  # rad, a flight ends outside
     angle_of_attack_max: float
     sideslip_max: float
-    drag_in_wind_axes: (
-        float  # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
-    )
-    nose_radius: float  # m; 0 where the file has none
+    # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    drag_in_wind_axes: float
+    nose_radius: float  # m; 0 if the file has none
     inlet: Inlet
     bounds: LoadBounds  # a flight ends above
-    relight_delay: float = 0.0  # s from the end of an engine's failure until it begins to come back
-    relight_time_constant: float = 0.0  # s, with which it comes back; 0: the engine's own lag
-    sensing: Sensing = Sensing()  # what angles and speed are measured against
-    ideal_surfaces: float = 0.0  # 1: deflections are what is commanded
+    relight_delay: float = 0.0  # s from the end of an engine's failure until it starts to recover
+    relight_time_constant: float = 0.0  # s, of the recovery; 0: the lag of the engine
+    sensing: Sensing = Sensing()  # reference of measured angles and speed
+    ideal_surfaces: float = 0.0  # 1: deflections equal their commands
     ideal_engine: float = 0.0
-    driven: float = 0.0  # 1: the list of actuators is that of Effectors; 0: the three axes, which effectors follow
+    driven: float = 0.0  # 1: effectors have actuators; 0: the three axes have, and effectors follow
 
 
-# Columns of ``Effectors.actuator``: rad, rad, rad/s, rad/s, -, and 1 or 0: moves without dynamics.
+# Columns of ``Effectors.actuator``: rad, rad, rad/s, rad/s, -, and 1 without dynamics, else 0.
 LOW, HIGH, RATE, BANDWIDTH, DAMPING, IDEAL = range(6)
 
 
 class Effectors(NamedTuple):
-    """The list of actuators where effectors have their own: the file's, then each axis that the aerodynamics name."""
+    """Effectors with actuators: those of the file, then axes that the aerodynamics use."""
 
     variable: Ints  # [effector] index into VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    actuator: Floats  # [effector, 6] the columns above; what the file does not say is the surfaces'
-    share: Floats  # [axis, effector, effector] an axis' part of deflections, from those of the same set
-    axes: Floats  # [axis, effector] pseudo-inverse of the mix: the axes' deflections of the effectors'
+    actuator: Floats  # [effector, 6] the columns above, by default those of the surfaces
+    share: Floats  # [axis, effector, effector] projection of deflections onto an axis, within a set
+    axes: Floats  # [axis, effector] pseudo-inverse of the mix, from effectors to axes
 
 
 class Vehicle(NamedTuple):
-    """The packed vehicle."""
+    """Packed vehicle."""
 
     constants: Constants
     tables: Tables
     build_up: BuildUp
-    effector_mix: (
-        Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    )
+    # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
+    effector_mix: Floats
     effectors: Effectors
-    effector_names: Ints  # [effector, letter] code points, zeros behind
-    engines: Floats  # [engine, 4] share of the thrust; x, y, z of it from where all of it acts, m; none: one engine
+    effector_names: Ints  # [effector, letter] code points, padded with zeros
+    engines: (
+        Floats  # [engine, 4] share of the thrust; x, y, z from the thrust line, m; none: one engine
+    )
     foreign: Foreign = no_functions()

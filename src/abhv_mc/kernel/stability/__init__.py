@@ -1,1 +1,1 @@
-"""What stability margins compile: the plant and laws at single points, loop gains, structured singular values."""
+"""Kernels of stability margins: plant and laws at points, loop gains, mu."""

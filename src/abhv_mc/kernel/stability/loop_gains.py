@@ -1,4 +1,4 @@
-"""Frequency responses of sampled loops: a system in Hessenberg form solved at each frequency."""
+"""Frequency responses of sampled loops, by solving a Hessenberg system at each frequency."""
 
 import numpy as np
 
@@ -7,40 +7,43 @@ from abhv_mc.kernel.jit import kernel
 
 @kernel
 def fill_loop_gains(
-    plant_A, plant_B, plant_C, law_A, law_B, law_C, law_D, delay, system, turn, result
+    plant_A, plant_B, plant_C, law_A, law_B, law_C, law_D, delay, system, angle, result
 ):
-    """Fill ``result`` [point, input, input]; ``turn``: rad per control period, see ``stability.margins``."""
+    """Fill ``result`` [point, input, input]; ``angle`` is in rad per control period.
+
+    The other arguments are those of ``stability.margins``.
+    """
     n, m = plant_A.shape[1], law_A.shape[1]
     inputs, outputs = law_D.shape[1], law_D.shape[2]
     work = np.empty((max(n, m), max(n, m)), np.complex128)
     x = np.empty((max(n, m), inputs), np.complex128)
     y = np.empty((outputs, inputs), np.complex128)
-    for point in range(turn.size):
+    for point in range(angle.size):
         p = system[point]
-        z = complex(np.cos(turn[point]), np.sin(turn[point]))
-        late = turn[point] * delay[p]
+        z = complex(np.cos(angle[point]), np.sin(angle[point]))
+        late = angle[point] * delay[p]
         shift = complex(np.cos(late), -np.sin(late))
-        for part in range(2):
-            A = plant_A[p] if part == 0 else law_A[p]
-            size = n if part == 0 else m
-            # Right-hand side: the plant's inputs, or what the law makes of the plant's outputs.
+        for block in range(2):
+            A = plant_A[p] if block == 0 else law_A[p]
+            size = n if block == 0 else m
+            # Right-hand side: inputs of the plant, or the plant's outputs as inputs of the law.
             for i in range(size):
                 for k in range(inputs):
                     total = complex(0.0, 0.0)
-                    if part == 0:
+                    if block == 0:
                         total += plant_B[p, i, k]
                     else:
                         for j in range(outputs):
                             total += law_B[p, i, j] * y[j, k]
                     x[i, k] = total
-            # (z - A) x = b by elimination with the row below, whichever of both has the larger pivot.
+            # (z - A) x = b by elimination, with the larger pivot of two adjacent rows.
             for i in range(size):
                 for j in range(max(i - 1, 0), size):
                     work[i, j] = -A[i, j]
                 work[i, i] += z
             for i in range(size - 1):
-                here, below = work[i, i], work[i + 1, i]
-                if abs(below.real) + abs(below.imag) > abs(here.real) + abs(here.imag):
+                pivot, below = work[i, i], work[i + 1, i]
+                if abs(below.real) + abs(below.imag) > abs(pivot.real) + abs(pivot.imag):
                     for j in range(i, size):
                         work[i, j], work[i + 1, j] = work[i + 1, j], work[i, j]
                     for k in range(inputs):
@@ -61,7 +64,7 @@ def fill_loop_gains(
                     for j in range(i + 1, size):
                         total -= work[i, j] * x[j, k]
                     x[i, k] = total * inverse
-            if part == 0:
+            if block == 0:
                 for j in range(outputs):
                     for k in range(inputs):
                         total = complex(0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The compiled plant and laws asked at single points, many abreast: rates of a state, one tick of a law's own code."""
+"""Evaluation of the compiled plant and laws at single points, many in parallel."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,8 +11,8 @@ from abhv_mc.kernel.flight.fly_lanes import (
     evaluate,
     find_active,
     instruments,
+    lean_active,
     named_kernel,
-    nothing_active,
 )
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import has_width
@@ -30,19 +30,21 @@ from abhv_mc.kernel.plant.state import SUM, XS, X
 
 
 class PlantAnswer(NamedTuple):
-    """What the plant makes of states, and the sensors."""
+    """Rates and measurements of the plant at states."""
 
-    rates: Floats  # [point, 14] of the states before the actuators'
+    rates: Floats  # [point, 14] of the states before those of the actuators
     custom_rates: Floats  # [point, state] of custom dynamics
     variables: Floats  # [point, variable] of the tables
-    measured: (
-        Floats  # [point, measured] without bias, noise and delay; a frozen measurement as it is
-    )
+    # [point, measured] without bias, noise and delay, but with failed sensors
+    measured: Floats
 
 
 @lanes
 def _load(Z, row, width, values, numbers, start, n):
-    """Columns of ``values[numbers[start + lane]]`` into the rows from ``row``; spare lanes repeat the last."""
+    """Load columns of ``values[numbers[start + lane]]`` into the rows from ``row``.
+
+    Spare lanes repeat the last point.
+    """
     for lane in range(width):
         source = numbers[start + min(lane, n - 1)]
         for i in range(values.shape[1]):
@@ -51,7 +53,7 @@ def _load(Z, row, width, values, numbers, start, n):
 
 @lanes
 def _store(Z, row, values, start, n):
-    """Rows from ``row`` into the points [point, column] from ``start`` on."""
+    """Store rows from ``row`` to the points [point, column] from ``start`` on."""
     for lane in range(n):
         for i in range(values.shape[1]):
             values[start + lane, i] = Z[row + i, lane]
@@ -59,7 +61,7 @@ def _store(Z, row, values, start, n):
 
 @lanes
 def _fail(plan, memory, width, active, tick):
-    """What has failed in the plant; of an argument that is None, as in lean probes, the branch is not compiled."""
+    """Apply failures to the plant; numba does not compile the branch if ``active`` is None."""
     if active is not None:
         tick_length = plan.timing.step * plan.timing.steps_per_tick
         fail_plant(
@@ -89,23 +91,24 @@ def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting
 
 
 def make_probe_begin(lean: bool) -> Callable[..., Any]:
-    """The tick's beginning; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
+    """Return the kernel of a tick's start; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
 
     def probe_begin(plan, memory, before, moving, numbers, tick, sensed, acting):
-        """The tick's beginning, from the lane memory ``before`` [point, row] it, and its effectors' ``moving``.
+        """Start a tick from the memory ``before`` [point, row] and ``moving`` of effectors.
 
-        ``sensed`` [point, row] is the memory with the tick's measurement, ``acting`` with what has failed in the plant.
+        ``sensed`` [point, row] is the memory after the measurement, ``acting`` after failures of the
+        plant.
         """
         if has_width(memory, LANES):
-            find = nothing_active if lean else find_active
+            find = lean_active if lean else find_active
             _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting)
 
     return named_kernel(probe_begin, lean)
 
 
 @lanes
-def _answer(plan, memory, width, active, held, tick, answer, start, n):
-    """Of the states that the lanes hold."""
+def _answer(plan, memory, width, active, centred, tick, answer, start, n):
+    """Fill the answer for the states in the lanes."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     for lane in range(width):
         for i in range(s.AILERON):
@@ -117,7 +120,7 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
     else:
         density_profile(Z, width)
         nominal_density(Z, width, plan.profile)
-        if held:
+        if centred:
             for e in range(plan.vehicle.effector_mix.shape[0]):
                 for lane in range(width):
                     Z[s.SLOW_EFFECTOR + e, lane] = NEVER
@@ -125,10 +128,12 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
             fail_plant(
                 Z, memory.A, width, active.failures, plan.vehicle, tick * tick_length, tick_length
             )
-        found = active.failures
-        failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
-        here = Active(active.disturbances, active.sensor_errors, failures, True)
-        evaluate(plan, memory, width, Stage(1.0, 0.0), here)
+        possible = active.failures
+        failures = Failures(
+            possible.surfaces, True, possible.engine, possible.engines, possible.sensors
+        )
+        forced = Active(active.disturbances, active.sensor_errors, failures, True)
+        evaluate(plan, memory, width, Stage(1.0, 0.0), forced)
         navigate(Z, width, tick_length, tick == 0)
         instruments(plan, Z, width, active, 1)
         if active.failures.sensors:
@@ -141,7 +146,7 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
 
 @lanes
 def _answer_all(
-    plan, memory, held, acting, flight, states, custom, positions, numbers, find, tick, answer
+    plan, memory, centred, acting, flight, states, custom, positions, numbers, find, tick, answer
 ):
     Z, width = memory.Z, memory.Z.shape[1]
     for start in range(0, states.shape[0], width):
@@ -156,27 +161,27 @@ def _answer_all(
                 memory.A[e * N_EFFECTOR_ROWS + STAGE, lane] = positions[
                     numbers[start + min(lane, n - 1)], e
                 ]
-        _answer(plan, memory, width, find(Z, width, plan), held, tick, answer, start, n)
+        _answer(plan, memory, width, find(Z, width, plan), centred, tick, answer, start, n)
 
 
 def make_probe_plant(lean: bool) -> Callable[..., Any]:
-    """The plant at states; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
+    """Return the kernel of the plant at states; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
 
     def probe_plant(
-        plan, memory, held, acting, flight, states, custom, positions, numbers, tick, answer
+        plan, memory, centred, acting, flight, states, custom, positions, numbers, tick, answer
     ):
-        """Fill ``answer`` for ``states`` [point, state] of flights with the lane memory ``acting`` [flight, row].
+        """Fill ``answer`` for ``states`` [point, state] and memory ``acting`` [flight, row].
 
         ``custom`` [point, state] are custom states; ``positions`` [point, effector] are those of
-        effectors with actuators. ``flight`` [point] says whose; ``numbers`` [point] counts the points. Slow effectors
-        stay where they are or, with ``held``, are where the state's mix puts them at the beginning of a tick.
+        effectors with actuators. ``flight`` [point] is the flight of a point, ``numbers`` [point] its
+        number. Slow effectors keep their deflection or, with ``centred``, are set by the state's mix.
         """
         if has_width(memory, LANES):
-            find = nothing_active if lean else find_active
+            find = lean_active if lean else find_active
             _answer_all(
                 plan,
                 memory,
-                held,
+                centred,
                 acting,
                 flight,
                 states,
@@ -216,10 +221,10 @@ def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
 
 
 def make_probe_law(lean: bool) -> Callable[..., Any]:
-    """A tick of a law; see :func:`abhv_mc.kernel.flight.fly_lanes.make_fly_lanes` of ``lean``."""
+    """Return the kernel of a law's tick; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
 
     def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
-        """A tick of the plan's law from memory rows ``before`` [point, row] to ``after``; the measurement is there."""
+        """Compute a tick of the plan's law from memory rows ``before`` [point, row] to ``after``."""
         if has_width(memory, LANES):
             _law_all(
                 plan,

@@ -1,8 +1,9 @@
-"""Structured singular value of complex diagonal blocks, from above: the least scaled largest singular value.
+"""Upper bound of the structured singular value of complex diagonal blocks.
 
-mu(M) <= min over diagonal D of sigma(D M D^-1), which is convex in log D and equal to mu for up to three blocks, for
-four nearly so. Packard and Doyle, Automatica 29 (1993) 71-109. Scalings start from Osborne's balancing; then BFGS with
-a weak Wolfe search, which also gets by where two singular values meet (Lewis and Overton, Math. Program. 141 (2013)).
+mu(M) <= min over diagonal D of sigma(D M D^-1), which is convex in log D, equal to mu for up to three
+blocks and nearly equal for four. Packard and Doyle, Automatica 29 (1993) 71-109. Scalings start from
+Osborne's balancing, followed by BFGS with a weak Wolfe search, which also works at points where two
+singular values coincide (Lewis and Overton, Math. Program. 141 (2013)).
 """
 
 import numpy as np
@@ -13,14 +14,17 @@ from abhv_mc.kernel.jit import kernel, routine
 
 _SWEEPS = 30  # of Jacobi's method; five are usual
 _STEPS = 60  # of the descent
-_FLAT = 1e-10  # gradient at which it ends
+_FLAT = 1e-10  # gradient at which the descent ends
 
 
 @routine
 def _sigma(M, x, H, V, gradient):
-    """log of the largest singular value of exp(x) M exp(-x), and its gradient over x. H, V: room."""
+    """Return log of the largest singular value of exp(x) M exp(-x), and fill its gradient.
+
+    H and V are buffers.
+    """
     n = M.shape[0]
-    # H = N^H N, N the scaled matrix; its eigenvector by Jacobi's rotations.
+    # H = N^H N with the scaled matrix N; its eigenvectors by Jacobi rotations.
     for i in range(n):
         for j in range(n):
             total = complex(0.0, 0.0)
@@ -73,7 +77,7 @@ def _sigma(M, x, H, V, gradient):
 
 @routine
 def _osborne(M, x):
-    """Log scalings with which each row is as long as its column, the diagonal apart."""
+    """Fill x with log scalings that make each row as long as its column, without the diagonal."""
     n = M.shape[0]
     largest = 1e-300
     for i in range(n):
@@ -97,7 +101,7 @@ def _osborne(M, x):
 
 @routine
 def _descend(M, x, H, V, room):
-    """Least log sigma over x, from x. ``room`` [6 + n, n]."""
+    """Minimize log sigma over x, starting at x; ``room`` [6 + n, n] is a buffer."""
     n = M.shape[0]
     g, trial, g_trial, p, y = room[0], room[1], room[2], room[3], room[4]
     inverse = room[6:]
@@ -118,24 +122,24 @@ def _descend(M, x, H, V, room):
         if size < _FLAT or slope > -1e-18:
             break
         low, high, step = 0.0, np.inf, 1.0
-        found = value
+        candidate = value
         for _ in range(30):
             for i in range(n):
                 trial[i] = x[i] + step * p[i]
-            found = _sigma(M, trial, H, V, g_trial)
+            candidate = _sigma(M, trial, H, V, g_trial)
             slope_there = 0.0
             for i in range(n):
                 slope_there += g_trial[i] * p[i]
-            if found > value + 1e-4 * step * slope:
+            if candidate > value + 1e-4 * step * slope:
                 high = step
             elif slope_there < 0.9 * slope:
                 low = step
             else:
                 break
             step = 0.5 * (low + high) if high < np.inf else 2.0 * low
-        if found >= value:
+        if candidate >= value:
             break
-        gained = value - found
+        gained = value - candidate
         curvature, square = 0.0, 0.0
         for i in range(n):
             y[i] = g_trial[i] - g[i]
@@ -163,7 +167,7 @@ def _descend(M, x, H, V, room):
                     ) / curvature
         for i in range(n):
             x[i], g[i] = trial[i], g_trial[i]
-        value = found
+        value = candidate
         if gained < 1e-13:
             break
     return value
@@ -180,7 +184,7 @@ def _structured(M, x, value):
 
 
 @kernel
-def _peak(M, value, at):
+def _peak(M, value, peak_index):
     n = M.shape[2]
     H, V = np.empty((n, n), np.complex128), np.empty((n, n), np.complex128)
     room = np.empty((6 + n, n))
@@ -200,18 +204,18 @@ def _peak(M, value, at):
             _osborne(M[system, best], x)
             bound[best] = _descend(M[system, best], x, H, V, room)
             tight[best] = 1
-            # Its scaling is a good one for its neighbours too: most of them need no descent of their own.
+            # This scaling is good at neighbouring frequencies, too: most of them need no descent.
             for f in range(M.shape[1]):
                 if bound[f] > bound[best] and tight[f] == 0:
                     bound[f] = min(bound[f], _sigma(M[system, f], x, H, V, room[0]))
-        value[system], at[system] = np.exp(bound[best]), best
+        value[system], peak_index[system] = np.exp(bound[best]), best
 
 
-LAST_COMPILED = _structured  # of all that margins compile
+LAST_COMPILED = _structured  # last kernel that stability margins compile
 
 
 def structured_singular_values(M: NDArray[np.complex128]) -> Floats:
-    """Upper bounds [point] of mu of matrices [point, n, n], each block a complex number."""
+    """Return upper bounds [point] of mu of matrices [point, n, n] with complex scalar blocks."""
     matrices = np.ascontiguousarray(M, dtype=np.complex128)
     value = np.empty(len(matrices))
     _structured(matrices, np.empty(matrices.shape[:2]), value)
@@ -219,8 +223,11 @@ def structured_singular_values(M: NDArray[np.complex128]) -> Floats:
 
 
 def peak_of_structured_singular_values(M: NDArray[np.complex128]) -> tuple[Floats, Ints]:
-    """The largest of each system's [system] bounds and where it is, from matrices [system, frequency, n, n]."""
+    """Return each system's largest bound [system] and the index of its frequency.
+
+    ``M`` is [system, frequency, n, n].
+    """
     matrices = np.ascontiguousarray(M, dtype=np.complex128)
-    value, at = np.empty(len(matrices)), np.empty(len(matrices), dtype=np.int64)
-    _peak(matrices, value, at)
-    return value, at
+    value, peak_index = np.empty(len(matrices)), np.empty(len(matrices), dtype=np.int64)
+    _peak(matrices, value, peak_index)
+    return value, peak_index

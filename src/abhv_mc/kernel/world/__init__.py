@@ -1,1 +1,1 @@
-"""Earth, atmosphere and wind."""
+"""Earth, atmosphere and gusts."""

@@ -1,4 +1,4 @@
-"""U.S. Standard Atmosphere 1976 up to 86 km, written for lanes: selects, one log and one exp.
+"""U.S. Standard Atmosphere 1976 up to 86 km, in lanes: selects, one log and one exp.
 
 "U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers (table 4),
 pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the molecular-scale
@@ -16,10 +16,11 @@ GEOPOTENTIAL_RADIUS = 6356766.0  # m, r0: geopotential altitude H = r0 Z / (r0 +
 GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), R* / M0: the standard's own R*
 HEAT_CAPACITY_RATIO = 1.4
 
-# A row per layer: geopotential height of the base, m; temperature there, K; lapse rate / that temperature, 1/m; rate;
-# pressure at the base, Pa. log(p / p_base) is the rate times log(T / T_base), or in an isothermal layer times the
-# height above its base: -g0 M0 / (R* lapse), or -g0 M0 / (R* T), 1/m. Lapse: -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km.
-# Above 86 km the temperature stays (the standard's, to 91 km) and the pressure falls on.
+# A row per layer: geopotential height of the base, m; temperature at the base, K; lapse rate / that
+# temperature, 1/m; rate; pressure at the base, Pa. log(p / p_base) is the rate times log(T / T_base), or in
+# an isothermal layer times the height above its base: -g0 M0 / (R* lapse), or -g0 M0 / (R* T), 1/m. Lapse
+# rates are -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km. Above 86 km the temperature is constant (in the standard
+# to 91 km) and the pressure continues to decrease.
 _LAYERS = (
     (0.0, 288.15, -2.2557695644629534e-05, 5.255876113278518, 101325.0),
     (11000.0, 216.65, 0.0, -0.00015768841327629986, 22632.06397346293),
@@ -34,7 +35,7 @@ _BASE, _TEMPERATURE, _RELATIVE_LAPSE, _RATE, _PRESSURE = zip(*_LAYERS, strict=Tr
 
 
 class Layer(NamedTuple):
-    """One layer of the standard atmosphere."""
+    """Layer of the standard atmosphere."""
 
     base: float  # geopotential height, m
     top: float
@@ -46,13 +47,13 @@ class Layer(NamedTuple):
 
 @scalar
 def geopotential_height(altitude: float) -> float:
-    """Geopotential height, m, of a geometric altitude in metres."""
+    """Return the geopotential height, m, of a geometric altitude in metres."""
     return GEOPOTENTIAL_RADIUS * altitude / (GEOPOTENTIAL_RADIUS + altitude)
 
 
 @scalar
 def layer_at(height: float) -> Layer:
-    """The layer of a geopotential height in metres; the lowest goes on below 0 m and for NaN."""
+    """Return the layer of a geopotential height (m), the lowest one below 0 m and for NaN."""
     base, top = _BASE[0], _BASE[1]
     base_temperature = _TEMPERATURE[0]
     relative_lapse = _RELATIVE_LAPSE[0]
@@ -73,9 +74,9 @@ def layer_at(height: float) -> Layer:
 def air_in_layer(
     layer: Layer, height: float, isothermal: bool
 ) -> tuple[float, float, float, float]:
-    """Density, pressure, temperature and 1 / speed of sound; ``isothermal`` spares the logarithm where it is true.
+    """Return density, pressure, temperature and 1 / speed of sound.
 
-    It may be False for any layer.
+    ``isothermal`` saves the logarithm; it may be False for any layer.
     """
     above_base = height - layer.base
     ratio = 1.0 if isothermal else 1.0 + layer.relative_lapse * above_base
@@ -91,9 +92,10 @@ def air_in_layer(
 
 @scalar
 def atmosphere(altitude: float) -> tuple[float, float, float, float]:
-    """(density kg/m3, pressure Pa, temperature K, speed of sound m/s) at a geometric altitude in metres.
+    """Return (density kg/m3, pressure Pa, temperature K, speed of sound m/s).
 
-    Below 0 m the lowest layer goes on; above 86 km the air is isothermal. NaN in, NaN out.
+    The altitude is geometric, in m. Below 0 m the lowest layer continues; above 86 km the air is isothermal.
+    NaN results in NaN.
     """
     height = geopotential_height(altitude)
     density, pressure, temperature, per_sound_speed = air_in_layer(layer_at(height), height, False)
@@ -102,10 +104,10 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
 
 @lanes
 def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
-    """Density and 1 / speed of sound of every lane.
+    """Compute density and 1 / speed of sound in every lane.
 
-    Flights of one campaign mostly share a layer: then its numbers are plain numbers, and an isothermal one needs no
-    logarithm.
+    Flights of a campaign mostly share a layer: then its numbers are scalars, and an isothermal layer
+    needs no logarithm.
     """
     for lane in range(width):
         Z[density_row, lane] = geopotential_height(Z[altitude_row, lane])

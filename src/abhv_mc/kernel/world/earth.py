@@ -1,4 +1,4 @@
-"""The Earth as numbers: figure, gravity and rotation. A sphere or a still Earth is a choice of numbers."""
+"""Figure, gravity and rotation of the Earth, also as a non-rotating sphere."""
 
 import math
 from typing import NamedTuple
@@ -13,10 +13,9 @@ class Earth(NamedTuple):
     flattening: float  # 0 for a sphere
     gravitational_parameter: float  # GM, m3/s2
     j2: float  # 0 for a central field
-    rotation_rate: float  # rad/s, 0 for a still Earth
-    j2_meridional: float = (
-        1.0  # factor of J2's pull towards the equator; other than 1 only to replay a faulty model
-    )
+    rotation_rate: float  # rad/s, 0 without rotation
+    # factor on J2's attraction towards the equator; other than 1 only to replay a faulty model
+    j2_meridional: float = 1.0
 
 
 WGS84 = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 1.08262982e-3, 7.292115e-5)
@@ -24,7 +23,7 @@ WGS84 = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 1.08262982e-3, 7.2
 
 @scalar
 def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
-    """Radii of curvature of the ellipsoid, m: (in the meridian M, in the prime vertical N)."""
+    """Return the radii of curvature in the meridian (M) and the prime vertical (N), m."""
     e2 = earth.flattening * (2.0 - earth.flattening)
     w2 = 1.0 - e2 * sin_lat * sin_lat
     per_w = 1.0 / math.sqrt(w2)
@@ -36,11 +35,12 @@ def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
 def gravity_ned(
     earth: Earth, altitude: float, sin_lat: float, cos_lat: float
 ) -> tuple[float, float]:
-    """Gravity (north, down), m/s2: central and J2 attraction plus the centrifugal acceleration.
+    """Return gravity (north, down), m/s2: attraction and centrifugal acceleration.
 
     ``altitude`` (m) and latitude are geodetic. The attraction is the exact gradient of the potential
-    -(GM/r) (1 - J2 (a/r)^2 P2(z/r)) at that point, resolved along the ellipsoid's normal; there is no east part.
-    On the WGS-84 ellipsoid normal gravity, which has the other even zonals too, differs by at most 1.2e-4 m/s2.
+    -(GM/r) (1 - J2 (a/r)^2 P2(z/r)), resolved along the ellipsoid's normal, without an east component.
+    On the WGS-84 ellipsoid it differs by at most 1.2e-4 m/s2 from normal gravity, which includes the
+    other even zonals.
     """
     e2 = earth.flattening * (2.0 - earth.flattening)
     _, prime_vertical = radii(earth, sin_lat)
@@ -49,7 +49,7 @@ def gravity_ned(
     inverse_square = 1.0 / (rho * rho + z * z)
     central = earth.gravitational_parameter * inverse_square * math.sqrt(inverse_square)
     j2_term = 1.5 * earth.j2 * earth.equatorial_radius * earth.equatorial_radius * inverse_square
-    # Along the meridian the attraction is -2 j2_term central rho z / r: what the factor takes of it, or adds.
+    # Along the meridian the attraction is -2 j2_term central rho z / r, which the factor changes.
     taken = 2.0 * (1.0 - earth.j2_meridional)
     tilt = (5.0 - taken) * (z * z * inverse_square)
     g_rho = (

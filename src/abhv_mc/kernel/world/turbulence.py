@@ -1,11 +1,11 @@
-"""Gusts of MIL-F-8785C: the discrete 1-cosine gust, and Dryden turbulence as exactly discretised forming filters."""
+"""Gusts of MIL-F-8785C: 1-cosine gust, and exactly discretized Dryden turbulence."""
 
 import math
 
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.lane_math import exp, log, sincos
 
-# One longitudinal, two lateral, two vertical; then the roll gust, and the lateral and vertical gusts of late.
+# One longitudinal, two lateral, two vertical; then the roll gust, and the lagged lateral and vertical gusts.
 N_FILTER_STATES = 8
 
 _ROOT3 = math.sqrt(3.0)
@@ -14,7 +14,10 @@ _THIRD = 1.0 / 3.0
 
 @scalar
 def one_minus_cosine(distance, length):
-    """Share 0..1 of the gust's amplitude after ``distance`` m into a gust that is ``length`` m long (half a wave)."""
+    """Return the fraction 0..1 of the gust's amplitude ``distance`` m into the gust.
+
+    ``length`` (m) is half a wave.
+    """
     x = distance / length
     x = 0.0 if x < 0.0 else x
     x = 1.0 if x > 1.0 else x
@@ -24,21 +27,28 @@ def one_minus_cosine(distance, length):
 
 @scalar
 def dryden_first(x, a, dt, noise):
-    """Next state of the longitudinal filter, unit variance: spectrum 2 / (a pi) 1 / (1 + (w / a)^2), a = V / L."""
+    """Return the next state of the longitudinal filter of unit variance.
+
+    The spectrum is 2 / (a pi) 1 / (1 + (w / a)^2), a = V / L.
+    """
     e = exp(-a * dt)
     return e * x + math.sqrt(1.0 - e * e) * noise
 
 
 @scalar
 def dryden_second(x1, x2, a, dt, noise1, noise2, first):
-    """Next states of the lateral or vertical filter driven by unit white noise: x1' = -a x1 + w, x2' = -a x2 + x1.
+    """Return the next states of the lateral or vertical filter, driven by unit white noise w.
 
-    At the ``first`` tick they are drawn from the filter's stationary distribution.
+    x1' = -a x1 + w and x2' = -a x2 + x1. At the ``first`` tick the states are drawn from the filter's
+    stationary distribution.
     """
     s11 = math.sqrt(0.5 / a)
     s21 = 0.25 / (a * a * s11)
-    rest = 0.25 / (a * a * a) - s21 * s21
-    start1, start2 = s11 * noise1, s21 * noise1 + math.sqrt(rest if rest > 0.0 else 0.0) * noise2
+    variance = 0.25 / (a * a * a) - s21 * s21
+    start1, start2 = (
+        s11 * noise1,
+        s21 * noise1 + math.sqrt(variance if variance > 0.0 else 0.0) * noise2,
+    )
     e = exp(-a * dt)
     e2 = e * e
     t = a * dt
@@ -47,23 +57,27 @@ def dryden_second(x1, x2, a, dt, noise1, noise2, first):
     q22 = (1.0 - e2 * (1.0 + 2.0 * t + 2.0 * t * t)) / (4.0 * a * a * a)
     l11 = math.sqrt(q11)
     l21 = q12 / l11
-    rest = q22 - l21 * l21
-    l22 = math.sqrt(rest if rest > 0.0 else 0.0)
+    variance = q22 - l21 * l21
+    l22 = math.sqrt(variance if variance > 0.0 else 0.0)
     next1, next2 = e * x1 + l11 * noise1, e * (x2 + dt * x1) + l21 * noise1 + l22 * noise2
     return (start1 if first else next1), (start2 if first else next2)
 
 
 @scalar
 def dryden_second_output(x1, x2, a):
-    """Gust velocity of unit variance: spectrum 1 / (a pi) (1 + 3 (w / a)^2) / (1 + (w / a)^2)^2."""
+    """Return the gust velocity of unit variance.
+
+    The spectrum is 1 / (a pi) (1 + 3 (w / a)^2) / (1 + (w / a)^2)^2.
+    """
     return (_ROOT3 * a * x1 + a * a * (1.0 - _ROOT3) * x2) / math.sqrt(a)
 
 
 @scalar
 def roll_gust_sigma(length, span):
-    """Rms of the roll gust, rad/s, where that of the vertical gust is 1 m/s.
+    """Return the rms of the roll gust, rad/s, for a vertical gust of 1 m/s rms.
 
-    Of the spectrum 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, b the span (m), L the length (m).
+    The spectrum is 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, with the span b (m)
+    and the length L (m).
     """
     return math.sqrt(
         0.8
@@ -75,5 +89,5 @@ def roll_gust_sigma(length, span):
 
 @scalar
 def follow(late, value, rate, dt):
-    """A first-order lag behind a value that is held over ``dt``."""
+    """Return the output of a first-order lag for a constant value over ``dt``."""
     return value + exp(-rate * dt) * (late - value)
