@@ -186,7 +186,8 @@ def rare(request: RareRequest) -> "RareFound":
     -------
     RareFound
         ``.numbers()`` is the content of ``--json``: its probability is None if repetitions
-        contradict each other (``.estimate.refusal`` is the reason).
+        contradict each other or the surrogate does not converge (``.estimate.refusal`` is the
+        reason).
 
     Raises
     ------

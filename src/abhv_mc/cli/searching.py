@@ -34,8 +34,8 @@ def worst(request: WorstRequest, json: Json = None) -> None:
 def rare(request: RareRequest, json: Json = None) -> None:
     """Estimate the probability that a flight breaks a requirement, from 1e-2 to 1e-7, by subset simulation.
 
-    An estimate, not a verdict: verdicts come from random campaigns. Exit code 1 where independent repetitions
-    contradict each other, so that there is no trustworthy estimate. Ctrl-C keeps what was flown.
+    An estimate, not a verdict: verdicts come from random campaigns. Exit code 1 without a trustworthy estimate:
+    independent repetitions contradict each other, or the surrogate does not converge. Ctrl-C keeps what was flown.
     """
     from abhv_mc.api import rare
     from abhv_mc.report.pages.rare_page import make_rare_answer

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
+from abhv_mc.report.figures.searches import plot_failures, plot_learning, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import drawn_figures, flights_table, limit_sentence
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
+from abhv_mc.search.methods.surrogate import SurrogateEstimate
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.names import controller_label
@@ -33,7 +34,7 @@ def make_rare_answer(found: RareFound, folder: Path) -> Answer:
     )
     items = (
         *_answers(found, asked),
-        *map(Picture, ("levels", "mixing", "failures", "flights")),
+        *map(Picture, ("levels", "mixing", "learning", "failures", "flights")),
         *((_combinations(found),) if found.strata else ()),
         flights,
     )
@@ -45,6 +46,8 @@ def _draw(found: RareFound) -> Iterator[Drawn]:
     if found.estimate.repetitions:
         yield _levels(found)
         yield _mixing(found)
+    if isinstance(found.estimate, SurrogateEstimate):
+        yield _learning(found, found.estimate)
     failures = found.estimate.failures
     if len(failures):
         caption = (
@@ -65,6 +68,8 @@ def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
         repeated = (
             "" if found.strata else f" in {len(estimate.repetitions)} independent repetitions"
         )
+        if isinstance(estimate, SurrogateEstimate):
+            repeated = f" ({found.failures} failed) and two Gaussian processes fitted to them"
         answers = [
             f"P({controller_label(found.controller)} breaks '{asked}') is about {estimate.probability:.1e}, "
             f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
@@ -85,6 +90,11 @@ def _answers(found: RareFound, asked: str) -> tuple[Lead, Bullets]:
         answers.append(
             f"{percent(found.noise_share, 2)} of the severity's variance (of ranks) is noise: points were flown twice, "
             "with other seeds."
+        )
+    if isinstance(estimate, SurrogateEstimate):
+        answers.append(
+            "The estimate assumes that the metric is a smooth function of the dispersions. It leaves out failures that "
+            "no flight came near."
         )
     looked = estimate.check is not None and len(found.space.names) <= MOST_LOOKED
     more = " Failures apart from where flights grow worse were searched for in random directions; some may stay unseen."
@@ -154,6 +164,23 @@ def _mixing(found: RareFound) -> Drawn:
     return FigureText("mixing", "How the chains mix", caption), plot_mixing(
         rates, sizes, ACCEPTANCE
     )
+
+
+def _learning(found: RareFound, estimate: SurrogateEstimate) -> Drawn:
+    caption = (
+        "Left: probability by each of the two processes after each batch of flights, and its interval. "
+        "Right: metric of each flight; after the first design they are where failure is least certain."
+    )
+    values = found.flights.column(found.metric.name)
+    figure = plot_learning(
+        found.metric.label_with_unit,
+        [*found.requirement.limits.as_entry().values()],
+        np.array(
+            [[step.runs, *step.probabilities, step.low, step.high] for step in estimate.steps]
+        ),
+        values,
+    )
+    return FigureText("learning", "Estimate and flights", caption), figure
 
 
 def _plain_flights(found: RareFound) -> int:
