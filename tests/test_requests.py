@@ -41,7 +41,10 @@ def test_values_are_converted_and_checked(repository):
         "requirement": "miss",
         "target_cov": 0.05,
         "flights": 10,
+        "surrogate": False,
     }
+    assert RareRequest("wide", "out", "miss").settings["flights"] == 20_000
+    assert RareRequest("wide", "out", "miss", surrogate=True).settings["flights"] == 400
     assert Request(abhv_mc.Campaign.read(shipped)).campaign == shipped
     for wrong in ({"runs": 0}, {"seed": -1}, {"workers": True}, {"workers": 10_000}):
         (name,) = wrong

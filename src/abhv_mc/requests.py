@@ -222,7 +222,28 @@ class RareRequest(SearchRequest):
             "Coefficient of variation to reach, such as 0.2 or 20 %.", "share", low=0.01, high=1.0
         ),
     ] = 0.2
-    flights: Annotated[int, Option("Largest number of flights.", "count", low=1)] = 20_000
+    flights: Annotated[
+        int | None,
+        Option("Largest number of flights.", "count", "20000, with a surrogate 400", low=1),
+    ] = None
+    surrogate: Annotated[
+        bool,
+        Option(
+            "Learn the metric by Gaussian processes: for slow simulators, at most 10 smooth "
+            "dispersions.",
+            "flag",
+        ),
+    ] = False
+
+    @property
+    def most_flights(self) -> int:
+        """Largest number of flights."""
+        return self.flights or (400 if self.surrogate else 20_000)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Fields specific to this search, with its number of flights."""
+        return {**super().settings, "flights": self.most_flights}
 
 
 def takes(

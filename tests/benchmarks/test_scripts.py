@@ -35,6 +35,7 @@ OTHERS = {
     "benchmarks.others.rocketpy_table": "test_others.py",
     "benchmarks.others.rocketpy_monte_carlo": "needs RocketPy",
     "benchmarks.others.reliability": "downloads otbenchmark",
+    "benchmarks.others.surrogate": "downloads otbenchmark",
     "benchmarks.others.gcas_search": "needs AeroBenchVVPython",
     "benchmarks.others.gcas.gcas": "is the simulator of gcas_search",
     "benchmarks.peers.run": "installs other simulators",

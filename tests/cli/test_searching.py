@@ -99,6 +99,19 @@ def test_rare_prints_an_estimate_or_exits_with_1(abhv_mc, campaign):
     assert "no trustworthy estimate" in Path("no/report.html").read_text(encoding="utf-8")
 
 
+def test_rare_by_a_surrogate_takes_few_flights_or_says_that_none_failed(abhv_mc, campaign):
+    command = ("rare", campaign, "--surrogate", "--requirement")
+    code, out, _ = abhv_mc(*command, METRIC, "-o", "out", "--json", "rare.json")
+    numbers = read_json("rare.json")
+    assert code == 0 and numbers["flights"] <= 400 and numbers["low"] < numbers["high"]
+    assert f"{numbers['failures']} failed" in out and "smooth function" in out
+    assert "figures/learning.png" in Path("out/report.html").read_text(encoding="utf-8")
+    impossible = ("sideslip_max_deg", "--flights", 64, "-o", "no", "--json", "no.json")
+    code, out, err = abhv_mc(*command, *impossible)
+    assert code == 1 and "none of 58 flights failed" in err and "is about" not in out
+    assert read_json("no.json")["probability"] is None
+
+
 def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkeypatch):
     """After an interrupt before the page was written, the new file made the command fail."""
     monkeypatch.setattr("abhv_mc_tune.tuning.make_engine", lambda: TUNED)

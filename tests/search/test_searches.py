@@ -35,15 +35,19 @@ def line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "find, make, flights, last",
-    [(find_rare, RareRequest, 8000, 20), (find_worst, WorstRequest, 1000, 8)],
+    "find, make, options, last",
+    [
+        (find_rare, RareRequest, {"flights": 8000}, 20),
+        (find_rare, RareRequest, {"surrogate": True}, 3),
+        (find_worst, WorstRequest, {"flights": 1000}, 8),
+    ],
 )
 def test_an_interrupted_search_goes_on_to_the_same_for_any_number_of_workers(
-    tmp_path, line, find, make, flights, last
+    tmp_path, line, find, make, options, last
 ):
     cut = tmp_path / "cut"
     complete, first, second = (
-        make(line, folder, METRIC, flights=flights, workers=workers)
+        make(line, folder, METRIC, workers=workers, **options)
         for folder, workers in ((tmp_path / "whole", 1), (cut, 1), (cut, 2))
     )
     complete = find(complete, LINE)
@@ -88,6 +92,23 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
             assert result.estimate.refusal is not None
         else:
             assert result.estimate.low <= probability <= result.estimate.high
+
+
+def test_a_surrogate_learns_the_metric_and_says_what_it_is_not_for(tmp_path, line):
+    found = find_rare(RareRequest(line, tmp_path / "out", METRIC, surrogate=True), LINE)
+    numbers = found.numbers()
+    assert numbers["low"] <= stats.norm.sf(4.0) <= numbers["high"] < 3.0 * numbers["low"]
+    assert numbers["flights"] == found.flights.stop == numbers["surrogate"][-1]["runs"] <= 400
+    assert numbers["failures"] == numbers["surrogate"][-1]["failures"] > 0
+    discrete = "{aero.lift: {distribution: discrete, values: [0.9, 1.1]}}"
+    turbulence = "{wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}}"
+    for dispersions, problem in ((discrete, "'aero.lift'"), (turbulence, "turbulence")):
+        campaign = write_campaign(tmp_path / problem, dispersions=dispersions, requirements=LIMIT)
+        with pytest.raises(InputError, match=f"^--surrogate: .*{problem}.* without --surrogate"):
+            find_rare(RareRequest(campaign, tmp_path / "no", METRIC, surrogate=True), LINE)
+    with pytest.raises(InputError, match="--flights: 63; expected at least 64"):
+        find_rare(RareRequest(line, tmp_path / "no", METRIC, surrogate=True, flights=63), LINE)
+    assert not (tmp_path / "no").exists()
 
 
 def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, line):

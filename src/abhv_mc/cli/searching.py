@@ -38,9 +38,10 @@ def worst(request: WorstRequest, json: Json = None) -> None:
 def rare(request: RareRequest, json: Json = None) -> None:
     """Estimate the probability (1e-2 to 1e-7) that a flight violates a requirement.
 
-    The method is subset simulation. The result is an estimate; verdicts need a random campaign. The
-    exit code is 1 if independent repetitions contradict each other, so that no estimate can be
-    trusted. Ctrl-C keeps completed flights; run the same command to resume.
+    The method is subset simulation, or a surrogate of the metric. The result is an estimate;
+    verdicts need a random campaign. The exit code is 1 if no estimate can be trusted: independent
+    repetitions contradict each other, or the surrogate does not converge. Ctrl-C keeps completed
+    flights; run the same command to resume.
     """
     from abhv_mc.api import rare
     from abhv_mc.report.pages.rare_page import make_rare_answer

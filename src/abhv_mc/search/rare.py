@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.campaign.sampling.marginals import find_atoms
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
@@ -25,6 +27,12 @@ from abhv_mc.search.methods.rare import (
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED, MOST_SAMPLED
 from abhv_mc.search.methods.strata import Stratum, Switched, estimate_switched
 from abhv_mc.search.methods.subset import SubsetPlan
+from abhv_mc.search.methods.surrogate import (
+    FEWEST_RUNS,
+    MOST_DIMENSIONS,
+    SurrogateEstimate,
+    estimate_by_surrogate,
+)
 from abhv_mc.search.search_flights import DrawnFlights, open_search, read_searched
 from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
 from abhv_mc.search.space import Space, make_space
@@ -84,6 +92,9 @@ class RareFound:
     def second_opinion(self) -> str:
         """Result of importance sampling as text."""
         check = self.estimate.check
+        if isinstance(self.estimate, SurrogateEstimate):
+            rough, smooth = self.estimate.steps[-1].probabilities
+            return f"{rough:.1e} by a Matern process, {smooth:.1e} by an infinitely smooth one"
         if check is None:
             return f"none (it takes flights to spare and at most {MOST_SAMPLED} dispersions)"
         return (
@@ -131,6 +142,9 @@ class RareFound:
             "importance_sampling": None
             if check is None
             else {**vars(check), "cov": check.cov if np.isfinite(check.cov) else None},
+            "surrogate": [vars(step) for step in estimate.steps]
+            if isinstance(estimate, SurrogateEstimate)
+            else None,
             "refusal": estimate.refusal,
             "ended_early": int(ended_early(self.flights).sum()),
             "ended_early_fails": self.requirement.early_is_failure,
@@ -145,16 +159,18 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
-    chains = choose_chains(request.flights)
+    flights = request.most_flights
+    chains = choose_chains(flights)
     is_noisy = bool(space.seeds) or campaign.simulator.states_noise
     least = FEWEST * SubsetPlan(1, 0.0, 0, chains).size + 2 * _PILOT * is_noisy
-    if request.flights < least:
-        raise InputError("--flights", f"{request.flights}", f"at least {least}")
+    if request.surrogate:
+        _check_smooth(space, is_noisy)
+        least = FEWEST_RUNS
+    if flights < least:
+        raise InputError("--flights", f"{flights}", f"at least {least}")
     criterion = Criterion(requirement.metric, "high", requirement.limits)
     early = requirement.early_is_failure
-    with open_search(
-        request, {"kind": "rare", **request.settings}, request.flights, engine
-    ) as search:
+    with open_search(request, {"kind": "rare", **request.settings}, flights, engine) as search:
         severity = Severity(criterion, search.duration, early)
 
         def evaluate(points: Floats, on: Switched) -> Floats:
@@ -177,11 +193,24 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
                     file=sys.stderr,
                     flush=True,
                 )
-        estimate, strata = estimate_switched(
-            evaluate, switches, plan, float(request.target_cov), request.flights - search.flown
-        )
+        target_cov = float(request.target_cov)
+        estimate: RareEstimate
+        if request.surrogate:
+            strata: tuple[Stratum, ...] = ()
+            with one_blas_thread():  # the same bits when it is resumed
+                estimate = estimate_by_surrogate(
+                    lambda points: evaluate(points, np.zeros((len(points), 0), np.bool_)),
+                    plan,
+                    target_cov,
+                    flights,
+                )
+        else:
+            estimate, strata = estimate_switched(
+                evaluate, switches, plan, target_cov, flights - search.flown
+            )
         rows = search.rows()
-        unwarned = noise is not None or (early and bool(ended_early(rows).any()))
+        ended = early and bool(ended_early(rows).any())
+        unwarned = not request.surrogate and (noise is not None or ended)
         if unwarned:
             estimate = estimate.include_unwarned()
         severities = severity.ranked(rows)
@@ -203,6 +232,27 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         )
         search.finish(result.numbers())
     return result
+
+
+def _check_smooth(space: Space, is_noisy: bool) -> None:
+    """Raise InputError unless the severity can be a smooth function of few parameters."""
+    atoms = [
+        name
+        for name, marginal in zip(space.names, space.marginals, strict=True)
+        if find_atoms(marginal).size
+    ]
+    if is_noisy:
+        problem = "a campaign with turbulence, noise or other seeds"
+        remedy = "flights without noise, or `rare` without --surrogate"
+    elif atoms:
+        problem = f"discrete values of '{atoms[0]}'"
+        remedy = "continuous distributions, or `rare` without --surrogate"
+    elif len(space.names) > MOST_DIMENSIONS:
+        problem = f"{len(space.names)} dispersions"
+        remedy = f"at most {MOST_DIMENSIONS}, or `rare` without --surrogate"
+    else:
+        return
+    raise InputError("--surrogate", problem, remedy)
 
 
 def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:

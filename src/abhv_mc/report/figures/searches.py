@@ -125,6 +125,32 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 
 @styled
+def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Floats) -> Figure:
+    """Plot a probability with its interval as flights are added, and the values of the flights.
+
+    ``steps`` [step, 5] are flights, the probabilities by two processes, and the ends of the interval.
+    """
+    figure = new_figure(2.6)
+    left, right = figure.subplots(1, 2)
+    flights, first, second, low, high = np.where(steps > 0.0, steps, np.nan).T
+    least = np.nanmin(steps[:, 1:], where=steps[:, 1:] > 0.0, initial=1.0)
+    left.fill_between(
+        flights, np.nan_to_num(low, nan=0.1 * least), high, color="#DDDDDD", label="interval"
+    )
+    left.semilogy(flights, first, "o-", color=BLUE, markersize=3, label="Matern process")
+    left.semilogy(flights, second, "s--", color=VERMILION, markersize=3, label="smooth process")
+    left.set_ylabel("probability of a failure")
+    right.plot(np.arange(values.size), values, ".", color=BLUE, markersize=4, label="flight")
+    for limit in limits:
+        right.axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), label="limit")
+    right.set_ylabel(label)
+    for axes in (left, right):
+        axes.set_xlabel("flights")
+    legend_below(figure, left, right)
+    return figure
+
+
+@styled
 def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
     """Plot acceptance rate and move size at each level after the first; ``target`` is dashed."""
     figure = new_figure(2.4)

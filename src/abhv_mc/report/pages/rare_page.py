@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.report.figures.searches import plot_failures, plot_levels, plot_mixing
+from abhv_mc.report.figures.searches import plot_failures, plot_learning, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
+from abhv_mc.search.methods.surrogate import SurrogateEstimate
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.topics.formatting import percent
@@ -33,7 +34,7 @@ def make_rare_answer(result: RareFound, folder: Path) -> Answer:
     )
     items = (
         *_answers(result, requirement),
-        *map(Picture, ("levels", "mixing", "failures", "flights")),
+        *map(Picture, ("levels", "mixing", "learning", "failures", "flights")),
         *((_combinations(result),) if result.strata else ()),
         flights,
     )
@@ -45,6 +46,8 @@ def _draw(result: RareFound) -> Iterator[Drawn]:
     if result.estimate.repetitions:
         yield _levels(result)
         yield _mixing(result)
+    if isinstance(result.estimate, SurrogateEstimate):
+        yield _learning(result, result.estimate)
     failures = result.estimate.failures
     if len(failures):
         caption = (
@@ -65,6 +68,8 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         repeated = (
             "" if result.strata else f" in {len(estimate.repetitions)} independent repetitions"
         )
+        if isinstance(estimate, SurrogateEstimate):
+            repeated = f" ({result.failures} failed) and two Gaussian processes fitted to them"
         answers = [
             f"P({controller_label(result.controller)} violates '{requirement}') is about {estimate.probability:.1e}, "
             f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
@@ -87,6 +92,11 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         answers.append(
             f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, according to points "
             "that were simulated with two seeds."
+        )
+    if isinstance(estimate, SurrogateEstimate):
+        answers.append(
+            "The estimate assumes that the metric is a smooth function of the dispersions. It leaves "
+            "out failures in regions that no flight came near."
         )
     looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
     remark = " Separate failure regions were searched for in random directions; some may remain undetected."
@@ -159,6 +169,23 @@ def _mixing(result: RareFound) -> Drawn:
     return FigureText("mixing", "Mixing of the chains", caption), plot_mixing(
         rates, sizes, ACCEPTANCE
     )
+
+
+def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
+    caption = (
+        "Left: probability by each of the two processes after each batch of flights, and its interval. "
+        "Right: metric of each flight; after the first design they are where failure is least certain."
+    )
+    values = result.flights.column(result.metric.name)
+    figure = plot_learning(
+        result.metric.label_with_unit,
+        [*result.requirement.limits.as_entry().values()],
+        np.array(
+            [[step.runs, *step.probabilities, step.low, step.high] for step in estimate.steps]
+        ),
+        values,
+    )
+    return FigureText("learning", "Estimate and flights", caption), figure
 
 
 def _plain_flights(result: RareFound) -> int:

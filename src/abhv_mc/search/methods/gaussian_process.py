@@ -1,0 +1,162 @@
+"""Gaussian process regression of values without noise, fitted by the posterior density.
+
+C.E. Rasmussen, C.K.I. Williams, "Gaussian Processes for Machine Learning" (2006), chapters 2 and 5.
+The covariance is that of a quadratic polynomial plus a stationary part with a length for each
+dimension.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from abhv_mc.array_types import Floats
+
+_LENGTH_SPREAD = np.sqrt(3.0)  # of the logarithm of a length a priori, about that of _prior_lengths
+_LOWEST, _HIGHEST = np.log(1e-3), np.log(1e3)  # standard deviations of the polynomial's terms
+_NUGGET = (np.log(1e-7), np.log(1e-2))  # variances, of values with a variance of about 1
+_ITERATIONS = 60
+_TERMS = 3  # constant, linear, quadratic
+
+
+@dataclass(frozen=True)
+class GaussianProcess:
+    """Process conditioned on values of points; the smooth one is infinitely differentiable."""
+
+    smooth: bool
+    points: Floats  # [point, dimension]
+    values: Floats  # [point]
+    logs: Floats  # logarithms of the variances (terms, stationary part, nugget) and of the lengths
+    factor: Floats  # [point, point]: lower Cholesky factor of the covariance
+    weights: Floats  # [point]: inverse of the covariance times the values
+
+    def predict(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return means and standard deviations [point]."""
+        across, _ = self._prior(points, self.points)
+        explained = solve_triangular(self.factor, across.T, lower=True)
+        variance = self._prior_variance(points) - (explained**2).sum(axis=0)
+        return across @ self.weights, np.sqrt(np.maximum(variance, 1e-12))
+
+    def covariance(self, points: Floats) -> Floats:
+        """Return the covariance [point, point] of the conditioned process."""
+        explained = solve_triangular(self.factor, self._prior(self.points, points)[0], lower=True)
+        return self._prior(points, points)[0] - explained.T @ explained
+
+    def left_out(self) -> Floats:
+        """Return standardized errors [point] of each value, predicted by all others."""
+        inverse = cho_solve((self.factor, True), np.eye(len(self.values)))
+        return np.asarray(self.weights / np.sqrt(np.diag(inverse)))
+
+    @cached_property
+    def inflation(self) -> float:
+        """Factor, at least 1, with which the standard deviations explain the left-out errors."""
+        return max(1.0, float(np.sqrt(np.mean(self.left_out() ** 2))))
+
+    def _prior(self, first: Floats, second: Floats) -> tuple[Floats, Floats]:
+        return _covariance(first, second, self.logs, self.smooth)
+
+    def _prior_variance(self, points: Floats) -> Floats:
+        squares = (points**2).sum(axis=1)
+        constant, linear, quadratic, stationary = np.exp(self.logs[: _TERMS + 1])
+        return np.asarray(constant + linear * squares + quadratic * squares**2 + stationary)
+
+
+def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tuple[Floats, Floats]:
+    """Return prior covariances, and minus twice the stationary part's slope in squared distance."""
+    constant, linear, quadratic, stationary = np.exp(logs[: _TERMS + 1])
+    lengths = np.exp(logs[_TERMS + 2 :])
+    a, b = first / lengths, second / lengths
+    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * a @ b.T
+    squared = np.maximum(squared, 0.0)
+    if smooth:
+        part = slope = stationary * np.exp(-0.5 * squared)
+    else:  # Matern, 5/2
+        distance = np.sqrt(5.0 * squared)
+        decay = stationary * np.exp(-distance)
+        part = decay * (1.0 + distance + distance**2 / 3.0)
+        slope = decay * (1.0 + distance) * (5.0 / 3.0)
+    products = first @ second.T
+    return constant + linear * products + quadratic * products**2 + part, slope
+
+
+def _loss(
+    logs: Floats, points: Floats, values: Floats, differences: Floats, smooth: bool
+) -> tuple[float, Floats]:
+    """Return minus the logarithm of the posterior density of `logs`, and its gradient.
+
+    `differences` [point, point, dimension] are squared.
+    """
+    number, dimension = points.shape
+    prior, slope = _covariance(points, points, logs, smooth)
+    variances = np.exp(logs[: _TERMS + 2])
+    try:
+        factor = cholesky(prior + variances[-1] * np.eye(number), lower=True)
+    except np.linalg.LinAlgError:
+        return 1e10, np.zeros_like(logs)
+    inverse = cho_solve((factor, True), np.eye(number))
+    weights = inverse @ values
+    change = 0.5 * (inverse - np.outer(weights, weights))  # of the loss, by each covariance
+    products = points @ points.T
+    stationary = prior - variances[0] - variances[1] * products - variances[2] * products**2
+    gradient = np.empty_like(logs)
+    gradient[0] = variances[0] * change.sum()
+    gradient[1] = variances[1] * (change * products).sum()
+    gradient[2] = variances[2] * (change * products**2).sum()
+    gradient[3] = (change * stationary).sum()
+    gradient[4] = variances[4] * np.trace(change)
+    lengths = slice(_TERMS + 2, None)
+    gradient[lengths] = np.tensordot(change * slope, differences) * np.exp(-2.0 * logs[lengths])
+    far = (logs[lengths] - _prior_lengths(dimension)) / _LENGTH_SPREAD
+    gradient[lengths] += far / _LENGTH_SPREAD
+    loss = 0.5 * values @ weights + np.log(np.diag(factor)).sum() + 0.5 * (far**2).sum()
+    return float(loss), gradient
+
+
+def _prior_lengths(dimension: int) -> float:
+    """Return the median of the logarithm of a length a priori.
+
+    It grows with the dimension as distances do: C. Hvarfner, E.O. Hellsten, L. Nardi, "Vanilla
+    Bayesian optimization performs great in high dimensions", ICML 2024.
+    """
+    return float(np.sqrt(2.0) + 0.5 * np.log(dimension))
+
+
+def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) -> GaussianProcess:
+    """Return the process of the likeliest variances and lengths, from each of `starts`."""
+    differences = (points[:, None, :] - points) ** 2
+    dimension = points.shape[1]
+    bounds = [
+        *[(2.0 * _LOWEST, 2.0 * _HIGHEST)] * (_TERMS + 1),
+        _NUGGET,
+        *[(np.log(0.05), np.log(1e3))] * dimension,
+    ]
+    fits = [
+        minimize(
+            _loss,
+            start,
+            (points, values, differences, smooth),
+            "L-BFGS-B",
+            jac=True,
+            bounds=bounds,
+            options={"maxiter": _ITERATIONS},
+        )
+        for start in starts
+    ]
+    return condition(points, values, smooth, min(fits, key=lambda fit: float(fit.fun)).x)
+
+
+def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> GaussianProcess:
+    """Return the process with these variances and lengths."""
+    prior, _ = _covariance(points, points, logs, smooth)
+    factor = cholesky(prior + np.exp(logs[_TERMS + 1]) * np.eye(len(points)), lower=True)
+    weights = cho_solve((factor, True), values)
+    return GaussianProcess(smooth, points, values, logs, factor, weights)
+
+
+def draw_starts(dimension: int, number: int, generator: np.random.Generator) -> Floats:
+    """Return random starts of a fit."""
+    middle = np.r_[0.0, -2.0, -4.0, 0.0, -12.0, np.full(dimension, _prior_lengths(dimension))]
+    spread = np.r_[1.0, 1.0, 1.0, 1.0, 2.0, np.full(dimension, 1.0)]
+    return middle + spread * generator.standard_normal((number, len(middle)))

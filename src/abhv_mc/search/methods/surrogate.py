@@ -1,0 +1,275 @@
+"""Rare-event probability from hundreds of evaluations, by Gaussian processes with active learning.
+
+B. Echard, N. Gayton, M. Lemaire, "AK-MCS", Structural Safety 33 (2011); candidates by subset
+simulation: M. Moustapha, S. Marelli, B. Sudret, "Active learning for structural reliability",
+Structural Safety 96 (2022). Candidates are drawn by importance sampling about all points that may
+fail; the next points are those whose values most reduce the misclassified weight of the
+candidates: J. Bect, D. Ginsbourger, L. Li, V. Picheny, E. Vazquez, "Sequential design of computer
+experiments for the estimation of a probability of failure", Statistics and Computing 22 (2012).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from abhv_mc.array_types import Floats
+from abhv_mc.search.methods.evaluation import Evaluate, make_generator
+from abhv_mc.search.methods.gaussian_process import (
+    GaussianProcess,
+    condition,
+    draw_starts,
+    fit_process,
+)
+from abhv_mc.search.methods.rare import RareEstimate
+from abhv_mc.search.methods.second_opinion import Mixture, choose_mixture, find_failures
+from abhv_mc.search.methods.subset import SubsetPlan, run_subset
+
+MOST_DIMENSIONS = 10
+FEWEST_RUNS = 64
+BATCH = 8  # runs in parallel
+_PLACE = 1 << 23  # key of its random numbers
+_FIRST, _FIRST_OF_DIMENSION = 12, 3  # points of the first design
+_FIRST_SPREAD = 2.0  # standard deviations: failures are far out
+_STARTS = 3  # of the first fit; later ones start from the last optimum and one more
+_REFIT = 1.1  # growth of the runs that calls for another fit
+_CHAINS, _REPETITIONS = 64, 4  # of subset simulation on the processes
+_CANDIDATES, _MOST_CANDIDATES = 2000, 32_000
+_FAILING = 400.0  # effective candidates that fail
+_JOINT = 300  # candidates among which points are selected
+_SIGMAS = 1.96
+_TINY = 1e-10  # variance
+_TAILS, _WIDER = 0.3, 1.6  # share of normals so much wider
+_HEAVY = 1.5  # factor of the sampling error, for heavy weights that most samples miss
+_LARGEST = 30.0  # medians of the first runs' distances from failing; beyond, severities are alike
+
+
+@dataclass(frozen=True)
+class Step:
+    """State of knowledge after a batch."""
+
+    runs: int
+    failures: int  # of the runs
+    probabilities: tuple[float, ...]  # of each fit
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SurrogateEstimate(RareEstimate):
+    """Estimate from candidates that Gaussian processes classify."""
+
+    steps: tuple[Step, ...]
+    candidates: Floats  # [point, dimension]: distributed as failures are, by the fits
+
+    @property
+    def failures(self) -> Floats:
+        """Candidates that fail."""
+        return self.candidates
+
+
+@dataclass(frozen=True)
+class _Candidates:
+    """Points of importance sampling with what the fits predict."""
+
+    points: Floats
+    weights: Floats  # [point]: standard normal density over the sample's, divided by its size
+    means: Floats  # [fit, point]
+    sigmas: Floats  # [fit, point]
+
+    def chance(self, margins: Floats) -> tuple[float, float]:
+        """Return the weight of positive margins [point] and its coefficient of variation."""
+        weights = np.where(margins > 0.0, self.weights, 0.0)
+        total, number = float(weights.sum()), len(weights)
+        if total == 0.0:
+            return 0.0, np.inf
+        return total, _HEAVY * float(
+            np.sqrt(max(0.0, (weights**2).sum() / total**2 - 1.0 / number))
+        )
+
+    @property
+    def effective(self) -> float:
+        """Least effective number of candidates that fail, of all fits."""
+        failing = np.where(self.means > 0.0, self.weights, 0.0)
+        squares = (failing**2).sum(axis=1)
+        return float(np.min(failing.sum(axis=1) ** 2 / np.where(squares > 0.0, squares, np.inf)))
+
+
+def estimate_by_surrogate(
+    evaluate: Evaluate,
+    plan: SubsetPlan,
+    target_cov: float = 0.2,
+    runs: int = 400,
+) -> SurrogateEstimate:
+    """Return P(severity > threshold) of standard normal points, with a 95 % interval.
+
+    The severity has to be a smooth function of the point. The search converges when two looks in a
+    row have intervals that overlap and are as narrow as that of a normal estimate with
+    `target_cov`. The estimate is rejected if that takes more than `runs`, or none of them failed.
+    """
+    key, dimension = (plan.seed, _PLACE), plan.dimension
+    number = _FIRST + _FIRST_OF_DIMENSION * dimension
+    points = _spread_points(number, dimension, make_generator(*key, 0))
+    severities = evaluate(points) - plan.threshold
+    fits: list[GaussianProcess] = []
+    steps: list[Step] = []
+    fitted = settled = 0
+    widest = np.exp(2.0 * _SIGMAS * target_cov)
+    while True:
+        generator = make_generator(*key, len(points))
+        values = _scale(severities, number)
+        is_last = len(points) + BATCH > runs
+        if settled or is_last or len(points) >= _REFIT * fitted:
+            fits = _fit(points, values, fits, generator)
+            fitted = len(points)
+        else:
+            fits = [condition(points, values, fit.smooth, fit.logs) for fit in fits]
+        candidates = _draw_candidates(fits, plan, generator, settled > 0 or is_last)
+        step = _judge(candidates, severities)
+        steps.append(step)
+        is_narrow = step.failures > 0 and step.high <= widest * step.low
+        agrees = settled > 0 and step.low <= steps[-2].high and steps[-2].low <= step.high
+        settled = (2 if agrees else 1) if is_narrow else 0
+        if settled == 2 or is_last:
+            break
+        chosen = _choose(fits, candidates, generator)
+        points = np.vstack([points, chosen])
+        severities = np.r_[severities, evaluate(chosen) - plan.threshold]
+    refusal = None
+    if not step.failures:
+        refusal = f"none of {step.runs} flights failed"
+    elif settled < 2:
+        refusal = f"not converged after {step.runs} flights: the last fits range from {step.low:.1g} to {step.high:.1g}"
+    middle = float(np.mean(step.probabilities))
+    cov = float(np.log(step.high / step.low) / (2.0 * _SIGMAS)) if step.low > 0.0 else np.inf
+    failing = np.where(candidates.means.mean(axis=0) > 0.0, candidates.weights, 0.0)
+    picked = (
+        candidates.points[generator.choice(len(failing), 1000, p=failing / failing.sum())]
+        if failing.any()
+        else points[:0]
+    )
+    return SurrogateEstimate(
+        middle, step.low, step.high, cov, len(points), (), None, refusal, tuple(steps), picked
+    )
+
+
+def _fit(
+    points: Floats, values: Floats, before: list[GaussianProcess], generator: np.random.Generator
+) -> list[GaussianProcess]:
+    """Return a Matern process and a smooth one, each from its last optimum and random starts."""
+    fits = []
+    for i, smooth in enumerate((False, True)):
+        starts = draw_starts(points.shape[1], 1 if before else _STARTS, generator)
+        if before:
+            starts = np.vstack([before[i].logs, starts])
+        fits.append(fit_process(points, values, smooth, starts))
+    return fits
+
+
+def _spread_points(number: int, dimension: int, generator: np.random.Generator) -> Floats:
+    """Return a Latin hypercube of a normal distribution that is wider than the standard one."""
+    from scipy.special import ndtri
+
+    ranks = np.argsort(generator.random((number, dimension)), axis=0)
+    uniform = (ranks + generator.random((number, dimension))) / number
+    return np.asarray(_FIRST_SPREAD * ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)))
+
+
+def _scale(severities: Floats, first: int) -> Floats:
+    """Return severities [point] without unit, linear near zero and logarithmic far from it."""
+    inside = -severities[:first][severities[:first] < 0.0]
+    scale = np.median(inside) if inside.size else 1.0
+    values = np.arcsinh(np.clip(severities / scale, -_LARGEST, _LARGEST))
+    return np.asarray(values / (values.std() or 1.0))
+
+
+def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Floats]:
+    """Return means and standard deviations [fit, point], widened where left-out values say so."""
+    predicted = [fit.predict(points) for fit in fits]
+    return np.array([mean for mean, _ in predicted]), np.array(
+        [fit.inflation * sigma for fit, (_, sigma) in zip(fits, predicted, strict=True)]
+    )
+
+
+def _draw_candidates(
+    fits: list[GaussianProcess], plan: SubsetPlan, generator: np.random.Generator, many: bool
+) -> _Candidates:
+    """Return candidates about all points that fail by the upper end of a fit.
+
+    With `many`, so many that the failing ones count for 400.
+    """
+
+    def upper(points: Floats) -> Floats:
+        means, sigmas = _predict(fits, points)
+        return (means + _SIGMAS * sigmas).max(axis=0)
+
+    seed = int(generator.integers(1 << 62))
+    plan = SubsetPlan(plan.dimension, 0.0, seed, _CHAINS if many else _CHAINS // 2)
+    repetitions = run_subset(upper, plan, range(_REPETITIONS), 1 << 30)
+    centers = np.concatenate([repetition.failures for repetition in repetitions])
+    reached = [repetition.probability for repetition in repetitions if repetition.reached]
+    if reached:  # branches that the levels leave behind
+        chance = min(0.1, float(np.mean(reached)))
+        centers = np.vstack([centers, find_failures(upper, plan.dimension, 0.0, chance, seed)])
+    else:
+        centers = np.concatenate([repetition.points for repetition in repetitions])
+    mixture = _add_tails(choose_mixture(centers, seed))
+    points, candidates = np.empty((0, plan.dimension)), None
+    while candidates is None or (
+        many and candidates.effective < _FAILING and len(points) < _MOST_CANDIDATES
+    ):
+        points = np.vstack([points, mixture.draw(max(_CANDIDATES, len(points)), generator)])
+        log_normal = -0.5 * (points**2).sum(axis=1) - 0.5 * plan.dimension * np.log(2.0 * np.pi)
+        density = np.logaddexp.reduce(mixture.log_parts(points), axis=1)
+        weights = np.exp(log_normal - density) / len(points)
+        candidates = _Candidates(points, weights, *_predict(fits, points))
+    return candidates
+
+
+def _add_tails(mixture: Mixture) -> Mixture:
+    """Return the mixture with a share of wider normals about the same means."""
+    return Mixture(
+        np.r_[(1.0 - _TAILS) * mixture.weights, _TAILS * mixture.weights],
+        np.r_[mixture.means, mixture.means],
+        np.r_[mixture.factors, _WIDER * mixture.factors],
+    )
+
+
+def _judge(candidates: _Candidates, severities: Floats) -> Step:
+    """Return what is known, with the widest interval of all fits."""
+    chances, lows, highs = [], [], []
+    for mean, sigma in zip(candidates.means, candidates.sigmas, strict=True):
+        chances.append(candidates.chance(mean)[0])
+        low, spread = candidates.chance(mean - _SIGMAS * sigma)
+        lows.append(low * np.exp(-_SIGMAS * spread))
+        high, spread = candidates.chance(mean + _SIGMAS * sigma)
+        highs.append(min(1.0, high * np.exp(_SIGMAS * spread)) if high else 1.0)
+    failures = int((severities > 0.0).sum())
+    return Step(len(severities), failures, tuple(chances), float(min(lows)), float(max(highs)))
+
+
+def _choose(
+    fits: list[GaussianProcess], candidates: _Candidates, generator: np.random.Generator
+) -> Floats:
+    """Return the batch of candidates that most reduces the weight of misclassified ones."""
+    missed = ndtr(-np.abs(candidates.means) / candidates.sigmas) * candidates.weights
+    fit = int(np.argmax(missed.sum(axis=1)))
+    shares = missed[fit] + 1e-12 * missed[fit].max() + 1e-300
+    number = min(_JOINT, len(shares))
+    picks = generator.choice(len(shares), number, replace=False, p=shares / shares.sum())
+    points, mean = candidates.points[picks], candidates.means[fit, picks]
+    covariance = fits[fit].covariance(points)
+    chosen: list[int] = []
+    # Points are picked by their chance of an error: it divides what is left of it.
+    before = np.maximum(ndtr(-np.abs(mean) / np.sqrt(np.diag(covariance) + _TINY)), 1e-300)
+    for _ in range(BATCH):
+        variance = np.maximum(np.diag(covariance), _TINY)
+        left = variance[:, None] - covariance**2 / (variance + _TINY)  # [point, chosen]
+        errors = ndtr(-np.abs(mean)[:, None] / np.sqrt(np.maximum(left, _TINY)))
+        loss = (errors / before[:, None]).sum(axis=0)
+        loss[chosen] = np.inf
+        best = int(np.argmin(loss))
+        chosen.append(best)
+        column = covariance[:, best]
+        covariance = covariance - np.outer(column, column) / (variance[best] + _TINY)
+    return points[chosen]

@@ -1,0 +1,95 @@
+"""Gaussian processes beside OpenTURNS', and the estimates made of them on probabilities that are known."""
+
+import numpy as np
+import openturns as ot
+import pytest
+from scipy.optimize import approx_fprime
+from search.methods import known_probabilities as known
+
+from abhv_mc.search.methods import gaussian_process as gp
+from abhv_mc.search.methods.subset import SubsetPlan
+from abhv_mc.search.methods.surrogate import BATCH, estimate_by_surrogate
+
+GENERATOR = np.random.default_rng(1)
+POINTS, NEW = GENERATOR.standard_normal((25, 2)), GENERATOR.standard_normal((6, 2))
+VALUES = np.sin(POINTS[:, 0]) + POINTS[:, 1] ** 2
+
+
+def estimate(case, seed, **options):
+    return estimate_by_surrogate(
+        case.severity, SubsetPlan(case.dimension, case.threshold, seed), **options
+    )
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_gradient_is_that_of_the_likelihood(smooth):
+    logs = gp.draw_starts(2, 1, np.random.default_rng(3))[0]
+    logs[4] = -6.0
+    arguments = (POINTS, VALUES, (POINTS[:, None] - POINTS) ** 2, smooth)
+    numerical = approx_fprime(logs, lambda x: gp._loss(x, *arguments)[0], 1e-6)
+    np.testing.assert_allclose(gp._loss(logs, *arguments)[1], numerical, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_openturns_predicts_the_same(smooth):
+    lengths, variance, nugget = [1.3, 2.1], 1.7, 1e-10
+    make = ot.SquaredExponential if smooth else lambda *x: ot.MaternModel(*x, 2.5)
+    model = make(lengths, [variance**0.5])
+    model.setNuggetFactor(nugget / variance)
+    theirs = ot.GaussianProcessRegression(
+        ot.Sample(POINTS),
+        ot.Sample(VALUES[:, None]),
+        model,
+        ot.SymbolicFunction(["a", "b"], ["0"]),
+    )
+    theirs.run()
+    result = theirs.getResult()
+    covariance = ot.GaussianProcessConditionalCovariance(result).getConditionalCovariance(
+        ot.Sample(NEW)
+    )
+    logs = np.r_[[-40.0] * 3, np.log([variance, nugget, *lengths])]
+    ours = gp.condition(POINTS, VALUES, smooth, logs)
+    means, sigmas = ours.predict(NEW)
+    np.testing.assert_allclose(means, np.asarray(result.getMetaModel()(NEW))[:, 0], atol=1e-7)
+    np.testing.assert_allclose(ours.covariance(NEW), np.asarray(covariance), atol=1e-9)
+    np.testing.assert_allclose(sigmas**2, np.diag(ours.covariance(NEW)), atol=1e-9)
+
+
+def test_left_out_values_are_predicted_by_all_others():
+    logs = np.r_[[-3.0] * 3, 0.5, -8.0, 0.3, 0.7]
+    i = 4
+    others = gp.condition(np.delete(POINTS, i, 0), np.delete(VALUES, i), False, logs)
+    mean, sigma = others.predict(POINTS[[i]])
+    error = (VALUES[i] - mean[0]) / np.hypot(sigma[0], np.exp(0.5 * logs[4]))
+    left_out = gp.condition(POINTS, VALUES, False, logs).left_out()
+    assert left_out[i] == pytest.approx(error, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        known.masked(2),
+        pytest.param(known.four_branch(4.0), marks=pytest.mark.thorough),
+        pytest.param(known.linear(10, 4.5), marks=pytest.mark.thorough),
+    ],
+    ids=lambda case: case.name,
+)
+def test_right_within_its_interval(case):
+    """The full version, with twenty seeds, is benchmarks/others/surrogate.py."""
+    result = estimate(case, 11)
+    assert result.refusal is None and result.low <= case.probability <= result.high
+    assert result.high < 3.0 * result.low and result.flights <= 400
+    assert result.steps[-1].failures > 0
+    last, before = result.steps[-1], result.steps[-2]
+    assert last.runs - before.runs == BATCH
+    assert all(step.high <= np.exp(3.92 * 0.2) * step.low for step in (before, last))
+    assert (case.severity(result.failures) > case.threshold).mean() > 0.9
+
+
+@pytest.mark.thorough
+def test_no_estimate_where_neighbours_say_nothing_of_each_other():
+    case = known.Case(
+        "noise", 2, lambda u: np.sin(1e4 * u[:, 0]) + np.cos(1e4 * u[:, 1]) - 1.0, 0.0, 0.25
+    )
+    result = estimate(case, 1, runs=64)
+    assert result.refusal.startswith("not converged after 58 flights")
