@@ -1,4 +1,6 @@
-"""Fly a few flights with the newest numba there is, pre-releases included, and say what came of it. Never fails.
+"""Fly a few flights with the newest numba there is, pre-releases included, and say what came of it.
+
+Never fails.
 
     python .ci/newest_numba.py
 

@@ -2,7 +2,8 @@
 
     python .ci/prebuild.py SOURCE       writes SOURCE/src/abhv_mc/prebuilt
 
-The kernels are those of this interpreter, numba and llvmlite. Other processors and interpreters compile on first use.
+The kernels are those of this interpreter, numba and llvmlite. Other processors and interpreters
+compile on first use.
 """
 
 import os

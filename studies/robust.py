@@ -5,8 +5,9 @@
 
 Both laws have the same number of free parameters: TLC's bandwidths and dampings of the two inner
 sub-loops, and LQR's weights except one of each regulator (only ratios count; the pitch rate has no
-weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``) and prefers
-candidates within the limits, then the smallest score. The result is written to a controller file.
+weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``)
+and prefers candidates within the limits, then the smallest score. The result is written to a
+controller file.
 
 Limits (numbers in ``robust_flights.py``):
 

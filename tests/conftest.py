@@ -14,8 +14,8 @@ from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"  # figures without a display
 os.environ.pop("COLUMNS", None)  # tables fold to a terminal of that width
-# The matrices here are small, and workers share the cores: threads that wait for each other took half of the time.
-# Linear algebra reads it when numpy is loaded, which nothing has done yet.
+# The matrices here are small, and workers share the cores: threads that wait for each other took
+# half of the time. Linear algebra reads it when numpy is loaded, which nothing has done yet.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Worker processes find the fake flight as this one does.
@@ -23,8 +23,8 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")])
 )
 
-# What `make test` leaves to `make test-all`: tests that compile everything anew, fly for minutes, start clusters,
-# servers or browsers, kill at random, or look at pages and benchmarks.
+# What `make test` leaves to `make test-all`: tests that compile everything anew, fly for minutes,
+# start clusters, servers or browsers, kill at random, or look at pages and benchmarks.
 _THOROUGH = (
     "benchmarks",
     "control/design/test_shipped_designs.py",

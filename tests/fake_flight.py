@@ -1,7 +1,7 @@
 """A cheap flight in the place of the compiled one: the campaign engine is under test, not the vehicle.
 
-Every number is a plain function of the flight's parameters, element by element, so that the bits depend on nothing
-else. Density below ``LOST_BELOW`` ends a flight early.
+Every number is a plain function of the flight's parameters, element by element, so that the bits
+depend on nothing else. Density below ``LOST_BELOW`` ends a flight early.
 """
 
 import time

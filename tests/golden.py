@@ -2,8 +2,8 @@
 
     python tests/golden.py --renew [NAME...]    writes tests/reference/golden/NAME.json.gz
 
-The cases are the shipped campaigns with a few flights, two simulators in Python, and a table. Renew them in the commit
-that is meant to move numbers, and say there which and why.
+The cases are the shipped campaigns with a few flights, two simulators in Python, and a table. Renew
+them in the commit that is meant to move numbers, and say there which and why.
 """
 
 import argparse
@@ -49,7 +49,8 @@ _DIGITS = 12  # that are stored
 _TOLERANCE = 1e-9  # relative, for floating-point numbers of another machine
 _TOLERANCES = {"wide": 1e-7}  # its flights cycle at their limits and amplify the last bits of gains
 _ZERO = 1e-10  # absolute, for differences of numbers that are nearly equal
-# The rudder of its trim lies on a node of the tables; the last bits decide on which side, and slopes differ there.
+# The rudder of its trim lies on a node of the tables; the last bits decide on which side, and
+# slopes differ there.
 _ON_A_NODE = {"winged_cone": "margins"}
 
 

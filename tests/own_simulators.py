@@ -18,7 +18,8 @@ def fly(inputs, settings):
     return found
 """
 
-# The same with histories: samples lie anywhere, begin before 0 or after it, and lack numbers where it ended early.
+# The same with histories: samples lie anywhere, begin before 0 or after it, and lack numbers where
+# it ended early.
 DIVE_HISTORY = (
     DIVE
     + """

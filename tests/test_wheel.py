@@ -33,7 +33,8 @@ def install(source, folder):
     subprocess.run(pip, check=True, capture_output=True)
     (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
     libraries = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
-    # A path in a .pth file is not searched for other .pth files: the checkout's editable installation stays out.
+    # A path in a .pth file is not searched for other .pth files: the checkout's editable
+    # installation stays out.
     (site / "libraries.pth").write_text("\n".join(sorted(libraries)))
     return python.parent
 

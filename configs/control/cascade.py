@@ -1,8 +1,9 @@
 """A control law of one's own: a cascade of loops for path, attitude and body rates.
 
-A flight calls ``law`` at every control tick. What it names as an argument it gets: ``measured`` (what the sensors say),
-``reference`` (the mission), ``memory``, ``settings``, ``gains``, ``onboard`` (the nominal vehicle), ``time``, ``dt``.
-Everything is a number in SI and radians. See docs/tutorials/own-controller.md.
+A flight calls ``law`` at every control tick. What it names as an argument it gets: ``measured``
+(what the sensors say), ``reference`` (the mission), ``memory``, ``settings``, ``gains``,
+``onboard`` (the nominal vehicle), ``time``, ``dt``. Everything is a number in SI and radians. See
+docs/tutorials/own-controller.md.
 """
 
 from typing import NamedTuple
@@ -52,7 +53,10 @@ class Gains(NamedTuple):
 
 
 def design(model, settings):
-    """Gains along the mission. Runs once, as plain Python: any library may be used here, and only here."""
+    """Gains along the mission.
+
+    Runs once, as plain Python: any library may be used here, and only here.
+    """
     times = np.arange(0.0, model.time[-1] + 5.0, 5.0)
     rows = []
     for time in times:
@@ -69,8 +73,12 @@ def design(model, settings):
 
 @controller(units={"path": "1/s", "altitude": "1/s", "heading": "1/s", "bank_limit": "rad"})
 def law(measured, reference, memory, settings, gains, dt):
-    """One tick of one flight. Compiled: numbers and named tuples only, no lists, prints or imports in here."""
-    # Path: altitude to flight path angle, that to angle of attack; heading to bank; speed to equivalence ratio.
+    """One tick of one flight.
+
+    Compiled: numbers and named tuples only, no lists, prints or imports in here.
+    """
+    # Path: altitude to flight path angle, that to angle of attack; heading to bank; speed to
+    # equivalence ratio.
     rise = measured.altitude - reference.altitude
     speed = measured.speed - reference.speed
     path_cmd = (
@@ -111,7 +119,8 @@ def law(measured, reference, memory, settings, gains, dt):
         + gains.rudder_by_roll_rate * roll
         + gains.rudder_by_yaw_rate * yaw
     )
-    # The commands, kept within the vehicle's limits for you. The last three are what the report compares with.
+    # The commands, kept within the vehicle's limits for you. The last three are what the report
+    # compares with.
     command = Command(
         aileron, rudder, elevator, eta, flight_path_angle=path_cmd, angle_of_attack=alpha, bank=bank
     )

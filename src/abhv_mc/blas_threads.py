@@ -15,7 +15,8 @@ _limits: Any = None
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread in this process, until the last of overlapping contexts ends.
 
-    Programs that start with OPENBLAS_NUM_THREADS=1, such as the command line and workers, need no limit.
+    Programs that start with OPENBLAS_NUM_THREADS=1, such as the command line and workers, need no
+    limit.
     """
     global _entered, _limits  # noqa: PLW0603  the limit applies to the process
     if os.environ.get("OPENBLAS_NUM_THREADS") == "1":

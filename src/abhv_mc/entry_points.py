@@ -27,7 +27,8 @@ _SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
 def _read() -> dict[str, dict[str, EntryPoint]]:
     """Return entry points by group and name.
 
-    ``importlib.metadata.entry_points`` parses those of all distributions and takes four times as long.
+    ``importlib.metadata.entry_points`` parses those of all distributions and takes four times as
+    long.
     """
     groups: dict[str, dict[str, EntryPoint]] = {}
     for distribution in distributions():

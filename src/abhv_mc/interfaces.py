@@ -196,15 +196,16 @@ class Executor(Protocol):
 
 # Opens an executor for an engine and a limit of the processor time of 16 flights, s, or None.
 OpenExecutor = Callable[[Engine, float | None], Executor]
-# Connects to the scheduler at an address, before any file is written. Raises InputError. It is an entry point
-# of the group ``abhv_mc.executors``, named after the scheme of the address.
+# Connects to the scheduler at an address, before any file is written. Raises InputError. It is an
+# entry point of the group ``abhv_mc.executors``, named after the scheme of the address.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
 class Store(Protocol):
     """Storage of campaign folders: a local folder, or an address.
 
-    Every command works in a local folder, which the store fills and copies back. A store must promise:
+    Every command works in a local folder, which the store fills and copies back. A store must
+    promise:
 
     - **Whole files.** A reader gets each file as it was written, or not at all. ``manifest.json`` names the SHA-256 of
       the others and is copied after them, so that a reader never misses a file that it names.
@@ -216,11 +217,12 @@ class Store(Protocol):
       ``StorageFullError`` names. During a run new files are copied every few seconds.
     - **Safety.** Names that lead out of the folder are rejected. No content of a folder is executed or unpickled.
 
-    The package adds the following to each store: readers check every hash and name a damaged file; flights are
-    evidence and are never replaced by those of other code or inputs; all other files (envelopes, histories, margins,
-    pages) follow from them and are remade if they are missing.
+    The package adds the following to each store: readers check every hash and name a damaged file;
+    flights are evidence and are never replaced by those of other code or inputs; all other files
+    (envelopes, histories, margins, pages) follow from them and are remade if they are missing.
 
-    A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``; it is made of an
+    A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``;
+    it is made of an
     :class:`abhv_mc.io.address.Address`.
     """
 

@@ -32,12 +32,14 @@ from abhv_mc_verification.fly_recording import (
     wrap_degrees,
 )
 
-# CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the meridian away from the
-# equator: the accelerations in its output show the right size of J2's meridional part with the wrong sign.
+# CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the
+# meridian away from the equator: the accelerations in its output show the right size of J2's
+# meridional part with the wrong sign.
 CADAC_EARTH = Earth(
     6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0
 )
-# Its atmosphere at 20 km is thinner than the standard's by this, at its own altitude (the column rho).
+# Its atmosphere at 20 km is thinner than the standard's by this, at its own altitude (the column
+# rho).
 CADAC_DENSITY = 1.0 / 1.0000134861
 FULL_MASS = 136077.0  # kg: mass = this minus the fuel expended
 LONGEST_STEP = 0.01  # s
@@ -76,7 +78,6 @@ class Recording:
 
 def read_recording(path: Path) -> Recording:
     """Read a CADAC++ GHAME6 time history, evenly spaced. Raises :class:`InputError`."""
-
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
     table = read_columns(path, needed, ["vmass", "fmasse"])
     if "vmass" not in table and "fmasse" not in table:
@@ -207,7 +208,6 @@ def fly_recording(vehicle: Vehicle, recording: Recording) -> Floats:
 
 def _quantities(states: Floats) -> dict[str, Floats]:
     """Return the compared quantities, in degrees, of states [time, state], without wind."""
-
     motion = make_motion(states)
     north, east, down = motion.velocity_ned.T
     u, v, w = states[:, s.U : s.W + 1].T

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 
 STEP = 0.01  # s, the product's default
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
-_NEEDED = 1.25  # times the largest difference of two simulators is allowed to the F-16, which has no limits of its own
+# times the largest difference of two simulators is allowed to the F-16, which has no limits of its
+# own
+_NEEDED = 1.25
 _LIKE = 6  # the case whose tolerances are added: a body with aerodynamics on the ellipsoid
 _LONGEST = 3600.0  # s
 

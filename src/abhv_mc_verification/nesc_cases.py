@@ -9,7 +9,8 @@ from abhv_mc.kernel.world.earth import Earth
 FOOT = 0.3048  # m
 _DEG = math.pi / 180.0
 
-# The report's ellipsoid; GM as its simulators' published gravity has it (32.1988102141 ft/s2 at 0 ft on the equator).
+# The report's ellipsoid; GM as its simulators' published gravity has it (32.1988102141 ft/s2 at 0
+# ft on the equator).
 ELLIPSOID = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 0.00108262982, 7.292115e-5)
 ROUND = Earth(20_902_255.199 * FOOT, 0.0, 1.407644311e16 * FOOT**3, 0.0, 7.292115e-5)
 

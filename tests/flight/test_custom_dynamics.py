@@ -52,8 +52,8 @@ MODE_KEYS = """dynamics:
     lift: 0.2
     moment: 0.05
 """
-# A lateral spring and mass ahead of the centre of gravity, whose mass is part of the vehicle's: its force is minus its
-# mass times its relative acceleration, which depends on that force.
+# A lateral spring and mass ahead of the centre of gravity, whose mass is part of the vehicle's: its
+# force is minus its mass times its relative acceleration, which depends on that force.
 SLOSH = """
 from abhv_mc.extend import Effect, dynamics
 

@@ -133,8 +133,8 @@ def value(name, nominal=1.0):
 def dispersed_coefficients(alpha, beta, hats, positions):
     """Return the dispersed coefficients.
 
-    Dispersions of the aileron act on the antisymmetric deflection of the elevons, not on the flap or
-    the rudder.
+    Dispersions of the aileron act on the antisymmetric deflection of the elevons, not on the flap
+    or the rudder.
     """
 
     def evaluate(left, right, sideslip=beta):

@@ -213,7 +213,8 @@ def test_the_vehicles_own_effectors_fail_as_the_axes_that_they_are_mixed_from():
     assert np.allclose(
         block.states[0], block.states[1], rtol=1e-7, atol=1e-8
     )  # the sums round otherwise
-    # Stuck elevons hold the moment that a stuck aileron and elevator would; these stop a surface dead in its motion.
+    # Stuck elevons hold the moment that a stuck aileron and elevator would; these stop a surface
+    # dead in its motion.
     assert np.allclose(block.states[2, :, s.ALTITUDE], block.states[3, :, s.ALTITUDE], atol=0.05)
     assert not np.allclose(
         block.states[2, 200:, s.PITCH_RATE], block.states[4, 200:, s.PITCH_RATE], atol=1e-9

@@ -110,7 +110,8 @@ def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
 
 
 def test_a_flight_does_not_see_the_one_before_it(plans, dispersed):
-    # One flight more than lanes: the last starts in lanes that others have flown in, and one of those has broken down.
+    # One flight more than lanes: the last starts in lanes that others have flown in, and one of
+    # those has broken down.
     wrecked = np.concatenate([dispersed, dispersed[:1]])
     wrecked[:FLIGHTS, PARAMETER_INDEX["atmosphere.density"]] = np.nan
     after = fly(plans["tlc"], wrecked, record_every=50, keep_states=True)
@@ -148,7 +149,8 @@ def test_plain_python_flies_the_same(plans, dispersed, tmp_path):
 
 @pytest.mark.thorough
 def test_flights_that_take_the_lanes_of_ended_ones_stay_the_same():
-    # Centres of gravity far enough aft end flights at many moments; more flights than close ranks together.
+    # Centres of gravity far enough aft end flights at many moments; more flights than close ranks
+    # together.
     plan = short_plan(3 * COMPACTION + 7, "lqr")
     parameters = nominal_parameters(TOGETHER + 45)
     errors = np.random.default_rng(3).uniform(-0.4, 0.4, len(parameters))

@@ -20,8 +20,8 @@ from abhv_mc.kernel.world.turbulence import (
     one_minus_cosine,
 )
 
-# NOAA-S/T 76-1562, table I: geometric altitude m, kinetic temperature K, pressure Pa, density kg/m3, sound m/s
-# (the printed digits; sound to 0.01).
+# NOAA-S/T 76-1562, table I: geometric altitude m, kinetic temperature K, pressure Pa, density
+# kg/m3, sound m/s (the printed digits; sound to 0.01).
 TABLE = [
     (0, 288.150, 1.01325e5, 1.2250e0, 340.29),
     (1000, 281.651, 8.9876e4, 1.1117e0, 336.43),
@@ -87,7 +87,8 @@ def test_not_a_number_passes_through() -> None:
 
 
 def test_wgs84_radii_of_curvature() -> None:
-    # NIMA TR8350.2 (3rd ed.): semi-minor axis 6356752.3142 m, polar radius of curvature 6399593.6258 m
+    # NIMA TR8350.2 (3rd ed.): semi-minor axis 6356752.3142 m, polar radius of curvature
+    # 6399593.6258 m
     meridian, prime_vertical = radii(WGS84, 0.0)
     assert prime_vertical == 6378137.0
     assert meridian == pytest.approx(6356752.3142**2 / 6378137.0, abs=1e-3)
@@ -95,8 +96,8 @@ def test_wgs84_radii_of_curvature() -> None:
 
 
 def test_wgs84_gravity_is_normal_gravity_but_for_the_higher_zonals() -> None:
-    # NIMA TR8350.2: normal gravity 9.7803253359 m/s2 at the equator, 9.8321849378 m/s2 at the poles.
-    # J4 alone accounts for the difference: 5 GM/a2 (a/r)^6 J4 P4 with J4 = -2.37e-6.
+    # NIMA TR8350.2: normal gravity 9.7803253359 m/s2 at the equator, 9.8321849378 m/s2 at the
+    # poles. J4 alone accounts for the difference: 5 GM/a2 (a/r)^6 J4 P4 with J4 = -2.37e-6.
     zonal_4 = -2.37091222e-6
     equator_north, equator = gravity_ned(WGS84, 0.0, 0.0, 1.0)
     pole_north, pole = gravity_ned(WGS84, 0.0, 1.0, 0.0)
@@ -134,8 +135,8 @@ def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
 
 
 def test_attraction_of_the_nasa_check_cases() -> None:
-    # NASA/TM-2015-218675, atmospheric case 9, simulator 4 at 0 s: local gravitation 32.1988102141 ft/s2 on the equator,
-    # the centrifugal part not in it
+    # NASA/TM-2015-218675, atmospheric case 9, simulator 4 at 0 s: local gravitation 32.1988102141
+    # ft/s2 on the equator, the centrifugal part not in it
     fixed_earth = WGS84._replace(rotation_rate=0.0)
     assert gravity_ned(fixed_earth, 0.0, 0.0, 1.0)[1] / 0.3048 == pytest.approx(
         32.1988102141, abs=1e-9
@@ -144,7 +145,8 @@ def test_attraction_of_the_nasa_check_cases() -> None:
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 2.0])
 def test_the_meridional_factor_scales_the_north_component_of_j2(factor: float) -> None:
-    # On a non-rotating sphere geodetic and geocentric axes coincide, so only J2 has a north component.
+    # On a non-rotating sphere geodetic and geocentric axes coincide, so only J2 has a north
+    # component.
     earth = Earth(6378137.0, 0.0, 3.986004418e14, 1.08262982e-3, 0.0)
     north, down = gravity_ned(earth, 2e4, math.sin(0.6), math.cos(0.6))
     scaled = gravity_ned(earth._replace(j2_meridional=factor), 2e4, math.sin(0.6), math.cos(0.6))

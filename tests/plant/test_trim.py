@@ -16,8 +16,8 @@ def vehicle(name):
     return load_vehicle(find_input(name, "vehicle"))
 
 
-# Rounded as printed: the flight-model specification for ghame, the deck's constants file for the others, which it gives
-# at full scale: at 1 g, without pitch rate, they hold at any scale.
+# Rounded as printed: the flight-model specification for ghame, the deck's constants file for the
+# others, which it gives at full scale: at 1 g, without pitch rate, they hold at any scale.
 @pytest.mark.parametrize(
     ("name", "bank", "alpha", "elevator", "eta"),
     [

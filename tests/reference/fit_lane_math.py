@@ -1,7 +1,8 @@
 """Fit the polynomials of ``abhv_mc.kernel.numerics.lane_math`` with 60 digits and print them.
 
-Each is the interpolant at Chebyshev nodes of a smooth function, within a small factor of minimax; the degrees are
-chosen so that the truncation error is far below half a unit in the last place. Run it to reproduce the constants.
+Each is the interpolant at Chebyshev nodes of a smooth function, within a small factor of minimax;
+the degrees are chosen so that the truncation error is far below half a unit in the last place. Run
+it to reproduce the constants.
 """
 
 from mpmath import atan, atanh, chebyfit, cos, expm1, floor, ldexp, log, mp, pi, sin, sqrt, tan

@@ -70,7 +70,8 @@ def test_with_unknowns_the_median_has_two_lines(panel):
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
-# CSS's invert(1) hue-rotate(180deg) of red, green and blue: the matrix of the Filter Effects specification.
+# CSS's invert(1) hue-rotate(180deg) of red, green and blue: the matrix of the Filter Effects
+# specification.
 HUES_ROTATED = np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
 
 

@@ -198,7 +198,8 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
         == 1
     )
     assert worst.names == ("aero.lift", "wind.turbulence")
-    # 64 flights of the worst point follow with seeds of their own; the random ones stay as many as the search's.
+    # 64 flights of the worst point follow with seeds of their own; the random ones stay as many as
+    # the search's.
     rows = worst.flights
     own = rows.samples[-64:, rows.names.index("wind.turbulence_seed")]
     assert len(np.unique(own)) == 64 and worst.random == worst.searched

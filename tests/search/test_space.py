@@ -95,7 +95,8 @@ SELDOM = [
             0.1,
             [1, 3, 0],
         ),  # in parts of the range
-        # With a worst flight without a failure it was the only one listed, with one that had it none was without.
+        # With a worst flight without a failure it was the only one listed, with one that had it
+        # none was without.
         ([6, 5, 4, 3, 2, 1], SELDOM, 6, 0.05, [0, 2, 3, 4]),
         ([1, 2, 3, 4, 5, 6], SELDOM, 6, 0.05, [5, 4, 3, 2]),
     ],

@@ -27,7 +27,8 @@ def _margins(systems, response):
 
 
 def test_three_lags_have_the_margins_of_the_textbook():
-    # k / (s + 1)^3: phase -180 deg at sqrt 3 rad/s, where the size is k / 8; |L| = 1 at sqrt(k^(2/3) - 1).
+    # k / (s + 1)^3: phase -180 deg at sqrt 3 rad/s, where the size is k / 8; |L| = 1 at
+    # sqrt(k^(2/3) - 1).
     gains = np.array([4.0, 2.0])
     margins = _margins(2, lambda i, w: (gains[i] / (1j * w + 1.0) ** 3)[:, None, None])
     np.testing.assert_allclose(margins.gain_high[:, 0], 8.0 / gains, rtol=1e-10)
@@ -61,7 +62,8 @@ def test_a_loop_that_is_always_below_one_has_no_phase_or_delay_margin():
 
 
 def test_a_delay_common_to_two_loops_counts_in_both():
-    # Two integrators that feed each other: eigenvalues (a +- b) / s of L, the fast one is the first to go.
+    # Two integrators that feed each other: eigenvalues (a +- b) / s of L, the fast one is the first
+    # to go.
     a, b = 3.0, 1.0
     margins = _margins(1, lambda i, w: np.array([[a, b], [b, a]]) / (1j * w[:, None, None]))
     np.testing.assert_allclose(margins.all_delay, 0.5 * np.pi / (a + b), rtol=1e-9)
@@ -84,7 +86,8 @@ def test_responses_are_those_of_dense_linear_algebra():
 def test_single_loops_agree_with_python_control(controller):
     linear, margins = linear_at_trim(controller), stability_at_trim(controller).margins
     for i in range(4):
-        # python-control interpolates between frequencies: they stand dense about where its answers are.
+        # python-control interpolates between frequencies: they stand dense about where its answers
+        # are.
         points = [
             margins.gain_low_frequency[0, i],
             margins.gain_high_frequency[0, i],

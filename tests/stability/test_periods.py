@@ -88,7 +88,8 @@ def apart(linear, ticks):
     return product
 
 
-SUM = "clock += dt; path = throttle = clock >= 0.1; clock = 0.0 if path else clock"  # ten 0.01 s are less than 0.1 s
+# ten 0.01 s are less than 0.1 s
+SUM = "clock += dt; path = throttle = clock >= 0.1; clock = 0.0 if path else clock"
 THREE = "path, throttle = clock % 4.0 == 0.0, clock % 10.0 == 0.0; clock = (clock + 1.0) % 20.0"
 
 

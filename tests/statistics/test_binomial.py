@@ -21,7 +21,9 @@ PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
 
 @pytest.mark.parametrize(
     ("compute", "expected"),
-    [  # Hanson & Beard, NASA/TP-2010-216447, worked through in exact arithmetic; flights needed at a risk of 10 %
+    # Hanson & Beard, NASA/TP-2010-216447, worked through in exact arithmetic; flights needed at a
+    # risk of 10 %
+    [
         (lambda: consumer_risk(0, 1000, 0.9973), 0.06696055432972337),
         (lambda: consumer_risk(0, 1000, 0.99865), 0.2590039229282369),
         (lambda: consumer_risk(2, 2000, 0.9973), 0.09445549106897905),

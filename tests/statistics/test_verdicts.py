@@ -181,7 +181,8 @@ def test_holm_passes_more_than_bonferroni():
 
 
 def test_holm_is_the_published_procedure():
-    # Holm 1979: sorted p-values against risk/m, risk/(m-1), ...; the first that fails stops all after it.
+    # Holm 1979: sorted p-values against risk/m, risk/(m-1), ...; the first that fails stops all
+    # after it.
     assert holm([0.01, 0.04, 0.03, 0.005], 0.05) == [True, False, False, True]
     assert holm([0.04, 0.04], 0.05) == [False, False]
     assert holm([], 0.05) == []

@@ -44,7 +44,8 @@ def compared(results, errors):
 def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, count, winner):
     """With separate 95 % tests, a winner was named in 29 to 34 % of campaigns without a difference.
 
-    120 of 200 are evidence of 8 against a fair coin, 130 of 1400; either may win in five metrics: 200 are asked for.
+    120 of 200 are evidence of 8 against a fair coin, 130 of 1400; either may win in five metrics:
+    200 are asked for.
     """
     errors = {name: np.full(200, 1.2) for name in results.controllers}
     errors["tlc"] = np.where(np.arange(200) < count, 1.0, 1.5)

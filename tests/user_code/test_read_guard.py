@@ -26,7 +26,8 @@ def fly(inputs, settings):
 
 WAYS = {{
 """
-# Ways of reading that are not declared, by name; ``model.*`` lies beside the simulator, ``up.*`` one folder up.
+# Ways of reading that are not declared, by name; ``model.*`` lies beside the simulator, ``up.*``
+# one folder up.
 UNDECLARED = {
     "open": "lambda: open(at('model.txt')).read()",
     "bytes": "lambda: open(os.fsencode(at('model.txt'))).read()",

@@ -1,7 +1,8 @@
 """Random nominals over the envelope, and the design model's Jacobians there by complex step.
 
-The design model is the right-hand sides (1), (13) and (3) of Zhu and Shen 2014 on a sphere that does not turn, with
-the vehicle's own tables; nothing here looks at the gain formulas that it is there to check.
+The design model is the right-hand sides (1), (13) and (3) of Zhu and Shen 2014 on a sphere that
+does not turn, with the vehicle's own tables; nothing here looks at the gain formulas that it is
+there to check.
 """
 
 from typing import NamedTuple
@@ -31,7 +32,8 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 _STILL = (0.0, 0.0, 0.0)
 SPHERE = WGS84._replace(flattening=0.0, j2=0.0, rotation_rate=0.0)
 
-# Ranges of the random nominals, SI and radians; the speed is a Mach number until the altitude is known.
+# Ranges of the random nominals, SI and radians; the speed is a Mach number until the altitude is
+# known.
 _RANGES = {
     "altitude": (18e3, 26e3),
     "latitude": (-0.9, 0.9),

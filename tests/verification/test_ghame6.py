@@ -42,7 +42,8 @@ def test_the_flight_is_met(rows):
 
 
 def test_it_is_met_as_well_as_by_an_integration_a_thousand_times_finer(rows):
-    # The reference's note gives the differences of a DOP853 replay; ours at 10 ms are no larger than its digits.
+    # The reference's note gives the differences of a DOP853 replay; ours at 10 ms are no larger
+    # than its digits.
     assert [row.quantity for row in rows if row.difference > 1.1 * row.tolerance / 3.0] == []
 
 
@@ -67,8 +68,9 @@ def test_the_start_is_the_first_row(path, frame):
 
 
 def test_the_meridional_gravity_of_the_reference_has_the_other_sign(frame):
-    # What the recorded accelerations leave when the recorded forces are taken out, against the two Earths. The
-    # central difference of 100 Hz data is good to 1e-3 m/s2; the two differ by 0.027 m/s2.
+    # What the recorded accelerations leave when the recorded forces are taken out, against the two
+    # Earths. The central difference of 100 Hz data is good to 1e-3 m/s2; the two differ by 0.027
+    # m/s2.
     some = slice(200, 1200)
     velocity = frame[["vbii1", "vbii2", "vbii3"]].to_numpy()
     acceleration = np.gradient(velocity, 0.01, axis=0)

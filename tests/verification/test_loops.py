@@ -1,7 +1,7 @@
 """TLC's loops are exact, ``A - B K`` at random nominals; and how far the plant that flies is from the design model.
 
-The plant is the compiled one, asked at states a little apart. What the design model leaves out is taken away, the
-damping by the rates and the Earth's rotation and shape, to see what each is worth.
+The plant is the compiled one, asked at states a little apart. What the design model leaves out is
+taken away, the damping by the rates and the Earth's rotation and shape, to see what each is worth.
 """
 
 from dataclasses import replace

@@ -114,8 +114,9 @@ def test_other_files_are_left_alone(tmp_path, given):
     assert list(find_files(tmp_path)) == [("01", "04"), ("01", "06")]
 
 
-# Of altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s). The program's law
-# acts 500 times a second, the other one without delay: stops of its stiff roll loop come up to 2 ms later.
+# Of altitude (ft), velocity (ft/s), longitude, latitude, Euler angles (deg) and body rates (deg/s).
+# The program's law acts 500 times a second, the other one without delay: stops of its stiff roll
+# loop come up to 2 ms later.
 @pytest.mark.parametrize(
     ("case", "gain", "duration"),
     [("13p3", (15.0, 0.0), 60.0), ("13p4", (0.0, 2000.0), 120.0)],

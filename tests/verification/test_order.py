@@ -19,7 +19,8 @@ from abhv_mc_verification.fly_recording import make_replay_plan, make_start, rep
 
 DURATION = 5.0  # s
 STEPS = (0.1, 0.05, 0.025, 0.0125)  # s
-EXACT = 0.0025  # s, the step of what is taken for exact: its error is 625 times smaller than the smallest
+# s, the step of what is taken for exact: its error is 625 times smaller than the smallest
+EXACT = 0.0025
 ORDER = 4.0
 _GROUPS = {
     "velocity": slice(s.U, s.W + 1),
@@ -31,8 +32,8 @@ _GROUPS = {
 def errors() -> dict[str, Floats]:
     """Largest error over a flight of a tumbling, damped brick at each of STEPS, by group of states.
 
-    The brick flies fast enough to stay off zero air speed and within one layer of the atmosphere; its tables are
-    constants: nothing in its equations has a kink.
+    The brick flies fast enough to stay off zero air speed and within one layer of the atmosphere;
+    its tables are constants: nothing in its equations has a kink.
     """
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "nesc" / "brick.yaml")
     rates = tuple(np.radians((100.0, 80.0, 120.0)))

@@ -1,10 +1,12 @@
 """Step responses of the whole nonlinear closed loop: the poles that the gains promise, where time scales are apart.
 
-A flight that starts with one error, minus one that starts without, is the loop's response to that error. A sub-loop
-whose inner loop is infinitely fast answers an initial error of 1 with ``(l1 exp(l1 t) - l2 exp(l2 t)) / (l1 - l2)``,
-l the roots of ``s^2 + 2 zeta wn s + wn^2`` (the integral is part of the state). Table 1 of Zhu and Shen (2014) keeps
-its loops only 3 to 5 times apart; here each loop is slowed until it is 15 and more times slower than the one inside it.
-docs/explanation/closed-loop.md has the table of Table 1 itself, and why the cases left out here differ.
+A flight that starts with one error, minus one that starts without, is the loop's response to that
+error. A sub-loop whose inner loop is infinitely fast answers an initial error of 1 with ``(l1
+exp(l1 t) - l2 exp(l2 t)) / (l1 - l2)``, l the roots of ``s^2 + 2 zeta wn s + wn^2`` (the integral
+is part of the state). Table 1 of Zhu and Shen (2014) keeps its loops only 3 to 5 times apart; here
+each loop is slowed until it is 15 and more times slower than the one inside it.
+docs/explanation/closed-loop.md has the table of Table 1 itself, and why the cases left out here
+differ.
 """
 
 import json
@@ -27,7 +29,8 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.check_rows import Row
 
-# Sub-loops from inside out; all channels of one are slowed together, and what lies outside it even more.
+# Sub-loops from inside out; all channels of one are slowed together, and what lies outside it even
+# more.
 LOOPS = ("rates", "attitude", "velocity", "altitude")
 SLOWED = {"rates": 0.3, "attitude": 0.06, "velocity": 0.015, "altitude": 0.005}  # rad/s
 DAMPING = {"rates": 3.4, "attitude": 3.4, "velocity": 2.4, "altitude": 2.4}  # Table 1
@@ -48,8 +51,9 @@ class Case:
     weathercock: bool = True
 
 
-# The surfaces cancel the weathercock moment of the nominal model some 30 ms late, which damps the yaw rate by 0.9/s
-# more than promised: yaw rate and sideslip are looked at without that moment, in the model and in the plant.
+# The surfaces cancel the weathercock moment of the nominal model some 30 ms late, which damps the
+# yaw rate by 0.9/s more than promised: yaw rate and sideslip are looked at without that moment, in
+# the model and in the plant.
 CASES = (
     Case("rates", "roll_rate", 0.2 * _DEGREE, "roll_rate_dps"),
     Case("rates", "yaw_rate", 0.05 * _DEGREE, "yaw_rate_dps", weathercock=False),

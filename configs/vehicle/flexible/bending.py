@@ -1,9 +1,9 @@
 """Three bending modes in pitch: excited by angle of attack, elevator and engine, felt by gyro and vane.
 
-Structure after Bolender and Doman, A Non-Linear Model for the Longitudinal Dynamics of a Hypersonic Air-breathing
-Vehicle (2005), ADA445058: each mode is an oscillator with a generalized force that is linear in angle of attack,
-deflection and thrust; the shape tilts the nose, which turns the flow at the inlet and at the sensors. The numbers of
-participation are this file's own.
+Structure after Bolender and Doman, A Non-Linear Model for the Longitudinal Dynamics of a Hypersonic
+Air-breathing Vehicle (2005), ADA445058: each mode is an oscillator with a generalized force that is
+linear in angle of attack, deflection and thrust; the shape tilts the nose, which turns the flow at
+the inlet and at the sensors. The numbers of participation are this file's own.
 """
 
 from abhv_mc.extend import Effect, Sensed, dynamics
@@ -32,7 +32,8 @@ def bending(states, motion, air, controls, settings):
         - 2.0 * settings.damping_3 * settings.frequency_3 * states.mode_3_rate
         - settings.frequency_3 * settings.frequency_3 * states.mode_3
     )
-    # The nose is tilted by the shapes: their slopes there and at the gyro have alternating signs along the body.
+    # The nose is tilted by the shapes: their slopes there and at the gyro have alternating signs
+    # along the body.
     tilt = settings.nose_slope * (states.mode_1 + states.mode_2 + states.mode_3)
     gyro = settings.gyro_slope * (states.mode_1_rate - states.mode_2_rate + states.mode_3_rate)
     return Effect(

@@ -16,8 +16,8 @@ def s_shape(
     Both are 0 outside the manoeuvre.
 
     They are along ``offset`` (m). The acceleration is proportional to ``sign(c) |c|^sharpness``,
-    ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both ends. If
-    both have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
+    ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both ends.
+    If both have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:

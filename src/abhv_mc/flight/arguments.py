@@ -51,7 +51,8 @@ class SavedFlights(NamedTuple):
     """Memory of flights at a control tick, before its measurement."""
 
     tick: int
-    rows: Floats  # [flight, row] rows of the lane memory (abhv_mc.kernel.plant.state), then the observer's
+    # [flight, row] rows of the lane memory (abhv_mc.kernel.plant.state), then the observer's
+    rows: Floats
 
 
 def make_results(

@@ -75,8 +75,8 @@ def source_rows(
 ) -> dict[str, SourceRow]:
     """Return the rows of all sources by name.
 
-    They are the built-in sources, those of ``effectors`` with actuators, of custom ``states`` (names
-    and units), and the custom channels [channel, 2] (names and units).
+    They are the built-in sources, those of ``effectors`` with actuators, of custom ``states``
+    (names and units), and the custom channels [channel, 2] (names and units).
     """
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(

@@ -29,8 +29,8 @@ def failure_cases(
 
     Failures before the end of the mission count.
 
-    ``end_time`` is in s, [flight]. A failure drawn for a time after an early termination counts too,
-    so that all controllers have the same flights in each case. An engine that failed for
+    ``end_time`` is in s, [flight]. A failure drawn for a time after an early termination counts
+    too, so that all controllers have the same flights in each case. An engine that failed for
     ``engine_failed`` s without a drawn failure failed by the vehicle's unstart condition.
     """
     cases: dict[int, list[str]] = {}

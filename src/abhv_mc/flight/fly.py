@@ -171,9 +171,9 @@ def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
     """Return extremes ``[sample, channel]`` from the previous to the next sample.
 
-    They are NaN if no flight was simulated there; -0 becomes 0. ``low`` and ``high`` are those of the
-    bins between samples, low above high in a bin without a value; ``history`` is
-    [flight, sample, channel].
+    They are NaN if no flight was simulated there; -0 becomes 0. ``low`` and ``high`` are those of
+    the bins between samples, low above high in a bin without a value; ``history`` is [flight,
+    sample, channel].
     """
     has_value = low <= high
     return _join(np.where(has_value, low, np.nan), history, np.fmin), _join(

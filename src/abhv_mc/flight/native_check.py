@@ -18,7 +18,8 @@ from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
 _SLOW_TICKS = 200  # long enough for the effect of hidden memory to grow
-# Relative tolerance of a flight whose states are set at each tick: integrators of some FMUs restart.
+# Relative tolerance of a flight whose states are set at each tick: integrators of some FMUs
+# restart.
 _ALIKE = 1e-6
 _LONGEST = 600.0  # s, compiling included
 
@@ -26,7 +27,8 @@ _LONGEST = 600.0  # s, compiling included
 def check_native(plan: FlightPlan) -> None:
     """Check that two flights agree separately, together and in swapped order, bit for bit.
 
-    Each version of the law's files is checked once. Raise InputError if they differ or the law fails.
+    Each version of the law's files is checked once. Raise InputError if they differ or the law
+    fails.
     """
     file = plan_source(plan).file
     try:

@@ -86,8 +86,9 @@ class ForeignTable:
     ) -> dict[str, Column]:
         """Return the columns of ``names``, as far as the table has them.
 
-        A head is a name, alone or with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude {ft}' or 'altitude_ft'.
-        ``heads`` gives the head of a name in place of that. Raise InputError if two columns fit one name.
+        A head is a name, alone or with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude {ft}' or
+        'altitude_ft'. ``heads`` gives the head of a name in place of that. Raise InputError if two
+        columns fit one name.
         """
         columns: dict[str, Column] = {}
         known_names = frozenset(names)
@@ -368,8 +369,8 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
     """Read matrices as a table with a row per cell.
 
-    The corner names the heads of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third axis begin with a line
-    such as 'altitude_m = 1000'.
+    The corner names the heads of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third axis
+    begin with a line such as 'altitude_m = 1000'.
     """
     import pyarrow as pa
 

@@ -18,7 +18,8 @@ from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from abhv_mc.io.input_error import Refusal, describe, one_of
 
-NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"  # a plain decimal one; \d knows all scripts
+# a plain decimal one; \d knows all scripts
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 Exponents = tuple[int, int, int, int]  # of metre, kilogram, second, radian
 
 _NONE: Exponents = (0, 0, 0, 0)
@@ -263,13 +264,14 @@ def _writer(dimension: Dimension) -> PlainSerializer:
 def _schema(dimension: Dimension) -> WithJsonSchema:
     text = {"type": "string", "description": dimension.expected, "examples": [dimension.example]}
     text["pattern"] = (
-        rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"  # with a unit, whatever it is
+        # with a unit, whatever it is
+        rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"
     )
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 
-# Fields of a model: text with a unit in the file, a float in SI in the model, text again in model_dump(mode="json").
-# A limit is in SI: Annotated[Length, Gt(0.0)].
+# Fields of a model: text with a unit in the file, a float in SI in the model, text again in
+# model_dump(mode="json"). A limit is in SI: Annotated[Length, Gt(0.0)].
 Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
 Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]
 Speed = Annotated[float, _parser(SPEED), _writer(SPEED), _schema(SPEED)]

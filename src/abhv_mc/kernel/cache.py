@@ -111,13 +111,13 @@ def compilation_lock(
 ) -> Iterator[None]:
     """Lock the compilation of ``name``, or its loading from ``folder``, inside the context.
 
-    ``folder`` may be above numba's; None means no cache. Of the processes that find no compiled code
-    there, one is inside at a time, so that the others find the code that it compiles; the lock ends
-    with its process. ``waiting`` is entered while another process is inside. Files that have changed
-    since their hashes were noted are deleted first, as numba would execute them.
+    ``folder`` may be above numba's; None means no cache. Of the processes that find no compiled
+    code there, one is inside at a time, so that the others find the code that it compiles; the lock
+    ends with its process. ``waiting`` is entered while another process is inside. Files that have
+    changed since their hashes were noted are deleted first, as numba would execute them.
 
-    On a file system without locks, several processes may compile the same function: numba writes each
-    file under another name and renames it, and no two processes give two kernels the same name
+    On a file system without locks, several processes may compile the same function: numba writes
+    each file under another name and renames it, and no two processes give two kernels the same name
     (``KernelCache``).
     """
     if folder is None:

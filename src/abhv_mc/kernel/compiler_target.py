@@ -94,8 +94,8 @@ def find_features() -> str | None:
 
     For Intel's processors LLVM uses half of that width, as wide vectors reduce the clock rate. A
     flight consists mostly of vector code: with the full width it takes a fifth less time
-    (``docs/explanation/performance.md``) with the same bits. Return None if the processor is unknown,
-    or if the user has set ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES``.
+    (``docs/explanation/performance.md``) with the same bits. Return None if the processor is
+    unknown, or if the user has set ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES``.
     """
     if _is_chosen():
         return None

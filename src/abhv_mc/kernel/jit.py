@@ -10,8 +10,8 @@ Rules for compiled functions (measured; ``make bench`` checks the result):
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
 numba's passes compile, and its disk cache stores kernels. Subclasses of its private classes inline
-all functions into a few kernels (``docs/explanation/performance.md``); its public interface gives the
-same bits, slower.
+all functions into a few kernels (``docs/explanation/performance.md``); its public interface gives
+the same bits, slower.
 """
 
 import contextlib
@@ -60,8 +60,8 @@ def routine(function: F) -> F:
 def kernel(function: F) -> F:
     """Compile an entry point called from Python, cached on disk, without the GIL.
 
-    If defined inside a function, it may use numbers of that function but no functions: numba's cache
-    would never find it again.
+    If defined inside a function, it may use numbers of that function but no functions: numba's
+    cache would never find it again.
     """
     return _decorate("kernel", function, error_model="numpy", nogil=True)
 
@@ -81,7 +81,8 @@ def _decorate(kind: str, function: Any, **options: Any) -> Any:
 class _Deferred:
     """Function that numba decorates when it is first called or compiled into another.
 
-    Reports and custom simulators import the package but compile nothing; importing numba takes 0.3 s.
+    Reports and custom simulators import the package but compile nothing; importing numba takes 0.3
+    s.
     """
 
     def __init__(self, kind: str, function: Any, options: dict[str, Any]) -> None:
@@ -267,8 +268,9 @@ def _make_private() -> tuple[Any, Any]:
             library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
             self.state["library"] = library
             self.state.flags.no_compile = True
-            # No checks for overlap before a loop over lanes is vectorized. But each inlined load and store
-            # lists all arrays that it does not access: those of a complete plan would dominate LLVM's work.
+            # No checks for overlap before a loop over lanes is vectorized. But each inlined load
+            # and store lists all arrays that it does not access: those of a complete plan would
+            # dominate LLVM's work.
             self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
             result = super().compile_extra(function)
             entry = set[
@@ -279,8 +281,8 @@ def _make_private() -> tuple[Any, Any]:
 
     class Inlined(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
-            # No reference counting (_nrt): an atomic count of each array in each lane takes three times as
-            # long as the physics.
+            # No reference counting (_nrt): an atomic count of each array in each lane takes three
+            # times as long as the physics.
             options |= {
                 "nopython": True,
                 "_nrt": False,

@@ -95,8 +95,8 @@ def floats_at(typing_context: Any, address: Any) -> Any:
 def compile_pointer(function: Any) -> Any:
     """Compile a loop over lanes that flights call by address, see :func:`call_address`.
 
-    Its file must exist, as numba caches the machine code under its name. Raise Uncompilable if numba
-    cannot compile it.
+    Its file must exist, as numba caches the machine code under its name. Raise Uncompilable if
+    numba cannot compile it.
     """
     if PLAIN:
         raise Uncompilable(None, None, "NUMBA_DISABLE_JIT is set, so nothing is compiled")

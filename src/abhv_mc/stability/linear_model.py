@@ -20,8 +20,10 @@ class Linear(NamedTuple):
     plant_A: (
         Floats  # [point, 10 + custom, 10 + custom] continuous, path coordinates and custom states
     )
-    plant_B: Floats  # [point, 10 + custom, actuator] continuous; positions of surfaces or effectors, and engine
-    # [point, n, n] discrete: path coordinates, actuators (18 states with three surfaces), custom states
+    # [point, 10 + custom, actuator] continuous; positions of surfaces or effectors, and engine
+    plant_B: Floats
+    # [point, n, n] discrete: path coordinates, actuators (18 states with three surfaces), custom
+    # states
     A: Floats
     B: Floats  # [point, n, input] commands
     law_A: Floats  # [point, memory, memory], sensors' states behind the law's

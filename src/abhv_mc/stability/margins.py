@@ -93,7 +93,8 @@ class Margins(NamedTuple):
     gain_high: Floats
     gain_high_frequency: Floats
     phase: Floats  # rad
-    crossover: Floats  # rad/s, where the gain is 1 and the phase margin stands; nan where the gain is nowhere 1
+    # rad/s, where the gain is 1 and the phase margin stands; nan where the gain is nowhere 1
+    crossover: Floats
     delay: Floats  # s
     sensitivity: Floats  # largest |1 / (1 + L)|
     disk: Floats  # 1 / largest |S - 1/2|
@@ -109,9 +110,11 @@ class Closed(NamedTuple):
     S: Complexes  # [..., loop]
 
 
-# Loci [point, locus] of rows [point] at frequencies [point], rad/s: one for each rate of a loop, of one rate its gain.
+# Loci [point, locus] of rows [point] at frequencies [point], rad/s: one for each rate of a loop, of
+# one rate its gain.
 Loci = Callable[[Ints, Floats], Complexes]
-# The frequency, rad/s, and the least delay, s, that makes a locus of size 1 neutral; of rows at frequencies.
+# The frequency, rad/s, and the least delay, s, that makes a locus of size 1 neutral; of rows at
+# frequencies.
 Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 

@@ -37,7 +37,8 @@ class Period(NamedTuple):
 
     ticks: int
     carried: Mask  # [memory] unaffected by small changes of the measurement
-    start: Floats  # [memory] after the transient, before a tick that is one more than a multiple of the period
+    # [memory] after the transient, before a tick that is one more than a multiple of the period
+    start: Floats
     modes: tuple[str, ...]  # constant carried memory: name and value
 
 
@@ -71,7 +72,8 @@ def _find_period(plan: FlightPlan) -> Period:
     sensed, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
     start = np.hstack([sensed[0, s.MEASURED : s.MEASURED + n], law_at(plan, sensed, 0)[0]])
     settling = max(round(_SETTLING / plan.timing.tick), 1)
-    # The undisturbed law; one that is always disturbed; then each quantity disturbed at one tick alone.
+    # The undisturbed law; one that is always disturbed; then each quantity disturbed at one tick
+    # alone.
     steps = np.append(measured_steps(n), np.full(len(names), _STEP))
     change = np.vstack([np.zeros((2, steps.size)), np.diag(steps)])
     follow = np.maximum(np.arange(len(change)) == 1, 0).astype(np.int64)

@@ -57,7 +57,8 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     for j in np.flatnonzero(varying).tolist():
         along = y[np.argsort(inputs[:, j], kind="stable")]
         first[j] = np.mean(along * np.roll(along, -1, axis=0), axis=0)
-    # Ranks in an order that has nothing to do with them: mean -1/(n-1), variance 1/n (Wald & Wolfowitz 1943).
+    # Ranks in an order that has nothing to do with them: mean -1/(n-1), variance 1/n (Wald &
+    # Wolfowitz 1943).
     p_alone = 1.0 - ndtr((first + 1.0 / (flights - 1)) * np.sqrt(flights))
     together = np.abs(np.corrcoef(ranks.T)) if count > 1 else np.ones((1, 1))
     np.fill_diagonal(together, 0.0)

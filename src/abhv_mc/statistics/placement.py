@@ -69,7 +69,8 @@ def _distances(pool: Floats) -> Floats:
 def set_p_value(pool: Floats, tests: int) -> float:
     """Return the p-value of the last `tests` flights together, by a permutation test.
 
-    The statistic is the largest, over columns, of the mean rank and of the mean rank of the distance from the middle.
+    The statistic is the largest, over columns, of the mean rank and of the mean rank of the
+    distance from the middle.
     """
     ranks = standard_ranks(pool)
     columns = np.hstack([ranks, standard_ranks(np.abs(ranks))])

@@ -32,7 +32,8 @@ def effective_size(weights: Floats) -> float:
 class Unseen:
     """Probability, under the new distributions, of values that no flight represents."""
 
-    single: float  # the largest of any one parameter, beyond its outermost flights or at values that none had
+    # the largest of any one parameter, beyond its outermost flights or at values that none had
+    single: float
     joint: float  # of any parameter, but for what the outermost flights stand for themselves
 
 

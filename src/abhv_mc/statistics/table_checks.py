@@ -1,15 +1,16 @@
 """Tests of whether the rows of a table are independent draws of stated distributions.
 
-A table rounds its values, so each value stands for an interval of its distribution function, and each test takes the
-point of the interval that speaks most for the table. All tests together reject a table of independent draws with a
-probability of about 1e-6.
+A table rounds its values, so each value stands for an interval of its distribution function, and
+each test takes the point of the interval that speaks most for the table. All tests together reject
+a table of independent draws with a probability of about 1e-6.
 
-Sources: Kolmogorov-Smirnov in its exact form (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for columns too far
-from their distribution, and closer to it than chance allows; the sum of squared normal scores, which is chi-squared
-for draws; exact binomials for values of positive probability (Clopper & Pearson, Biometrika 26, 1934); rank
-correlations by Fisher's z with the variance of Bonett & Wright (Psychometrika 65, 2000) about their mean in a Gaussian
-copula (Moran, Biometrika 35, 1948); the Poisson law of coincidences for equal rows (Arratia, Goldstein & Gordon, Ann.
-Probab. 17, 1989).
+Sources: Kolmogorov-Smirnov in its exact form (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
+columns too far from their distribution, and closer to it than chance allows; the sum of squared
+normal scores, which is chi-squared for draws; exact binomials for values of positive probability
+(Clopper & Pearson, Biometrika 26, 1934); rank correlations by Fisher's z with the variance of
+Bonett & Wright (Psychometrika 65, 2000) about their mean in a Gaussian copula (Moran, Biometrika
+35, 1948); the Poisson law of coincidences for equal rows (Arratia, Goldstein & Gordon, Ann. Probab.
+17, 1989).
 """
 
 from collections.abc import Sequence
@@ -105,8 +106,8 @@ class TableFindings:
 def half_steps(values: Floats) -> Floats:
     """Return the largest rounding error [row] of the values of a column.
 
-    Half of the finest decimal step among the values of the same power of ten, which covers a fixed number of
-    decimals and of significant digits; zeros have the finest step of the column.
+    Half of the finest decimal step among the values of the same power of ten, which covers a fixed
+    number of decimals and of significant digits; zeros have the finest step of the column.
     """
     size = np.abs(values)
     used = size > 0.0

@@ -21,7 +21,8 @@ FEWEST_SEARCHED = 32  # at each point, of a campaign of fewer flights
 SEARCH_QUANTILE = 0.95  # of their severity beyond the limit, by which points are ranked
 MOST_UNKNOWNS = 64
 _HALTON = 32
-_STEPS = 64  # for each requirement; half of them about the worst of all, half about the worst that is no corner
+# for each requirement; half of them about the worst of all, half about the worst that is no corner
+_STEPS = 64
 _FIRST_STEP, _SHRINK = 0.5, 0.95  # half-boxes; at each miss
 _ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7  # unknowns
 _SHOWING = 2  # failures for about an even chance that a point is the worst of a search
@@ -83,9 +84,9 @@ def search_worst(
 ) -> Search:
     """Search the box for the values of the unknowns that are worst for each requirement.
 
-    ``evaluate`` simulates the flights at points [point, unknown]. Corners, centre and Halton points are tried first, in
-    this order, then for each requirement two chains of Gaussian steps, from the worst of all points and from the worst
-    that is not a corner.
+    ``evaluate`` simulates the flights at points [point, unknown]. Corners, centre and Halton points
+    are tried first, in this order, then for each requirement two chains of Gaussian steps, from the
+    worst of all points and from the worst that is not a corner.
     """
     from scipy.stats import qmc
 

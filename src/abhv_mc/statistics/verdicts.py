@@ -35,7 +35,8 @@ class Verdict:
     consumer_risk: float  # of a PASS of a system that just misses the requirement
     producer_risk: float  # of a FAIL of a system that just meets it
     E_pass: float  # evidence that it is met: PASS from 1 / consumer_risk on
-    E_fail: float  # evidence that it is missed: FAIL from 1 / producer_risk on; 0 with fewer than two failures
+    # evidence that it is missed: FAIL from 1 / producer_risk on; 0 with fewer than two failures
+    E_fail: float
     uncomputed: int = (
         0  # flights that the machine could not compute: failures for a PASS, successes for a FAIL
     )
@@ -132,8 +133,8 @@ def predict_pass(verdict: Verdict, flights: int) -> float:
 def advise(verdicts: Sequence[Verdict]) -> Extension | None:
     """Return the smallest number of flights with which all verdicts are likely to be PASS.
 
-    None if no number up to MOST_TIMES the flights is. The chances are multiplied as if the failure rates were
-    independent.
+    None if no number up to MOST_TIMES the flights is. The chances are multiplied as if the failure
+    rates were independent.
     """
     flights = max(verdict.flights for verdict in verdicts)
     rules = {(verdict.probability, verdict.consumer_risk) for verdict in verdicts}

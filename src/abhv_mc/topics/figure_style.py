@@ -94,7 +94,8 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """Return an empty figure, sizes in inches; its layout avoids overlaps."""
-    # The layout rests on the size of text, which hinting makes depend on the resolution: the final one, then.
+    # The layout rests on the size of text, which hinting makes depend on the resolution: the final
+    # one, then.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

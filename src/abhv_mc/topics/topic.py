@@ -42,7 +42,8 @@ class Topic(Generic[M]):
     True}`` (:mod:`abhv_mc.topics.json_data`) serves figures only and is not in JSON.
     """
 
-    name: str  # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results
+    # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results
+    name: str
     model: type[M]
     compute: Callable[[FlownCampaign], M]
     section: Callable[[M, Names], Section | None]  # None if there is nothing to report

@@ -24,12 +24,13 @@ class OpenLaw(NamedTuple):
 class LawBackend(NamedTuple):
     """Functions that make a control law in native code ready to fly.
 
-    ``open`` takes the source, names of gains, lanes, flights at the same time, numbers of memory in the lanes' rows or
-    None, measured values and names of effectors; it raises InputError. ``find_memory`` takes the source, the settings
-    and the first row of the reference, and returns the numbers that the law remembers at the start by name, or None if
-    it does not give them. ``find_misfits`` takes the source and returns what of the controller file does not fit the
-    law: keys, what is found and what is expected. Both run in a child process. A package registers a backend in the
-    group ``abhv_mc.law_backends``, by the value of ``law`` in the controller file.
+    ``open`` takes the source, names of gains, lanes, flights at the same time, numbers of memory in
+    the lanes' rows or None, measured values and names of effectors; it raises InputError.
+    ``find_memory`` takes the source, the settings and the first row of the reference, and returns
+    the numbers that the law remembers at the start by name, or None if it does not give them.
+    ``find_misfits`` takes the source and returns what of the controller file does not fit the law:
+    keys, what is found and what is expected. Both run in a child process. A package registers a
+    backend in the group ``abhv_mc.law_backends``, by the value of ``law`` in the controller file.
     """
 
     open: Callable[..., OpenLaw]

@@ -202,7 +202,8 @@ class Scattered(LookUp):
                 ) from None
         self.axes = positions.shape[1]
         self.values = point_values[corners]  # [simplex, corner]
-        # Barycentric coordinates: transform [simplex, axis, axis] times the distance from the last corner.
+        # Barycentric coordinates: transform [simplex, axis, axis] times the distance from the last
+        # corner.
         last = positions[corners[:, -1]]
         edges = np.swapaxes(positions[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
         self.transform, self.last = np.linalg.inv(edges), np.ascontiguousarray(last)

@@ -257,7 +257,6 @@ def _read_motion(width: int, code: VehicleCode) -> list[str]:
 
 def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> list[str]:
     """Return lines that build a lane's arguments from rows of the lane memory."""
-
     lane = functools.partial(lane_of, width)
 
     def of(name: str) -> str:

@@ -88,7 +88,10 @@ class VehicleCode:
 
     @functools.cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """Numbers of the settings, in the order of ``Foreign.settings``. Raise Refusal if invalid."""
+        """Numbers of the settings, in the order of ``Foreign.settings``.
+
+        Raise Refusal if invalid.
+        """
         return tuple(
             Setting(f"{key}.{name}", si_unit_of(unit_of(value)), parse_any(value))
             for key, function in self.named_functions()

@@ -214,7 +214,8 @@ def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     return time.perf_counter() - start, done.stdout
 
 
-# Linux counts a parent's memory as its child's until the child has replaced itself: the parent must be a small one.
+# Linux counts a parent's memory as its child's until the child has replaced itself: the parent must
+# be a small one.
 _WATCH = (
     "import resource, subprocess, sys\n"
     "code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode\n"

@@ -84,7 +84,8 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
         ]
     )
     sine, cosine = math.sin(alpha), math.cos(alpha)
-    # The side force is along body y; drag, in the plane of symmetry, has a component across the velocity.
+    # The side force is along body y; drag, in the plane of symmetry, has a component across the
+    # velocity.
     side = (pressure_area * by_beta["CY"] + trim_point.drag - trim_point.thrust * cosine) / momentum
     weight = 9.747 / speed  # gravity at 20 km and 29.3 deg
     curving = trim_point.upward / momentum - weight

@@ -44,7 +44,8 @@ def test_interpolation_errors_are_small(name: str) -> None:
     eta = generator.uniform(0.25, constants.equivalence_ratio_max, 500)
     around = Environment(ALTITUDE, density, sound_speed, 9.75, 6.37e6, 0.0)
     exact = trim_elevator(vehicle, around, speed, alpha, eta)
-    # The vehicle's own tables at the interpolated and at the exact elevator differ by the moment of the difference.
+    # The vehicle's own tables at the interpolated and at the exact elevator differ by the moment of
+    # the difference.
     point = {"mach": speed / sound_speed, "angle_of_attack": alpha, "equivalence_ratio": eta}
     inside = make_variables(vehicle, **point)
     row = dict(zip(TRIM_ROWS, table_rows(tables, inside), strict=False))
@@ -52,7 +53,8 @@ def test_interpolation_errors_are_small(name: str) -> None:
     assert good.sum() > 150
     assert np.rad2deg(np.abs(row["elevator"] - exact)[good]).max() < 0.01
 
-    # Against the vehicle's own tables at the exact elevator; errors as angle of attack and equivalence ratio.
+    # Against the vehicle's own tables at the exact elevator; errors as angle of attack and
+    # equivalence ratio.
     step = np.deg2rad(0.01)
     up = table_rows(tables, make_variables(vehicle, **point | {"angle_of_attack": alpha + step}))
     lift_slope = np.median((up[TRIM_ROWS.index("lift")] - row["lift"]) / step)

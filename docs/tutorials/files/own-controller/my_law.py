@@ -30,7 +30,8 @@ def law(measured, reference, memory, settings, dt):
     turn = wrap(reference.heading - measured.heading)
     bank = clamp(reference.bank + 3.0 * turn, -settings.bank_limit, settings.bank_limit)
 
-    # Attitude and rates to surfaces: + elevator pitches down, + aileron rolls right, + rudder yaws left.
+    # Attitude and rates to surfaces: + elevator pitches down, + aileron rolls right, + rudder yaws
+    # left.
     elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha)
     elevator = elevator + 0.8 * measured.pitch_rate
     aileron = 0.3 * (bank - measured.bank) - 0.15 * measured.roll_rate

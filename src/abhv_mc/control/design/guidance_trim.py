@@ -1,8 +1,8 @@
 """Nominal controls along a trajectory: Zhu and Shen 2014, (12), by nested Brent searches.
 
 The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times
-``-tan^2 bank``). Here each residual of the second equation solves the third for the bank, in which it
-is explicit, and each residual of the first solves the second for the angle of attack.
+``-tan^2 bank``). Here each residual of the second equation solves the third for the bank, in which
+it is explicit, and each residual of the first solves the second for the angle of attack.
 """
 
 from typing import NamedTuple
@@ -50,9 +50,9 @@ def trim_along(
 ) -> GuidanceTrim:
     """Solve (12) at every point in order, starting each search at the last solution.
 
-    ``mass`` is that at the first point, kg; with ``tick`` (s between points) it decreases by the fuel
-    burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no root, the
-    solution is the end with the smaller residual, and the status has a flag.
+    ``mass`` is that at the first point, kg; with ``tick`` (s between points) it decreases by the
+    fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no root,
+    the solution is the end with the smaller residual, and the status has a flag.
     """
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (

@@ -80,8 +80,8 @@ def make_lqr_gains(
 ) -> Floats:
     """Return ``[tick, gain]`` in the order of LQR_GAINS, SI and radians.
 
-    The law is ``u = nominal - K (x - nominal)``. Gains are interpolated in time between knots, never
-    across a step. Raise LinAlgError if there is no stabilizing gain.
+    The law is ``u = nominal - K (x - nominal)``. Gains are interpolated in time between knots,
+    never across a step. Raise LinAlgError if there is no stabilizing gain.
     """
     pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
     return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
@@ -184,9 +184,9 @@ def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float)
 def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
     """Return the gains K of ``u = -K x`` that minimise the integral of ``x'Qx + u'Ru``.
 
-    ``A`` [..., state, state] and ``B`` [..., state, input] may be stacked. The Riccati equations are
-    solved together from the stable eigenvectors of their Hamiltonians. Where these are too few or
-    nearly dependent, the equation is solved by the Schur method, which raises
+    ``A`` [..., state, state] and ``B`` [..., state, input] may be stacked. The Riccati equations
+    are solved together from the stable eigenvectors of their Hamiltonians. Where these are too few
+    or nearly dependent, the equation is solved by the Schur method, which raises
     numpy.linalg.LinAlgError if there is no stabilising gain.
     """
     n = A.shape[-1]

@@ -19,9 +19,9 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
-# Longest cells, in Mach, radians and equivalence ratio. The interpolation error of the shipped vehicles
-# is below 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25, 0.001 of
-# equivalence ratio.
+# Longest cells, in Mach, radians and equivalence ratio. The interpolation error of the shipped
+# vehicles is below 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25,
+# 0.001 of equivalence ratio.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
 _SHORTEST = 0.04  # shortest Mach cell, if cells are shortened to avoid nodes at steady Mach numbers
 
@@ -36,12 +36,12 @@ def make_trim_tables(
 ) -> Tables:
     """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio at an altitude (m).
 
-    ``speed_range`` (m/s) is widened by a tenth on each side. T / (q_bar S) of an air-breathing engine
-    is proportional to 1 / V, which changes with altitude at constant Mach number: 2 % in 10 km. The
-    elevator is not limited to the vehicle's deflections, so that interpolation near a limit is as
-    accurate as elsewhere. ``steady_mach`` are constant Mach numbers of the reference, by default those
-    of the ends of ``speed_range``. No node is within a quarter of a cell of them, as slopes, and hence
-    gains, would be one-sided there.
+    ``speed_range`` (m/s) is widened by a tenth on each side. T / (q_bar S) of an air-breathing
+    engine is proportional to 1 / V, which changes with altitude at constant Mach number: 2 % in 10
+    km. The elevator is not limited to the vehicle's deflections, so that interpolation near a limit
+    is as accurate as elsewhere. ``steady_mach`` are constant Mach numbers of the reference, by
+    default those of the ends of ``speed_range``. No node is within a quarter of a cell of them, as
+    slopes, and hence gains, would be one-sided there.
     """
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
@@ -176,8 +176,8 @@ def trim_elevator(
 def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | None = None) -> Axis:
     """Return an axis with the nodes of the vehicle's tables and cells no longer than LONGEST.
 
-    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. A node
-    closer to one than half of _SHORTEST is replaced by a cell across it.
+    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. A
+    node closer to one than half of _SHORTEST is replaced by a cell across it.
     """
     nodes = nodes_of(tables, name)
     nodes = nodes[(nodes > low) & (nodes < high)]
@@ -199,8 +199,8 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
     """Return the smallest number of cells with all steady values in middle halves.
 
-    ``steady`` are fractions of the length. If there is no such number, return the best one with cells
-    not shorter than _SHORTEST.
+    ``steady`` are fractions of the length. If there is no such number, return the best one with
+    cells not shorter than _SHORTEST.
     """
     if not steady.size:
         return fewest

@@ -1,9 +1,9 @@
 """Metrics as data that :mod:`abhv_mc.flight.compile_metrics` creates.
 
-A lean metric is a statistic of one row of the lane memory with one accumulator. The others are small
-programs and a statistic of their value in a window. An instruction sets a register of every lane to a
-row of the lane memory, a constant, or the result of an operation on other registers. Registers are
-rows of the memory of the tables, which is not in use then.
+A lean metric is a statistic of one row of the lane memory with one accumulator. The others are
+small programs and a statistic of their value in a window. An instruction sets a register of every
+lane to a row of the lane memory, a constant, or the result of an operation on other registers.
+Registers are rows of the memory of the tables, which is not in use then.
 """
 
 import math
@@ -101,9 +101,9 @@ class Counted(NamedTuple):
     programs: Programs
 
 
-# Rows of each program in the observer's memory: two accumulators, the last value (or the direction), the
-# last counted tick (from 1) and the number of counted ticks, which becomes NaN with the first NaN value,
-# as does the metric. Before them is one row for each lean metric.
+# Rows of each program in the observer's memory: two accumulators, the last value (or the
+# direction), the last counted tick (from 1) and the number of counted ticks, which becomes NaN with
+# the first NaN value, as does the metric. Before them is one row for each lean metric.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -143,8 +143,8 @@ def start_counting(O, width, counted, first_row):
 def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
     """Add the tick to the metrics of the counted ``flights`` in the first ``n`` lanes.
 
-    Their rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the values of
-    quantiles.
+    Their rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the values
+    of quantiles.
     """
     Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
     dt = plan.timing.step * plan.timing.steps_per_tick

@@ -76,8 +76,8 @@ def has_width(memory, width):
 def save_lane(memory, lane, row, driven, custom, own):
     """Save the memory of a flight to ``row`` [SAVED_ROWS].
 
-    It includes effectors with actuators if ``driven``, rows of custom functions if ``custom``, and the
-    memory of a custom law if ``own``.
+    It includes effectors with actuators if ``driven``, rows of custom functions if ``custom``, and
+    the memory of a custom law if ``own``.
     """
     for i in range(s.CUSTOM_STATE if not custom else s.LAW):
         row[i] = memory.Z[i, lane]

@@ -125,8 +125,9 @@ def record_states(Z, states, flights, n, sample):
 def follow_extremes(Z, E, observed, width, fresh):
     """Add a tick to the extremes ``E[2 channel + side, lane]``; ``fresh`` starts a new bin.
 
-    A bin covers a sample and the ticks before the next one. Rows of the lane memory are compared: as
-    factors are positive and rounding is monotone, these are the extremes of histories, to the bit.
+    A bin covers a sample and the ticks before the next one. Rows of the lane memory are compared:
+    as factors are positive and rounding is monotone, these are the extremes of histories, to the
+    bit.
     """
     for lane in range(width):
         E[HIDDEN, lane] = 0.0 if Z[s.COUNTED, lane] > 0.0 else math.nan

@@ -1,10 +1,11 @@
 """Cycles of an angle about its command while the reference is settled.
 
-Zero is the mean of the error since the settled interval started. A side ends when the error is on the
-other side by half the distance of the side's farthest point, and at least 0.01 deg. Three successive
-sides, the last one possibly cut off by the end of the interval or flight, form a cycle if the smaller of
-the two swings between their farthest points is at least half the larger. The size of the cycle is the
-larger swing of the error, its frequency 1 / (time from the first of the three points to the third).
+Zero is the mean of the error since the settled interval started. A side ends when the error is on
+the other side by half the distance of the side's farthest point, and at least 0.01 deg. Three
+successive sides, the last one possibly cut off by the end of the interval or flight, form a cycle
+if the smaller of the two swings between their farthest points is at least half the larger. The size
+of the cycle is the larger swing of the error, its frequency 1 / (time from the first of the three
+points to the third).
 """
 
 import math
@@ -12,9 +13,9 @@ import math
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import larger
 
-# Rows of one angle: mean; farthest point of this side (NaN before the first) and its tick; farthest point
-# of the previous side and its tick; the swing to that point and the tick of its start; size (deg) and
-# frequency (Hz) of the largest complete cycle.
+# Rows of one angle: mean; farthest point of this side (NaN before the first) and its tick; farthest
+# point of the previous side and its tick; the swing to that point and the tick of its start; size
+# (deg) and frequency (Hz) of the largest complete cycle.
 MEAN, FARTHEST, TICK, LAST, LAST_TICK, SWING, FIRST_TICK, LARGEST, FREQUENCY = range(9)
 N_RIPPLE_ROWS = 9
 LEAST = 0.01  # deg, smallest distance on the other side that ends a side
@@ -35,8 +36,8 @@ def begin_stretch(Z, width, row):
 def watch_sides(Z, width, row, error, factor, share, tick):
     """Update the sides and return in how many lanes the error has changed sides.
 
-    The error (deg) is row ``error`` times ``factor``. ``share`` is the weight of this tick in the mean,
-    1 / ticks of the interval. Call :func:`change_side` for changes.
+    The error (deg) is row ``error`` times ``factor``. ``share`` is the weight of this tick in the
+    mean, 1 / ticks of the interval. Call :func:`change_side` for changes.
     """
     changes = 0.0
     for lane in range(width):

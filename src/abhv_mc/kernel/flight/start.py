@@ -28,9 +28,9 @@ def multiply(a0, a1, a2, a3, b0, b1, b2, b3):
 def start_flights(Z, width, initial_state):
     """Set the initial state of every lane from the nominal state and its parameters.
 
-    An error in speed keeps the flow angles. Errors in heading and flight path rotate velocity and body
-    together, in bank the body about the velocity, in angle of attack and sideslip the body relative to
-    the velocity. Without errors the state is unchanged.
+    An error in speed keeps the flow angles. Errors in heading and flight path rotate velocity and
+    body together, in bank the body about the velocity, in angle of attack and sideslip the body
+    relative to the velocity. Without errors the state is unchanged.
     """
     for lane in range(width):
         for i in range(s.N_STATES):

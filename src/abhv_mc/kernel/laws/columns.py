@@ -18,8 +18,10 @@ REFERENCE = (
     "north",  # integral of the north ground speed at altitude
     "east",
     "latitude",
-    "settled",  # 0 in ramps or steps of an S and 5 s after, else ticks of the settled interval: 1, 2, ...
-    "track_north",  # constant unit vector of positive cross-track error (left of the initial heading)
+    # 0 in ramps or steps of an S and 5 s after, else ticks of the settled interval: 1, 2, ...
+    "settled",
+    # constant unit vector of positive cross-track error (left of the initial heading)
+    "track_north",
     "track_east",
     "density",  # nominal air and gravity at the reference
     "sound_speed",
@@ -79,8 +81,8 @@ LQR_GAINS = (
 LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
 LQR_SETTINGS = _LIMITS
 
-# Replay of published flights without a law: deflections and equivalence ratio at the tick, then their
-# slopes to the next tick.
+# Replay of published flights without a law: deflections and equivalence ratio at the tick, then
+# their slopes to the next tick.
 RECORDED_GAINS = (
     *("aileron", "rudder", "elevator", "equivalence_ratio"),
     *("aileron_rate", "rudder_rate", "elevator_rate", "equivalence_ratio_rate"),

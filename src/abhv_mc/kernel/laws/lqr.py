@@ -1,7 +1,8 @@
 """LQR baseline, one control tick in lanes: guidance (22) and attitude (23).
 
 Zhu & Shen (2014), section 7. Gains of each tick are computed before the flight
-(abhv_mc.control.design.lqr_design); deviations are from the reference and the coordinated-turn rates.
+(abhv_mc.control.design.lqr_design); deviations are from the reference and the coordinated-turn
+rates.
 """
 
 from abhv_mc.kernel.jit import lanes

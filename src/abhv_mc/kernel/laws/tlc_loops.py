@@ -1,9 +1,9 @@
 """Sub-loops 3 and 4 of TLC as pure scalar functions: inverses and time-varying PI gains.
 
-Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's matrix element
-Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, a state's integral before
-the state) gives the linearized closed loop its prescribed dynamics: ``B K = A - A_c`` with the rows of
-``A_c`` ``[-a1, -a2]`` for each channel. SI and radians.
+Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's
+matrix element Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, a
+state's integral before the state) gives the linearized closed loop its prescribed dynamics: ``B K =
+A - A_c`` with the rows of ``A_c`` ``[-a1, -a2]`` for each channel. SI and radians.
 """
 
 from typing import NamedTuple
@@ -97,7 +97,8 @@ def attitude_gains(point, p, r, spectrum):
     bank_by_beta = normal - gravity * cs + point.tan_gamma * cs * side_slope
     bank_by_bank = point.tan_gamma * (normal * cs - side * ss) + spectrum.a2_2
 
-    # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]]: p and r turn the rows of beta and bank by alpha.
+    # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]]: p and r turn the rows of beta and bank
+    # by alpha.
     p_by_alpha, r_by_alpha = (
         sa * beta_by_alpha + ca * bank_by_alpha,
         sa * bank_by_alpha - ca * beta_by_alpha,

@@ -76,8 +76,8 @@ def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
 def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
     """Look up trimmed lift, drag, thrust, and slopes of lift and thrust with alpha.
 
-    The five results are in the rows from ``first_row``. The arguments are Mach number, angle of attack
-    and equivalence ratio.
+    The five results are in the rows from ``first_row``. The arguments are Mach number, angle of
+    attack and equivalence ratio.
     """
     follow(Z, W, s.V_MACH, trim, 0, cells)
     follow(Z, W, alpha_row, trim, 1, cells)

@@ -1,10 +1,11 @@
 """Nominal controls along a trajectory, by nested Brent searches.
 
 Zhu and Shen 2014, section 4.3, equation (12): angle of attack, bank and equivalence ratio for given
-accelerations, on the trim tables. The paper solves its three equations in turn; its pass of bank and
-angle of attack multiplies the error by ``-tan^2 bank`` and diverges beyond 45 deg. Here each residual
-of the second equation computes the bank explicitly by the third, and each residual of the first solves
-the second for the angle of attack. Each search brackets the only root of a monotone function.
+accelerations, on the trim tables. The paper solves its three equations in turn; its pass of bank
+and angle of attack multiplies the error by ``-tan^2 bank`` and diverges beyond 45 deg. Here each
+residual of the second equation computes the bank explicitly by the third, and each residual of the
+first solves the second for the angle of attack. Each search brackets the only root of a monotone
+function.
 """
 
 from typing import NamedTuple

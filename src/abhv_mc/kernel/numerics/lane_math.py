@@ -1,12 +1,13 @@
 """Elementary functions without libm, so that loops over lanes become SIMD code.
 
-A call into libm prevents vectorization; these functions consist of arithmetic, selects and one bitcast.
-Errors are within 2 ulp on the ranges in the docstrings. Floating point is strict, without fused
-multiply-add, so plain Python gives the same bits. Non-finite input follows IEEE arithmetic and never
-raises an exception.
+A call into libm prevents vectorization; these functions consist of arithmetic, selects and one
+bitcast. Errors are within 2 ulp on the ranges in the docstrings. Floating point is strict, without
+fused multiply-add, so plain Python gives the same bits. Non-finite input follows IEEE arithmetic
+and never raises an exception.
 
-Coefficients: own fits, ``tests/reference/fit_lane_math.py``. Reductions: Cody and Waite, "Software Manual for the
-Elementary Functions" (1980), ch. 6-8, 11; splitting of log: Tang, ACM TOMS 16 (1990) 378.
+Coefficients: own fits, ``tests/reference/fit_lane_math.py``. Reductions: Cody and Waite, "Software
+Manual for the Elementary Functions" (1980), ch. 6-8, 11; splitting of log: Tang, ACM TOMS 16 (1990)
+378.
 """
 
 import math
@@ -143,7 +144,8 @@ def sincos(x: float) -> tuple[float, float]:
     rounded = x * _TWO_OVER_PI + _ROUND
     n = rounded - _ROUND
     quadrant = float_bits(rounded) & 3
-    # r + tail = x - n pi/2: the first two products are exact, the sum of the second keeps its rounding error
+    # r + tail = x - n pi/2: the first two products are exact, the sum of the second keeps its
+    # rounding error
     a = x - n * HALF_PI[0]
     b = -(n * HALF_PI[1])
     c = a + b

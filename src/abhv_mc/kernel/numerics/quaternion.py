@@ -1,8 +1,8 @@
 """Attitude as a unit quaternion, scalar first, from body to NED components.
 
 v_N = q v_B q*. Yaw, pitch, roll are the 3-2-1 angles from NED to body. Formulas: Stevens, Lewis and
-Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8. The matrix elements are written out in
-each function, as the compiler shares them between calls with the same quaternion.
+Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8. The matrix elements are written out
+in each function, as the compiler shares them between calls with the same quaternion.
 """
 
 from abhv_mc.kernel.jit import scalar

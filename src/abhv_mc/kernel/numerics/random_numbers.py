@@ -1,7 +1,8 @@
 """Random numbers in flight: L'Ecuyer's MRG32k3a, whose arithmetic is exact in doubles.
 
-P. L'Ecuyer, "Good parameters and implementations for combined multiple recursive random number generators",
-Operations Research 47 (1999) 159. Lane-safe: no integers, the same bits compiled, in batched lanes and in plain Python.
+P. L'Ecuyer, "Good parameters and implementations for combined multiple recursive random number
+generators", Operations Research 47 (1999) 159. Lane-safe: no integers, the same bits compiled, in
+batched lanes and in plain Python.
 """
 
 import math

@@ -32,8 +32,8 @@ def brent(
     """Find a zero of ``function(x, *arguments)`` in [low, high]: (root, iterations, status).
 
     The root is within ``x_tolerance`` (absolute) and a few roundings. Iterations count the function
-    calls after those at the ends. Without a change of sign, or with NaN at an end, the root is the end
-    with the smaller residual.
+    calls after those at the ends. Without a change of sign, or with NaN at an end, the root is the
+    end with the smaller residual.
     """
     # b is the best point so far, c the other end of the bracket, a the point before b.
     # One call site serves the ends and the search, as each call site would be compiled separately.

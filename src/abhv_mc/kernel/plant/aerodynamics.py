@@ -54,8 +54,8 @@ def make_cells(width: int) -> TableCells:
 def find_cells(Z, W, tables, cells):
     """Find cell and fraction of every axis and lane, and count axes outside their grid.
 
-    Flights of a campaign mostly stay in one cell or two neighbouring ones: then no search is needed and
-    the loop over the lanes vectorizes (four times as fast).
+    Flights of a campaign mostly stay in one cell or two neighbouring ones: then no search is needed
+    and the loop over the lanes vectorizes (four times as fast).
     """
     for lane in range(W):
         Z[OUTSIDE, lane] = 0.0
@@ -107,9 +107,9 @@ def interpolate_groups(T, W, tables, cells):
     """Interpolate all tables, T [row, lane], from the cells and fractions.
 
     If lanes share a cell, or two neighbouring cells of a 1-D or 2-D table, they use the same corner
-    values and the loop over the lanes vectorizes. Otherwise each lane loads its own corners and the loop
-    over the contiguous tables vectorizes. The results are the same, bit for bit; a shared cell takes
-    half the time.
+    values and the loop over the lanes vectorizes. Otherwise each lane loads its own corners and the
+    loop over the contiguous tables vectorizes. The results are the same, bit for bit; a shared cell
+    takes half the time.
     """
     data, fraction, weight = tables.data, cells.fraction, cells.weight
     for g in range(tables.group_start.size):

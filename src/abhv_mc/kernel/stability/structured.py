@@ -1,9 +1,9 @@
 """Upper bound of the structured singular value of complex diagonal blocks.
 
-mu(M) <= min over diagonal D of sigma(D M D^-1), which is convex in log D, equal to mu for up to three
-blocks and nearly equal for four. Packard and Doyle, Automatica 29 (1993) 71-109. Scalings start from
-Osborne's balancing, followed by BFGS with a weak Wolfe search, which also works at points where two
-singular values coincide (Lewis and Overton, Math. Program. 141 (2013)).
+mu(M) <= min over diagonal D of sigma(D M D^-1), which is convex in log D, equal to mu for up to
+three blocks and nearly equal for four. Packard and Doyle, Automatica 29 (1993) 71-109. Scalings
+start from Osborne's balancing, followed by BFGS with a weak Wolfe search, which also works at
+points where two singular values coincide (Lewis and Overton, Math. Program. 141 (2013)).
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
 """U.S. Standard Atmosphere 1976 up to 86 km, in lanes: selects, one log and one exp.
 
-"U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers (table 4),
-pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the molecular-scale
-temperature, which is what density and speed of sound need; it is the kinetic temperature up to 80 km
-and exceeds it by 0.04 % at 86 km.
+"U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers
+(table 4), pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the
+molecular-scale temperature, which is what density and speed of sound need; it is the kinetic
+temperature up to 80 km and exceeds it by 0.04 % at 86 km.
 """
 
 import math
@@ -17,10 +17,10 @@ GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), R* / M0: the standard's own R*
 HEAT_CAPACITY_RATIO = 1.4
 
 # A row per layer: geopotential height of the base, m; temperature at the base, K; lapse rate / that
-# temperature, 1/m; rate; pressure at the base, Pa. log(p / p_base) is the rate times log(T / T_base), or in
-# an isothermal layer times the height above its base: -g0 M0 / (R* lapse), or -g0 M0 / (R* T), 1/m. Lapse
-# rates are -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km. Above 86 km the temperature is constant (in the standard
-# to 91 km) and the pressure continues to decrease.
+# temperature, 1/m; rate; pressure at the base, Pa. log(p / p_base) is the rate times log(T /
+# T_base), or in an isothermal layer times the height above its base: -g0 M0 / (R* lapse), or -g0 M0
+# / (R* T), 1/m. Lapse rates are -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km. Above 86 km the temperature
+# is constant (in the standard to 91 km) and the pressure continues to decrease.
 _LAYERS = (
     (0.0, 288.15, -2.2557695644629534e-05, 5.255876113278518, 101325.0),
     (11000.0, 216.65, 0.0, -0.00015768841327629986, 22632.06397346293),
@@ -94,8 +94,8 @@ def air_in_layer(
 def atmosphere(altitude: float) -> tuple[float, float, float, float]:
     """Return (density kg/m3, pressure Pa, temperature K, speed of sound m/s).
 
-    The altitude is geometric, in m. Below 0 m the lowest layer continues; above 86 km the air is isothermal.
-    NaN results in NaN.
+    The altitude is geometric, in m. Below 0 m the lowest layer continues; above 86 km the air is
+    isothermal. NaN results in NaN.
     """
     height = geopotential_height(altitude)
     density, pressure, temperature, per_sound_speed = air_in_layer(layer_at(height), height, False)
@@ -106,8 +106,8 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
 def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
     """Compute density and 1 / speed of sound in every lane.
 
-    Flights of a campaign mostly share a layer: then its numbers are scalars, and an isothermal layer
-    needs no logarithm.
+    Flights of a campaign mostly share a layer: then its numbers are scalars, and an isothermal
+    layer needs no logarithm.
     """
     for lane in range(width):
         Z[density_row, lane] = geopotential_height(Z[altitude_row, lane])

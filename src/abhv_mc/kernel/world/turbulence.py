@@ -5,7 +5,8 @@ import math
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.lane_math import exp, log, sincos
 
-# One longitudinal, two lateral, two vertical; then the roll gust, and the lagged lateral and vertical gusts.
+# One longitudinal, two lateral, two vertical; then the roll gust, and the lagged lateral and
+# vertical gusts.
 N_FILTER_STATES = 8
 
 _ROOT3 = math.sqrt(3.0)
@@ -39,8 +40,8 @@ def dryden_first(x, a, dt, noise):
 def dryden_second(x1, x2, a, dt, noise1, noise2, first):
     """Return the next states of the lateral or vertical filter, driven by unit white noise w.
 
-    x1' = -a x1 + w and x2' = -a x2 + x1. At the ``first`` tick the states are drawn from the filter's
-    stationary distribution.
+    x1' = -a x1 + w and x2' = -a x2 + x1. At the ``first`` tick the states are drawn from the
+    filter's stationary distribution.
     """
     s11 = math.sqrt(0.5 / a)
     s21 = 0.25 / (a * a * s11)
@@ -76,8 +77,8 @@ def dryden_second_output(x1, x2, a):
 def roll_gust_sigma(length, span):
     """Return the rms of the roll gust, rad/s, for a vertical gust of 1 m/s rms.
 
-    The spectrum is 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, with the span b (m)
-    and the length L (m).
+    The spectrum is 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, with the span
+    b (m) and the length L (m).
     """
     return math.sqrt(
         0.8

@@ -128,7 +128,8 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Floats) -> Figure:
     """Plot a probability with its interval as flights are added, and the values of the flights.
 
-    ``steps`` [step, 5] are flights, the probabilities by two processes, and the ends of the interval.
+    ``steps`` [step, 5] are flights, the probabilities by two processes, and the ends of the
+    interval.
     """
     figure = new_figure(2.6)
     left, right = figure.subplots(1, 2)

@@ -123,7 +123,10 @@ def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownC
 
 
 def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
-    """Return two campaigns at their common points of unknowns. Raise InputError if their samples differ."""
+    """Return two campaigns at their common points of unknowns.
+
+    Raise InputError if their samples differ.
+    """
     a, b = restrict_to_common_points(a, b)
     require_same_samples(_drawn(a), _drawn(b), a.folder, CampaignFolder(b.folder).samples)
     return a, b
@@ -197,7 +200,10 @@ def select_flights(
 
 
 def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
-    """Compare a campaign with an earlier one on the same samples. Raise InputError if they differ."""
+    """Compare a campaign with an earlier one on the same samples.
+
+    Raise InputError if they differ.
+    """
     earlier = read_flown(baseline)
     before, after = restrict_to_common_points(earlier, results)
     require_same_samples(

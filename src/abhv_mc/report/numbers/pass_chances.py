@@ -89,7 +89,8 @@ def plan_campaign(campaign: Experiment) -> Planned:
     verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []
     for item in campaign.requirements:
-        # With a joint risk each verdict is planned with its share, the first step of Holm's procedure.
+        # With a joint risk each verdict is planned with its share, the first step of Holm's
+        # procedure.
         risk = (
             min(item.consumer_risk, model.family.risk / verdicts)
             if model.family

@@ -12,8 +12,8 @@ from abhv_mc.topics.figure_bands import bands_off
 _MOST_TIMES = 301
 _SIGNALS: dict[str, Signal] = {signal.name: signal for signal in CHANNELS}
 _REFERENCES = {signal.name for signal in REFERENCE_CHANNELS}
-# Errors that are a channel minus the mission's reference. The reference is the same for all flights,
-# so that the bands of the error follow from those of the channel.
+# Errors that are a channel minus the mission's reference. The reference is the same for all
+# flights, so that the bands of the error follow from those of the channel.
 _OFF_REFERENCE = {
     "altitude_error_m": ("altitude_m", "altitude_reference_m"),
     "speed_error_mps": ("speed_mps", "speed_reference_mps"),

@@ -28,7 +28,8 @@ _HEADED = 4  # metrics in the table of a campaign without requirements
 _FAR = 3.0  # ranges of the flights; limits further away are not drawn
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")  # in this order
 STYLES = ("style.css", "flights.css")
-# SVG paths about the centre. There is one shape fewer than colours, so that combinations repeat late.
+# SVG paths about the centre. There is one shape fewer than colours, so that combinations repeat
+# late.
 SHAPES = {
     "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
     "square": "M-3.6-3.6H3.6V3.6H-3.6z",

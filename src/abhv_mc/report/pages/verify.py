@@ -58,7 +58,8 @@ def _report_differences(root: Path) -> Iterator[str]:
     results = read_flown(root)
     comparison = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), comparison)))
-    # Topics of packages that were installed when the report was written, and of those installed now.
+    # Topics of packages that were installed when the report was written, and of those installed
+    # now.
     users = [numbers.pop("topics", {}) for numbers in (written, remade)]
     yield from find_differences(written, remade)
     written, remade = (

@@ -82,7 +82,8 @@ def _climb_corners(
                 return
             corner, best = opposite.pop(), -np.inf
             continue
-        # Gain of each single sign change; the middle is among the first candidates, or was the best.
+        # Gain of each single sign change; the middle is among the first candidates, or was the
+        # best.
         at_middle = before if np.isfinite(before) else values[0]
         alone = {
             int(np.flatnonzero(c != middle)[0]): float(v - at_middle)

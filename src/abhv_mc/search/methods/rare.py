@@ -30,12 +30,15 @@ CONFIDENCE = 0.95
 FEWEST = 4  # repetitions of an estimate
 _WIDEST = 10.0  # high / low of an interval that is still one
 _PRIOR = 4  # repetitions that the chains' own estimate of their spread counts for
-# One level's chains start in the last one's, which the chains' own estimate leaves out: on known cases the
-# repetitions differ 1 to 1.5 times as much (benchmarks/rare_coverage.py); beyond twice they contradict each other.
+# One level's chains start in the last one's, which the chains' own estimate leaves out: on known
+# cases the repetitions differ 1 to 1.5 times as much (benchmarks/rare_coverage.py); beyond twice
+# they contradict each other.
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # of the flights, for importance sampling
-_SEEN = 8.0  # effective failures from which on importance sampling can show a branch left behind, and its end counts
+# effective failures from which on importance sampling can show a branch left behind, and its end
+# counts
+_SEEN = 8.0
 _ENOUGH = 30.0  # effective failures from which it replaces the estimate
 EXPECTED = 100.0  # effective failures with which it may say that the estimate is too high
 _HEAVY = 1.5  # factor of its spread, for heavy weights that most samples miss

@@ -29,7 +29,8 @@ _KEPT = 8  # of a chain's last points
 LOOK_FLIGHTS = _DIRECTIONS + _CHAINS * _LOOK_STEPS
 
 MOST_SAMPLED = 20  # dimensions; beyond, the weights of a fitted covariance degenerate
-_INFLATION = 1.3  # of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
+# of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
+_INFLATION = 1.3
 _MOST_POINTS = 1000  # that a mixture is fitted to
 _MOST_COMPONENTS = 6
 _STEPS = 30  # of a fit

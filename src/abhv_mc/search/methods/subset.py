@@ -27,7 +27,9 @@ ACCEPTANCE = 0.44  # optimal for these chains: Papaioannou et al., section 4
 class Level:
     """Level of one repetition."""
 
-    threshold: float  # severity from which on a point belongs to the next level; the last level's is the requirement's
+    # severity from which on a point belongs to the next level; the last level's is the
+    # requirement's
+    threshold: float
     probability: float  # share of this level's points at or above it
     cov: float  # coefficient of variation of that share, the chains' correlation included
     acceptance: float  # share of accepted moves; 1 at the first level, which is drawn freely

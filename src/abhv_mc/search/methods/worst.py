@@ -41,7 +41,8 @@ class WorstCase:
     value: float
     place: Floats  # [dimension]
     history: tuple[Progress, ...]
-    sensitivity: Floats  # [dimension, 2]: change of the value a tenth of the half width below and above; nan outside
+    # [dimension, 2]: change of the value a tenth of the half width below and above; nan outside
+    sensitivity: Floats
     points: Floats  # [evaluation, dimension]
     values: Floats  # [evaluation]
 

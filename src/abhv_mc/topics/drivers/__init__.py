@@ -120,8 +120,8 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     inputs, folded = [], []
     for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
-        # A largest absolute error often grows with a parameter's distance from its median on either side, which
-        # ranks of the parameter do not show.
+        # A largest absolute error often grows with a parameter's distance from its median on either
+        # side, which ranks of the parameter do not show.
         finite = sampled[flights.flight]
         finite = finite[np.isfinite(finite)]  # times of failures that do not occur are infinite
         folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))

@@ -86,7 +86,8 @@ class GlanceRow:
     text: str  # the limit
     limit: float
     below: bool  # whether good values are below it
-    size: float  # unit of the distance: the limit's size, or the first controller's 5 to 95 % range if it is 0
+    # unit of the distance: the limit's size, or the first controller's 5 to 95 % range if it is 0
+    size: float
     cells: Mapping[str, GlanceCell]
 
 
