@@ -72,6 +72,7 @@ RESULTS := benchmarks/results/others
 # Other people's problems, with docs/explanation/on-others-ground.md. AEROBENCH: the folder `code` of AeroBenchVVPython.
 verify-others: $(DEV_INSTALLED)
 	$(OTHERS).reliability --json $(RESULTS)_reliability.json
+	$(OTHERS).surrogate --json $(RESULTS)_surrogate.json
 	$(OTHERS).sensitivity --json $(RESULTS)_sensitivity.json
 	$(OTHERS).rocketpy_table adopt --json $(RESULTS)_rocketpy.json
 	$(if $(AEROBENCH),$(OTHERS).gcas_search $(AEROBENCH) --json $(RESULTS)_gcas.json)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.document import replace_part
-from benchmarks.others import gcas_search, reliability, rocketpy_table, sensitivity
+from benchmarks.others import gcas_search, reliability, rocketpy_table, sensitivity, surrogate
 
 RESULTS = Path(__file__).parents[1] / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "on-others-ground.md"
@@ -22,6 +22,7 @@ HEADS: dict[str, tuple[str, ...]] = {
         *_METHOD,
         *(f"OT {word}" for word in _METHOD),
     ),
+    "surrogate": surrogate.HEADS,
     "sensitivity": (
         "function, input",
         "published: first, total",
@@ -44,6 +45,7 @@ HEADS: dict[str, tuple[str, ...]] = {
 }
 ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "reliability": reliability.describe,
+    "surrogate": surrogate.describe,
     "sensitivity": sensitivity.describe,
     "gcas": gcas_search.describe,
     "rocketpy": rocketpy_table.describe,

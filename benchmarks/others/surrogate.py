@@ -33,6 +33,7 @@ def study(problem: Any, first: int, seeds: int) -> dict[str, Any]:
             for seed in range(first, first + seeds)
         ]
     given = [one for one in estimates if one.refusal is None]
+    missed = [one for one in given if not one.low <= case.probability <= one.high]
     ratios = [one.probability / case.probability for one in given]
     return {
         "case": case.name,
@@ -40,11 +41,12 @@ def study(problem: Any, first: int, seeds: int) -> dict[str, Any]:
         "probability": case.probability,
         "seeds": [first, first + seeds - 1],
         "given": len(given),
-        "right": sum(one.low <= case.probability <= one.high for one in given),
+        "right": len(given) - len(missed),
         "widest": max((one.high / one.low for one in given), default=None),
         "mean_over_published": float(np.mean(ratios)) if given else None,
         "evaluations": float(np.mean([one.flights for one in estimates])),
-        "intervals": [[one.low, one.probability, one.high, one.flights] for one in given],
+        "most_evaluations": max(one.flights for one in estimates),
+        "missed": [f"{one.low:.3g} .. {one.high:.3g}" for one in missed],
         "refusals": sorted({one.refusal for one in estimates if one.refusal}),
     }
 
