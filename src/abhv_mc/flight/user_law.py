@@ -14,6 +14,7 @@ from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
 from abhv_mc.user_code.c_law import find_c_memory, open_c_law
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_filter, compile_law
@@ -29,6 +30,7 @@ from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.actuators import name_effectors
 
 PYTHON = "python"
+_ACCELERATIONS = "|".join(ACCELERATIONS)
 _MORE = "|".join(Measured._fields[s.N_MEASURED :])
 NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
@@ -93,7 +95,7 @@ def open_law(
                 address=address,
                 onboard=onboard,
                 channels=channels,
-                more=int(asks_for_more(plan)),
+                more=asks_for_more(plan),
                 context=context,
             )
     finally:
@@ -107,26 +109,29 @@ def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
     return load_plan_law(plan).mark.dispersable if own else ()
 
 
-def asks_for_more(plan: FlightPlan) -> bool:
-    """Whether the plan's law may look at measured values beyond the ten that every law is given."""
+def asks_for_more(plan: FlightPlan) -> int:
+    """Return 1 if the plan's law may read values beyond the ten that every law is given.
+
+    Return 2 if accelerations may be among them, 0 if there are none.
+    """
     if plan.law not in USER_LAWS:
-        return False
+        return 0
     source = plan_source(plan)
     files = {name: content.decode(errors="replace") for name, content in source.files}
+    texts, before, copies = [source.text], r"\.", ""
     if plan.law == "c":
-        unknown = (source.recipe or {})[
-            "library"
-        ] is not None  # a library does not say, nor a struct copied whole
-        return unknown or any(
-            re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in files.values()
-        )
-    if plan.law == PYTHON and "measured" not in load_plan_law(plan).arguments:
-        return False
-    texts = (
-        source.text,
-        *(text for name, text in files.items() if plan.law == PYTHON and name.endswith(".py")),
-    )
-    return any(re.search(rf"\.({_MORE})\b", text) for text in texts)
+        if (source.recipe or {})["library"] is not None:
+            return 2  # a library does not say what it reads
+        texts, before, copies = [*files.values()], r"\b", "|memcpy|memmove"  # of the whole struct
+    elif plan.law == PYTHON:
+        if "measured" not in load_plan_law(plan).arguments:
+            return 0
+        texts += [text for name, text in files.items() if name.endswith(".py")]
+
+    def reads(names: str) -> bool:
+        return any(re.search(rf"{before}({names})\b", text) for text in texts)
+
+    return 2 if reads(_ACCELERATIONS + copies) else int(reads(_MORE))
 
 
 def sees_onboard(plan: FlightPlan) -> bool:
@@ -141,7 +146,7 @@ def sees_onboard(plan: FlightPlan) -> bool:
 
 def measured_count(plan: FlightPlan) -> int:
     """How many measured values the plan's law may look at."""
-    return s.N_SEEN if asks_for_more(plan) else s.N_MEASURED
+    return (s.N_MEASURED, s.N_SEEN - len(ACCELERATIONS), s.N_SEEN)[asks_for_more(plan)]
 
 
 def load_plan_law(plan: FlightPlan) -> Law:

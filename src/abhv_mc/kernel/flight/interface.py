@@ -52,7 +52,7 @@ class UserCode(NamedTuple):
     address: int  # of its machine code, 0 for none
     onboard: int  # 1 where it wants the nominal vehicle
     channels: int  # address of the user's own channels, 0 for none
-    more: int  # 1 where it may ask for more than the ten measured values
+    more: int  # 1 where it may ask for more than the ten measured values, 2 also for accelerations
     context: int = 0  # address of what the law's machine code works on, 0 for none
     aerodynamics: int = 0  # addresses of the vehicle's own functions, 0 for tables
     propulsion: int = 0
