@@ -86,9 +86,7 @@ def open_law(
         )
         address, context = made.address, made.context
     if plan.channels_hash:
-        channels = int(
-            compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address
-        )
+        channels = int(compile_plan_channels(plan, width).address)
     try:
         with open_vehicle(plan, width) as vehicle:
             yield vehicle._replace(
@@ -101,6 +99,14 @@ def open_law(
     finally:
         if plan.law in NATIVE:
             made.close()
+
+
+def compile_plan_channels(plan: FlightPlan, width: int) -> Any:
+    """Return the compiled channels of a plan. Raise InputError."""
+    law = load_plan_law(plan) if plan.law == PYTHON else None
+    remembers = law is not None and law.mark.compiled and "memory" in law.arguments
+    memory = law.memory if law is not None and remembers else None
+    return compile_channels(_checked(plan.channels_source, plan.channels_hash), width, memory)
 
 
 def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
