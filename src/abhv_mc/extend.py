@@ -54,6 +54,7 @@ from abhv_mc.user_code.law_interface import (
     Thrust,
 )
 from abhv_mc.user_code.module import CHANNEL, CONTROLLER, DYNAMICS, ChannelMark, ControllerMark
+from abhv_mc.user_code.small_matrices import cholesky, matmul, solve
 from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  spoken as functions
 from abhv_mc.user_code.table import Table as table  # noqa: N813
 
@@ -74,6 +75,7 @@ __all__ = [
     "asin",
     "atan2",
     "channel",
+    "cholesky",
     "clamp",
     "controller",
     "cos",
@@ -81,12 +83,14 @@ __all__ = [
     "exp",
     "larger",
     "log",
+    "matmul",
     "measurement_filter",
     "power",
     "scattered",
     "sin",
     "sincos",
     "smaller",
+    "solve",
     "sqrt",
     "table",
     "tan",

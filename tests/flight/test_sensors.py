@@ -10,7 +10,12 @@ from abhv_mc.flight.fly import fly
 from abhv_mc.kernel.flight import sensors
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, MORE_SENSORS, SCALED_SENSORS
+from abhv_mc.kernel.plant.parameter_names import (
+    ACCELERATIONS,
+    ALL_SENSORS,
+    MORE_SENSORS,
+    SCALED_SENSORS,
+)
 from abhv_mc.user_code.law_interface import Measured
 
 DT = 0.01
@@ -107,7 +112,19 @@ SEEN = {  # in which channel of an eastbound flight with 30 m/s of tail wind, an
 }
 
 
-@pytest.mark.parametrize("name", MORE_SENSORS)
+def test_noise_of_accelerations_is_random_numbers_of_their_own():
+    errors = {"mach_noise": 0.1, "noise_seed": 0.4}
+    alone = measure(lanes_with(**errors), "mach", np.zeros(4000))
+    noises = {f"{name}_noise": 0.2 for name in ACCELERATIONS}
+    np.testing.assert_array_equal(
+        measure(lanes_with(**errors, **noises), "mach", np.zeros(4000)), alone
+    )
+    axes = [measure(lanes_with(**noises, noise_seed=0.4), x, np.zeros(4000)) for x in ACCELERATIONS]
+    np.testing.assert_allclose(np.std(axes, axis=1), 0.2, rtol=0.05)
+    assert np.abs(np.corrcoef([alone, *axes]) - np.eye(4)).max() < 0.05
+
+
+@pytest.mark.parametrize("name", [*MORE_SENSORS, *ACCELERATIONS])
 def test_a_custom_law_receives_additional_measurements_with_their_errors(tmp_path, name):
     plan = short_plan(30, write_law(tmp_path, WATCH.format(name=name)), "level")
     wind = {"wind.east": 30.0}

@@ -54,9 +54,13 @@ def stability(plan, points, dispersions):
     return analyse(linearize(plan, points.points), 1000)
 
 
-@pytest.mark.parametrize("law", [pytest.param("inversion", marks=pytest.mark.thorough), "filtered"])
+@pytest.mark.parametrize(
+    "law", [pytest.param("inversion", marks=pytest.mark.thorough), "filtered", "felt"]
+)
 def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law, tmp_path):
-    plan, _ = plans_of(CONFIGS / "inversion.yaml" if law == "inversion" else write_law(tmp_path))
+    altitude = "0.01 * (measured.acceleration_z + 9.8) - 1e-4" if law == "felt" else "1e-4"
+    own = write_law(tmp_path, altitude=altitude)
+    plan, _ = plans_of(CONFIGS / "inversion.yaml" if law == "inversion" else own)
     # The fuel's mass is no state of the model.
     assert_predicted(plan, parameters(propulsion__specific_impulse=1e9), 100, 100, every=4)
 

@@ -46,6 +46,7 @@ int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double 
     %s
     double alpha = r->angle_of_attack - s->path[1] * (m->flight_path_angle - r->flight_path_angle);
     double bank = abhv_wrap(m->bank - r->bank) + 0.01 * (m->mach - 6.0) + 0.1 * m->pitch + 1e-5 * m->cross_track;
+    bank += 1e-3 * m->acceleration_y;
     c->equivalence_ratio = r->equivalence_ratio - 0.02 * (m->speed - r->speed) - gain() * *own->at;
     c->elevator = r->elevator + 2.0 * (m->angle_of_attack - alpha) + 1.5 * m->pitch_rate;
     c->aileron = -0.26 * bank - 1.2 * m->sideslip - 0.08 * m->roll_rate + 0.06 * m->yaw_rate;
@@ -69,6 +70,7 @@ int abhv_law_state_set(void *state, const double *values) {
 PLAIN = HEAD + INIT + STEP % "" + GET_SET
 BANK = "wrap(measured.bank - reference.bank)"
 MORE = f"{BANK} + 0.01 * (measured.mach - 6.0) + 0.1 * measured.pitch + 1e-5 * measured.cross_track"
+MORE += " + 1e-3 * measured.acceleration_y"
 PYTHON = CASCADE.format(compiled="").replace(BANK, MORE)
 
 

@@ -14,6 +14,7 @@ from abhv_mc.kernel.flight.interface import UserCode
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
 from abhv_mc.user_code.c_law import find_c_memory, open_c_law
 from abhv_mc.user_code.child import in_child, may_run_here
 from abhv_mc.user_code.compiled import compile_filter, compile_law
@@ -29,6 +30,7 @@ from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.actuators import name_effectors
 
 PYTHON = "python"
+_ACCELERATIONS = "|".join(ACCELERATIONS)
 _MORE = "|".join(Measured._fields[s.N_MEASURED :])
 NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
@@ -86,21 +88,27 @@ def open_law(
         )
         address, context = runner.address, runner.context
     if plan.channels_hash:
-        channels = int(
-            compile_channels(_checked(plan.channels_source, plan.channels_hash), width).address
-        )
+        channels = int(compile_plan_channels(plan, width).address)
     try:
         with open_vehicle(plan, width) as vehicle:
             yield vehicle._replace(
                 address=address,
                 onboard=onboard,
                 channels=channels,
-                more=int(uses_extra_measurements(plan)),
+                more=extra_measurements(plan),
                 context=context,
             )
     finally:
         if plan.law in NATIVE:
             runner.close()
+
+
+def compile_plan_channels(plan: FlightPlan, width: int) -> Any:
+    """Return the compiled channels of a plan. Raise InputError."""
+    law = load_plan_law(plan) if plan.law == PYTHON else None
+    remembers = law is not None and law.mark.compiled and "memory" in law.arguments
+    memory = law.memory if law is not None and remembers else None
+    return compile_channels(_checked(plan.channels_source, plan.channels_hash), width, memory)
 
 
 def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
@@ -109,26 +117,33 @@ def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
     return load_plan_law(plan).mark.dispersable if is_commanding else ()
 
 
-def uses_extra_measurements(plan: FlightPlan) -> bool:
-    """Return whether the law may read measurements beyond the ten that every law receives."""
+def extra_measurements(plan: FlightPlan) -> int:
+    """Return 1 if the plan's law may read measurements beyond the ten that every law receives.
+
+    Return 2 if accelerations may be among them, 0 if there are none.
+    """
     if plan.law not in USER_LAWS:
-        return False
+        return 0
     source = plan_source(plan)
     files = {name: content.decode(errors="replace") for name, content in source.files}
+    texts, before, copies = [source.text], r"\.", ""
     if plan.law == "c":
-        is_opaque = (source.recipe or {})[
-            "library"
-        ] is not None  # a library's use is unknown, as is that of a copied struct
-        return is_opaque or any(
-            re.search(rf"\b({_MORE}|memcpy|memmove)\b", text) for text in files.values()
-        )
-    if plan.law == PYTHON and "measured" not in load_plan_law(plan).arguments:
-        return False
-    texts = (
-        source.text,
-        *(text for name, text in files.items() if plan.law == PYTHON and name.endswith(".py")),
-    )
-    return any(re.search(rf"\.({_MORE})\b", text) for text in texts)
+        if (source.recipe or {})["library"] is not None:
+            return 2  # which measurements a library reads is unknown
+        texts, before, copies = (
+            [*files.values()],
+            r"\b",
+            "|memcpy|memmove",
+        )  # copies of the whole struct
+    elif plan.law == PYTHON:
+        if "measured" not in load_plan_law(plan).arguments:
+            return 0
+        texts += [text for name, text in files.items() if name.endswith(".py")]
+
+    def reads(names: str) -> bool:
+        return any(re.search(rf"{before}({names})\b", text) for text in texts)
+
+    return 2 if reads(_ACCELERATIONS + copies) else int(reads(_MORE))
 
 
 def sees_onboard(plan: FlightPlan) -> bool:
@@ -143,7 +158,7 @@ def sees_onboard(plan: FlightPlan) -> bool:
 
 def measured_count(plan: FlightPlan) -> int:
     """Return the number of measurements that the plan's law may read."""
-    return s.N_SEEN if uses_extra_measurements(plan) else s.N_MEASURED
+    return (s.N_MEASURED, s.N_SEEN - len(ACCELERATIONS), s.N_SEEN)[extra_measurements(plan)]
 
 
 def load_plan_law(plan: FlightPlan) -> Law:

@@ -15,6 +15,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.io.units import parse_in_any_unit, parse_in_unit
 from abhv_mc.kernel.plant.parameter_names import (
+    ACCELERATIONS,
     ALL_SENSORS,
     AXES,
     DENSITY_KNOTS_KM,
@@ -87,6 +88,7 @@ _UNITS = {
     **dict.fromkeys(("speed", "airspeed", "equivalent_airspeed"), "m/s"),
     **dict.fromkeys(("mach", "load_factor"), "-"),  # load factor: g
     **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), "rad/s"),
+    **dict.fromkeys(ACCELERATIONS, "m/s2"),
 }
 _SENSED = {name: _UNITS.get(name, "rad") for name in ALL_SENSORS}
 _NAVIGATION = {name: _SENSED[name] for name in SENSORS}

@@ -15,6 +15,7 @@ from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_invalid_sensor_time
+from abhv_mc.flight.user_law import compile_plan_channels
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
@@ -24,7 +25,6 @@ from abhv_mc.simulators.feasibility import asked_in_vain, refuse_input, values_o
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
-from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.vehicle.actuators import axis_limits, drive, name_effectors
 from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, oscillation_conflict
 
@@ -46,7 +46,7 @@ def make_plans(
     for plan in plans.values():
         _check_dispersions(campaign, plan)
         if plan.channels_source is not None:
-            compile_channels(plan.channels_source, LANES)  # before any file is written
+            compile_plan_channels(plan, LANES)  # before any file is written
     return plans
 
 

@@ -19,8 +19,10 @@ from abhv_mc.stability.probe import ask_plant, law_tick
 
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # of the path coordinates
 _MOVE = 2e-5  # of the actuators' positions
-# Of additional measurements of custom laws: m/s, -, g, rad (attitude, position), m, m/s, m.
-_MORE_STEPS = np.array([0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5])
+# Of additional measurements of custom laws: m/s, -, g, rad (attitude, position), m, m/s, m, m/s2.
+_MORE_STEPS = np.array(
+    [0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5, *[1e-3] * 3]
+)
 _CHANGE = 2e-5  # rad: change of a command that a step in the law's memory should cause
 _NO_CHANGE = 1e-14  # below it the memory changes the command only at a later tick
 _TURNING = (path.CHI, path.BANK)  # measured between -180 and 180 deg

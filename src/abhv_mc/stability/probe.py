@@ -32,6 +32,7 @@ from abhv_mc.kernel.laws.columns import N_LIMITS
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.effectors import N_EFFECTOR_ROWS, POSITION
 from abhv_mc.kernel.plant.parameter_names import AXES
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.kernel.stability.probes import (
@@ -116,9 +117,18 @@ def compile_probes(plan: FlightPlan) -> None:
 def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
     """Return lane memories [flight, row] with the measurement, and with active failures."""
     before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
+    numbers, moving = np.arange(len(before)), moving_of(plan, saved)
+    if measured_count(plan) == s.N_SEEN:  # the specific force at the tick, with what sensors feel
+        states = before[:, s.X : s.X + s.N_STATES]
+        positions = np.pad(moving[:, POSITION::N_EFFECTOR_ROWS], ((0, 0), (0, 1)))
+        effectors_at = positions if moving.size else None
+        measured = ask_plant(
+            plan, before, saved.tick, numbers, states, effectors_at=effectors_at
+        ).measured
+        before[:, s.SPECIFIC_X : s.SPECIFIC_X + 3] = measured[:, -3:]
+        before[:, s.SENSED + s.N_SEEN - 3 : s.SENSED + s.N_SEEN] = 0.0
     sensed, acting = np.empty_like(before), np.empty_like(before)
     kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
-    numbers, moving = np.arange(len(before)), moving_of(plan, saved)
     with open_vehicle(plan, LANES) as vehicle:
         arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES), before, moving
         choose_probe(make_probe_begin, plan.lean)(*arguments, numbers, saved.tick, sensed, acting)

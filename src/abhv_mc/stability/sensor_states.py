@@ -18,14 +18,15 @@ from abhv_mc.stability.linear_model import Linear
 from abhv_mc.stability.periods import LONGEST
 from abhv_mc.stability.point_slopes import Points
 
-_LAG, _INTERVAL, _SCALE = (
-    PARAMETER_INDEX[f"sensor.altitude_{what}"] for what in ("lag", "interval", "scale")
+_LAG, _INTERVAL = (
+    np.array([PARAMETER_INDEX[f"sensor.{name}_{error}"] for name in ALL_SENSORS])
+    for error in ("lag", "interval")
 )
 
 
 def sensor_ticks(plan: FlightPlan, parameters: Floats) -> Ints:
     """Return control periods between samples [point, measured] of `parameters`."""
-    ticks = parameters[:, _INTERVAL : _INTERVAL + measured_count(plan)] / plan.timing.tick + 0.5
+    ticks = parameters[:, _INTERVAL[: measured_count(plan)]] / plan.timing.tick + 0.5
     return np.maximum(ticks.astype(np.int64), 1)
 
 
@@ -35,7 +36,7 @@ def _sensors(plan: FlightPlan, points: Points) -> tuple[Floats, Floats, Ints, In
     Lags [point, ...] are in control periods, sample periods [point, ...] in ticks.
     """
     parameters = points.lane[:, s.P : s.P + s.N_PARAMETERS]
-    lag = np.maximum(parameters[:, _LAG : _LAG + measured_count(plan)], 0.0) / plan.timing.tick
+    lag = np.maximum(parameters[:, _LAG[: measured_count(plan)]], 0.0) / plan.timing.tick
     ticks = sensor_ticks(plan, parameters)
     return (
         parameters,
@@ -73,12 +74,9 @@ def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) ->
     """
     parameters, lag, ticks, late, sampled = _sensors(plan, points)
     scale = np.ones_like(lag)
-    scaled = [
-        i for i, name in enumerate(SCALED_SENSORS) if ALL_SENSORS.index(name) < scale.shape[1]
-    ]
-    scale[:, [ALL_SENSORS.index(SCALED_SENSORS[i]) for i in scaled]] = parameters[
-        :, [_SCALE + i for i in scaled]
-    ]
+    for name in SCALED_SENSORS:
+        if (i := ALL_SENSORS.index(name)) < scale.shape[1]:
+            scale[:, i] = parameters[:, PARAMETER_INDEX[f"sensor.{name}_scale"]]
     if not late.size and not sampled.size and (scale == 1.0).all():
         return phases
     if (ticks != ticks[0]).any():

@@ -285,17 +285,18 @@ def _measured_text(lane: Callable[[int], str]) -> str:
 
 
 def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
-    """Return the line that builds a law's memory from its rows, if it has one.
+    """Return the lines that build a law's memory from its rows, if it has one.
 
-    At the start the memory has its default values.
+    At the start the memory has its default values. numba takes no call with more than 30 arguments
+    one of which is a choice.
     """
     if "memory" not in law.arguments:
         return []
     starts = [repr(float(law.memory._field_defaults[field])) for field in law.memory._fields]
-    memory_values = [
-        f"{start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)
+    values = [
+        f"m_{i} = {start} if tick == 0 else {lane(MEMORY + i)}" for i, start in enumerate(starts)
     ]
-    return [f"memory = {tuple_text('Memory', memory_values)}"]
+    return [*values, f"memory = {tuple_text('Memory', (f'm_{i}' for i in range(len(starts))))}"]
 
 
 def _returned(law: Law, name: str) -> str:

@@ -58,6 +58,9 @@ class Measured(NamedTuple):
     east: float
     equivalent_airspeed: float  # m/s, with the density at sea level
     cross_track: float  # m, to the left of the reference's heading at the tick
+    acceleration_x: float  # m/s2, specific force at the centre of gravity in body axes
+    acceleration_y: float
+    acceleration_z: float
 
 
 Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
@@ -260,7 +263,7 @@ ARGUMENTS = (
 _UNITS = {  # of measurements, reference and commands, SI; what is in no group is a plain number
     "m": ("altitude", "north", "east", "radius", "cross_track"),
     "m/s": ("speed", "altitude_rate", "sound_speed", "airspeed", "equivalent_airspeed"),
-    "m/s2": ("speed_rate", "gravity"),
+    "m/s2": ("speed_rate", "gravity", "acceleration_x", "acceleration_y", "acceleration_z"),
     "s": ("time",),
     "kg": ("mass",),
     "kg/m3": ("density",),

@@ -1,12 +1,14 @@
 """Custom channels, compiled like control laws: one number per control tick."""
 
 import functools
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
+from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS, MEMORY
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import X, variable_row
+from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
+from abhv_mc.kernel.plant.state import STATE_INDEX, X, variable_row
 from abhv_mc.user_code.compiled import (
     COMMAND_ROWS,
     REFERENCE_TEXT,
@@ -17,24 +19,35 @@ from abhv_mc.user_code.compiled import (
     tuple_text,
 )
 from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
-from abhv_mc.user_code.load_law import check_functions
+from abhv_mc.user_code.load_law import check_fields, check_functions
 from abhv_mc.user_code.module import CHANNEL as MARK
 from abhv_mc.user_code.module import refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 
-# Rows of the true values, in the order of Measured.
-_PATH = X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI
-_ANGLES = variable_row("angle_of_attack"), variable_row("sideslip"), s.BANK
-_ACTUAL = (*_PATH, *_ANGLES, X + s.ROLL_RATE, X + s.PITCH_RATE, X + s.YAW_RATE)
 # Measurements in every flight; other quantities exist only if the law requests them.
-_Seen: Any = NamedTuple("Measured", [(name, float) for name in Measured._fields[: s.N_MEASURED]])  # type: ignore[misc]
-_ARGUMENTS = ("actual", "measured", "reference", "command", "time", "dt")
+_NAMES = Measured._fields[: s.N_MEASURED]
+_Seen: Any = namedtuple("Measured", _NAMES)  # type: ignore[misc]
+# Rows of the true values, first in the order of Measured.
+_ACTUAL = {
+    **dict(zip(_NAMES, (X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI), strict=False)),
+    **{name: variable_row(name) for name in ("angle_of_attack", "sideslip")},
+    "bank": s.BANK,
+    **{name: X + STATE_INDEX[name] for name in ("roll_rate", "pitch_rate", "yaw_rate")},
+    **{name: X + STATE_INDEX[name] for name in ("latitude", "longitude")},
+    "north": s.NORTH,
+    "east": s.EAST,
+    **{name: s.SPECIFIC_X + i for i, name in enumerate(ACCELERATIONS)},
+    **{name: X + STATE_INDEX[name] for name in ("q0", "q1", "q2", "q3")},
+}
+_Actual: Any = namedtuple("Actual", _ACTUAL)  # type: ignore[misc]
+_ARGUMENTS = ("actual", "measured", "memory", "reference", "command", "time", "dt")
 
 
 @functools.lru_cache(maxsize=16)
-def compile_channels(source: UserSource, width: int) -> Any:
+def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
     """Return the compiled loop over ``width`` lanes, with its ``address``.
 
+    ``memory`` is the class of the memory of the plan's law, None without one that is in the lanes.
     Raise InputError.
     """
     module = run_module(source)
@@ -43,19 +56,28 @@ def compile_channels(source: UserSource, width: int) -> Any:
         if not 1 <= len(functions) <= MAX_CHANNELS:
             raise InputError(source.file, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
         signatures = {name: module.check_arguments(name, _ARGUMENTS) for name in functions}
-        for name in functions:
+        kinds = {"actual": _Actual, "measured": _Seen} | ({"memory": memory} if memory else {})
+        for name, arguments in signatures.items():
+            if "memory" in arguments and not memory:
+                problem = f"'memory' in '{name}', of a controller without one"
+                expected = "controllers that are compiled laws or filters with a Memory"
+                raise InputError(source.file, problem, expected, module.texts[name].lineno)
             check_functions(module, name)
+            check_fields(module, name, {key: kinds[key] for key in arguments if key in kinds})
         names = compiled_names(module)
         names |= {f"_channel_{name}": names[name] for name in functions}
-        names |= {"_Measured": _Seen, "_Reference": Reference, "_Command": MixedCommand}
-        return build(module, _make_loop(signatures, width), names)
+        names |= {"_Measured": _Seen, "_Actual": _Actual, "_Memory": memory}
+        names |= {"_Reference": Reference, "_Command": MixedCommand}
+        fields = memory._fields if memory else ()
+        return build(module, _make_loop(signatures, width, fields), names, f"{fields}")
 
 
-def _make_loop(signatures: dict[str, tuple[str, ...]], width: int) -> str:
+def _make_loop(signatures: dict[str, tuple[str, ...]], width: int, memory: tuple[str, ...]) -> str:
     lane = functools.partial(lane_of, width)
     once = {"reference": REFERENCE_TEXT, "time": "tick * dt"}
     inside = {
-        "actual": tuple_text("Measured", map(lane, _ACTUAL)),
+        "actual": tuple_text("Actual", map(lane, _ACTUAL.values())),
+        "memory": tuple_text("Memory", [lane(MEMORY + i) for i in range(len(memory))]),
         "measured": tuple_text("Measured", [lane(s.MEASURED + i) for i in range(s.N_MEASURED)]),
         "command": tuple_text("Command", map(lane, (*COMMAND_ROWS, s.CMD_ETA))),
     }

@@ -318,8 +318,9 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         plan.timing.steps_per_tick,
     )
     first = 0
-    if active is not None and plan.user_code.dynamics != 0:
-        first = -1  # sensors measure custom dynamics at the state of the tick
+    if active is not None and (plan.user_code.dynamics != 0 or plan.user_code.more > 1):
+        # Sensors measure custom dynamics and the specific force at the state of the tick.
+        first = -1
     for tick in range(first_tick, end):
         move(plan, memory, width, active, tick)
         flying = True

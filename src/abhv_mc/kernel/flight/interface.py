@@ -52,7 +52,7 @@ class UserCode(NamedTuple):
     address: int  # of the law's machine code, 0 for none
     onboard: int  # 1 if the law needs the nominal vehicle
     channels: int  # address of the custom channels, 0 for none
-    more: int  # 1 if the law may read more than the ten measured values
+    more: int  # 1 if the law may read more than the ten measured values, 2 also accelerations
     context: int = 0  # address of data that the law's machine code works on, 0 for none
     aerodynamics: int = 0  # addresses of custom functions of the vehicle, 0 for tables
     propulsion: int = 0

@@ -78,7 +78,8 @@ def measure_air(Z, width, sensing):
 def measure_more(Z, width, reference, tick):
     """Compute the additional measurements of custom laws.
 
-    The load factor is that of the previous step, 1 at the start.
+    The load factor is that of the previous step, 1 at the start. The specific force is that of the
+    tick if the forces have been evaluated at it, which they are for a law that reads it.
     """
     sin_h, cos_h = sincos(reference[tick, ref.HEADING])
     atmosphere_lanes(
@@ -109,3 +110,5 @@ def measure_more(Z, width, reference, tick):
             Z[X + s.LONGITUDE, lane],
         )
         Z[s.M_NORTH, lane], Z[s.M_EAST, lane] = Z[s.NORTH, lane], Z[s.EAST, lane]
+        for i in range(3):
+            Z[s.M_ACCELERATION + i, lane] = Z[s.SPECIFIC_X + i, lane]

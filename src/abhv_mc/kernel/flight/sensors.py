@@ -12,7 +12,12 @@ from abhv_mc.kernel.numerics.angles import wrap
 from abhv_mc.kernel.numerics.lane_math import exp
 from abhv_mc.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc.kernel.plant.disturbance import any_lane, draw_normals, seed_stream
-from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, MORE_SENSORS, SCALED_SENSORS
+from abhv_mc.kernel.plant.parameter_names import (
+    ACCELERATIONS,
+    ALL_SENSORS,
+    MORE_SENSORS,
+    SCALED_SENSORS,
+)
 from abhv_mc.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parameter_row
 
 MAX_DELAY_TICKS = 25
@@ -20,8 +25,10 @@ MAX_DELAY_TICKS = 25
 # Rows of the lane memory, after those of the control law.
 NOISE = LAW + N_LAW_ROWS  # random numbers
 DELAY = NOISE + N_STREAM_ROWS  # the last measurements, a ring buffer
-MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN  # random numbers of the additional measurements
-TRUE = MORE_NOISE + N_STREAM_ROWS  # true values at the last tick
+# Random numbers of the additional measurements and of the accelerations.
+MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
+ACCELERATION_NOISE = MORE_NOISE + N_STREAM_ROWS
+TRUE = ACCELERATION_NOISE + N_STREAM_ROWS  # true values at the last tick
 LATE = TRUE + N_SEEN  # output of sensors with lag at the last tick
 HELD = LATE + N_SEEN  # values held until the next sample
 END_ROW = HELD + N_SEEN
@@ -34,10 +41,16 @@ _DELAY = parameter_row("sensor.delay")
 # Twelve rows each, of the additional measurements.
 _MORE_BIAS = parameter_row(f"sensor.{MORE_SENSORS[0]}_bias")
 _MORE_SIGMA = parameter_row(f"sensor.{MORE_SENSORS[0]}_noise")
-# Rows of all measurements.
-_LAG = parameter_row("sensor.altitude_lag")
-_INTERVAL = parameter_row("sensor.altitude_interval")
+# Three rows each, of the accelerations.
+_ACCELERATION_BIAS = parameter_row(f"sensor.{ACCELERATIONS[0]}_bias")
+_ACCELERATION_SIGMA = parameter_row(f"sensor.{ACCELERATIONS[0]}_noise")
+_ACCELERATION_SCALE = parameter_row(f"sensor.{ACCELERATIONS[0]}_scale")
+_N_EARLIER = N_SEEN - len(ACCELERATIONS)  # sensors apart from the accelerations
 _SCALE = parameter_row("sensor.altitude_scale")
+# Rows of all measurements.
+_LAG = tuple(parameter_row(f"sensor.{name}_lag") for name in ALL_SENSORS)
+_INTERVAL = tuple(parameter_row(f"sensor.{name}_interval") for name in ALL_SENSORS)
+_SCALES = tuple(parameter_row(f"sensor.{name}_scale") for name in SCALED_SENSORS)
 _SCALED = tuple(ALL_SENSORS.index(name) for name in SCALED_SENSORS)
 _TURNS = tuple(
     name in ("heading", "bank", "roll", "yaw", "longitude") for name in ALL_SENSORS
@@ -51,16 +64,21 @@ class SensorErrors(NamedTuple):
     noisy: bool
     delayed: bool
     changed: bool  # lag, scale or interval, or bias or noise of an additional measurement
+    accelerations: bool  # have bias or noise
 
 
 @lanes
 def active_sensor_errors(Z, width):
     """Determine the active sensor errors from the flights' parameters."""
+    accelerations = any_lane(Z, width, _ACCELERATION_BIAS, 2 * len(ACCELERATIONS), 0.0)
     return SensorErrors(
         any_lane(Z, width, _SIGMA, N_MEASURED, 0.0),
         any_lane(Z, width, _DELAY, 1, 0.0),
-        any_lane(Z, width, _MORE_BIAS, 2 * len(MORE_SENSORS) + 2 * N_SEEN, 0.0)
-        or any_lane(Z, width, _SCALE, len(SCALED_SENSORS), 1.0),
+        any_lane(Z, width, _MORE_BIAS, 2 * len(MORE_SENSORS) + 2 * _N_EARLIER, 0.0)
+        or any_lane(Z, width, _SCALE, len(SCALED_SENSORS) - len(ACCELERATIONS), 1.0)
+        or any_lane(Z, width, _ACCELERATION_BIAS, 4 * len(ACCELERATIONS), 0.0)
+        or any_lane(Z, width, _ACCELERATION_SCALE, len(ACCELERATIONS), 1.0),
+        accelerations,
     )
 
 
@@ -69,7 +87,7 @@ def lag_and_scale(Z, width, dt, tick):
     """Apply lag and scale to the true values; exact for a constant rate within a tick."""
     for i in range(N_SEEN):
         for lane in range(width):
-            true, lag = Z[MEASURED + i, lane], Z[_LAG + i, lane]
+            true, lag = Z[MEASURED + i, lane], Z[_LAG[i], lane]
             ratio = lag / dt
             decayed = 1.0 - exp(-1.0 / ratio) if lag > 0.0 else 1.0
             lag_error, step = Z[TRUE + i, lane] - Z[LATE + i, lane], true - Z[TRUE + i, lane]
@@ -82,7 +100,7 @@ def lag_and_scale(Z, width, dt, tick):
             Z[TRUE + i, lane], Z[LATE + i, lane], Z[MEASURED + i, lane] = true, late, late
     for i in range(len(_SCALED)):
         for lane in range(width):
-            Z[MEASURED + _SCALED[i], lane] *= Z[_SCALE + i, lane]
+            Z[MEASURED + _SCALED[i], lane] *= Z[_SCALES[i], lane]
 
 
 @lanes
@@ -106,6 +124,8 @@ def sense(Z, width, active, dt, tick):
                 Z[MEASURED + i + 1, lane] += Z[_SIGMA + i + 1, lane] * n1
     if active.changed:
         disturb_more(Z, width, tick)
+        if active.accelerations:
+            disturb_accelerations(Z, width, tick)
         hold(Z, width, dt, tick)
     if active.delayed:
         delay(Z, width, dt, tick)
@@ -125,11 +145,26 @@ def disturb_more(Z, width, tick):
 
 
 @lanes
+def disturb_accelerations(Z, width, tick):
+    """Add bias and noise to the accelerations, from a separate random stream."""
+    if tick == 0:
+        seed_stream(Z, width, ACCELERATION_NOISE, _SEED, 2)
+    for lane in range(width):
+        n0, n1 = draw_normals(Z, lane, ACCELERATION_NOISE)
+        n2, _ = draw_normals(Z, lane, ACCELERATION_NOISE)
+        row = MEASURED + _N_EARLIER
+        bias, sigma = _ACCELERATION_BIAS, _ACCELERATION_SIGMA
+        Z[row, lane] += Z[bias, lane] + Z[sigma, lane] * n0
+        Z[row + 1, lane] += Z[bias + 1, lane] + Z[sigma + 1, lane] * n1
+        Z[row + 2, lane] += Z[bias + 2, lane] + Z[sigma + 2, lane] * n2
+
+
+@lanes
 def hold(Z, width, dt, tick):
     """Hold sampled measurements until their next sample."""
     for i in range(N_SEEN):
         for lane in range(width):
-            ticks = max(int(min(Z[_INTERVAL + i, lane] / dt, _LONGEST) + 0.5), 1)
+            ticks = max(int(min(Z[_INTERVAL[i], lane] / dt, _LONGEST) + 0.5), 1)
             value = Z[MEASURED + i, lane] if tick % ticks == 0 else Z[HELD + i, lane]
             Z[HELD + i, lane], Z[MEASURED + i, lane] = value, value
 

@@ -36,7 +36,9 @@ MORE_SENSORS = (
     ),
     *("equivalent_airspeed", "cross_track"),
 )
-ALL_SENSORS = (*SENSORS, *MORE_SENSORS)
+ACCELERATIONS = ("acceleration_x", "acceleration_y", "acceleration_z")  # specific force
+_EARLIER_SENSORS = (*SENSORS, *MORE_SENSORS)
+ALL_SENSORS = (*_EARLIER_SENSORS, *ACCELERATIONS)
 UNSCALED_SENSORS = (
     "flight_path_angle",
     "heading",
@@ -113,10 +115,15 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *_failure_names(ENGINES, ("thrust",)),
     *(f"control.{name}_effectiveness" for name in EFFECTORS),
     *(f"sensor.{name}_bias" for name in MORE_SENSORS),
-    *SENSOR_NOISES[len(SENSORS) :],
-    *(f"sensor.{name}_lag" for name in ALL_SENSORS),
-    *(f"sensor.{name}_interval" for name in ALL_SENSORS),
-    *(f"sensor.{name}_scale" for name in SCALED_SENSORS),
+    *SENSOR_NOISES[len(SENSORS) : len(_EARLIER_SENSORS)],
+    *(f"sensor.{name}_lag" for name in _EARLIER_SENSORS),
+    *(f"sensor.{name}_interval" for name in _EARLIER_SENSORS),
+    *(f"sensor.{name}_scale" for name in SCALED_SENSORS if name not in ACCELERATIONS),
+    *(
+        f"sensor.{name}_{error}"
+        for error in ("bias", "noise", "lag", "interval", "scale")
+        for name in ACCELERATIONS
+    ),
 )
 FAILURE_TIMES = tuple(
     name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time")

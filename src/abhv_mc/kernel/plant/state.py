@@ -139,8 +139,9 @@ M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = ra
     M_LONGITUDE,
     M_NORTH,
     M_EAST,
-) = range(MEASURED + N_MEASURED, COUNTED - 2)
-M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
+) = range(MEASURED + N_MEASURED, COUNTED - 5)
+M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 5, COUNTED - 4
+M_ACCELERATION = COUNTED - 3  # along x, y, z
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
 # Commands of the actuators; factors on rate and effectiveness of the three surfaces; engine: factor on

@@ -1,0 +1,190 @@
+"""Products, Cholesky factors and solutions of small matrices in custom laws: tuples of rows.
+
+Each is a function of plain Python. Compiled code runs it once, while numba compiles, on values that
+emit the instruction of each operation: straight code without memory, with the bits of plain Python.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from abhv_mc.kernel.jit import when_loaded
+
+
+def matmul(a: Any, b: Any) -> Any:
+    """Return the product of two matrices, or of a matrix and a vector."""
+    if not isinstance(b[0], tuple):
+        return tuple(_dot(row, b) for row in a)
+    columns = tuple(zip(*b, strict=True))
+    return tuple(tuple(_dot(row, column) for column in columns) for row in a)
+
+
+def cholesky(a: Any) -> Any:
+    """Return the lower triangular L with L L' = a, of a positive definite matrix.
+
+    The upper triangle of ``a`` is not read. Numbers are NaN if ``a`` is not positive definite.
+    """
+    rows: list[list[Any]] = []
+    for i in range(len(a)):
+        lower: list[Any] = []
+        for j in range(i):
+            lower.append(_ratio(_less(a[i][j], lower, rows[j][:j]), rows[j][j]))
+        rows.append([*lower, _sqrt(_less(a[i][i], lower, lower))])
+    return tuple((*row, *[0.0] * (len(a) - len(row))) for row in rows)
+
+
+def solve(a: Any, b: Any) -> Any:
+    """Return x with a x = b, a vector or a matrix, by elimination with row pivoting."""
+    vector, n = not isinstance(b[0], tuple), len(a)
+    sides = [(side,) for side in b] if vector else b
+    rows: list[Any] = [[*row, *side] for row, side in zip(a, sides, strict=True)]
+    for k in range(n):
+        for i in range(k + 1, n):
+            above, below, swap = rows[k], rows[i], abs(rows[i][k]) > abs(rows[k][k])
+            rows[k] = [_choose(swap, y, x) for x, y in zip(above, below, strict=True)]
+            rows[i] = [_choose(swap, x, y) for x, y in zip(above, below, strict=True)]
+        for i in range(k + 1, n):
+            factor = _ratio(rows[i][k], rows[k][k])
+            rows[i] = [y - factor * x for x, y in zip(rows[k], rows[i], strict=True)]
+    solved: list[Any] = [()] * n
+    for k in reversed(range(n)):
+        known = zip(*solved[k + 1 :], strict=True) if k + 1 < n else [()] * len(rows[k][n:])
+        left = [
+            _less(side, rows[k][k + 1 : n], x) for side, x in zip(rows[k][n:], known, strict=True)
+        ]
+        solved[k] = tuple(_ratio(side, rows[k][k]) for side in left)
+    return tuple(x[0] for x in solved) if vector else tuple(solved)
+
+
+def _dot(x: Any, y: Any) -> Any:
+    (first, *others) = (u * v for u, v in zip(x, y, strict=True))
+    total = first
+    for product in others:
+        total = total + product
+    return total
+
+
+def _less(value: Any, x: Any, y: Any) -> Any:
+    """Return a value less the products of two rows."""
+    for u, v in zip(x, y, strict=True):
+        value = value - u * v
+    return value
+
+
+def _ratio(x: Any, y: Any) -> Any:
+    return math.nan if isinstance(y, float) and y == 0.0 else x / y
+
+
+def _sqrt(x: Any) -> Any:
+    if isinstance(x, _Emitted):
+        return x.call("llvm.sqrt")
+    return math.sqrt(x) if x >= 0.0 else math.nan
+
+
+def _choose(condition: Any, x: Any, y: Any) -> Any:
+    if isinstance(condition, bool):
+        return x if condition else y
+    return _Emitted(x.builder, x.builder.select(condition, x.value, y.value))
+
+
+class _Emitted:
+    """A number of compiled code; its operations emit instructions."""
+
+    def __init__(self, builder: Any, value: Any) -> None:
+        self.builder, self.value = builder, value
+
+    def __add__(self, other: "_Emitted") -> "_Emitted":
+        return _Emitted(self.builder, self.builder.fadd(self.value, other.value))
+
+    def __sub__(self, other: "_Emitted") -> "_Emitted":
+        return _Emitted(self.builder, self.builder.fsub(self.value, other.value))
+
+    def __mul__(self, other: "_Emitted") -> "_Emitted":
+        return _Emitted(self.builder, self.builder.fmul(self.value, other.value))
+
+    def __truediv__(self, other: "_Emitted") -> "_Emitted":
+        return _Emitted(self.builder, self.builder.fdiv(self.value, other.value))
+
+    def __abs__(self) -> "_Emitted":
+        return self.call("llvm.fabs")
+
+    def __gt__(self, other: "_Emitted") -> Any:
+        return self.builder.fcmp_ordered(">", self.value, other.value)
+
+    def call(self, name: str) -> "_Emitted":
+        """Return an intrinsic of LLVM's of the number."""
+        function = self.builder.module.declare_intrinsic(name, [self.value.type])
+        return _Emitted(self.builder, self.builder.call(function, [self.value]))
+
+
+@when_loaded
+def _compile_all() -> None:
+    from llvmlite import ir
+    from numba import types
+    from numba.extending import intrinsic, overload
+
+    def identity(kind: Any, row: int | None = None) -> Any:
+        """Return numbers in the shape of a type of tuples: those of an identity matrix."""
+        if not isinstance(kind, types.BaseTuple):
+            raise TypeError(kind)
+        return tuple(
+            float(i == row) if isinstance(item, types.Number) else identity(item, i)
+            for i, item in enumerate(kind)
+        )
+
+    def type_of(value: Any) -> Any:
+        return (
+            types.Tuple([type_of(item) for item in value])
+            if isinstance(value, tuple)
+            else types.float64
+        )
+
+    def emitted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, types.BaseTuple):
+            return tuple(
+                emitted(context, builder, item, builder.extract_value(value, i))
+                for i, item in enumerate(kind)
+            )
+        return _Emitted(builder, context.cast(builder, value, kind, types.float64))
+
+    def packed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(value, tuple):
+            items = [
+                packed(context, builder, *pair) for pair in zip(kind.types, value, strict=True)
+            ]
+            return context.make_tuple(builder, kind, items)
+        if isinstance(value, _Emitted):
+            return value.value
+        return ir.Constant(ir.DoubleType(), value)
+
+    def make(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Return numba's type of the result and what generates its code, None for misfits."""
+        try:
+            result = type_of(function(*map(identity, arguments)))
+        except (ValueError, IndexError, TypeError):
+            return None
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            parts = (
+                emitted(context, builder, *pair) for pair in zip(arguments, values, strict=True)
+            )
+            return packed(context, builder, result, function(*parts))
+
+        return result(*arguments), generate
+
+    @intrinsic
+    def emit_matmul(typing_context: Any, a: Any, b: Any) -> Any:
+        return make(matmul, (a, b))
+
+    @intrinsic
+    def emit_cholesky(typing_context: Any, a: Any) -> Any:
+        return make(cholesky, (a,))
+
+    @intrinsic
+    def emit_solve(typing_context: Any, a: Any, b: Any) -> Any:
+        return make(solve, (a, b))
+
+    options: Any = {"jit_options": {"forceinline": True}, "strict": False}
+    overload(matmul, **options)(lambda a, b: lambda a, b: emit_matmul(a, b))  # type: ignore[call-arg]  # noqa: PLW0108
+    overload(cholesky, **options)(lambda a: lambda a: emit_cholesky(a))  # type: ignore[call-arg]  # noqa: PLW0108
+    overload(solve, **options)(lambda a, b: lambda a, b: emit_solve(a, b))  # type: ignore[call-arg]  # noqa: PLW0108
