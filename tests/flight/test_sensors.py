@@ -47,7 +47,7 @@ def measure(Z, name, truth):
         Z[s.MEASURED : s.MEASURED + s.N_SEEN] = 0.0
         Z[row] = value
         if active.changed:
-            sensors.lag_and_scale(Z, 1, DT, tick)
+            sensors.lag_and_scale(Z, 1, active, DT, tick)
         sensors.add_biases(Z, 1)
         sensors.sense(Z, 1, active, DT, tick)
         measured.append(Z[row, 0])

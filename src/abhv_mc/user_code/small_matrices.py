@@ -123,9 +123,11 @@ def _compile_all() -> None:
     from numba import types
     from numba.extending import intrinsic, overload
 
+    tuples: Any = types.BaseTuple
+
     def identity(kind: Any, row: int | None = None) -> Any:
         """Return numbers in the shape of a type of tuples: those of an identity matrix."""
-        if not isinstance(kind, types.BaseTuple):
+        if not isinstance(kind, tuples):
             raise TypeError(kind)
         return tuple(
             float(i == row) if isinstance(item, types.Number) else identity(item, i)
@@ -140,7 +142,7 @@ def _compile_all() -> None:
         )
 
     def emitted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-        if isinstance(kind, types.BaseTuple):
+        if isinstance(kind, tuples):
             return tuple(
                 emitted(context, builder, item, builder.extract_value(value, i))
                 for i, item in enumerate(kind)

@@ -175,7 +175,7 @@ def measure(plan, memory, width, active, tick):
     if active is not None:
         instruments(plan, Z, width, active, tick)
         if active.sensor_errors.changed:
-            lag_and_scale(Z, width, tick_length, tick)
+            lag_and_scale(Z, width, active.sensor_errors, tick_length, tick)
     add_biases(Z, width)
     if active is not None:
         sense(Z, width, active.sensor_errors, tick_length, tick)

@@ -47,10 +47,12 @@ _ACCELERATION_SIGMA = parameter_row(f"sensor.{ACCELERATIONS[0]}_noise")
 _ACCELERATION_SCALE = parameter_row(f"sensor.{ACCELERATIONS[0]}_scale")
 _N_EARLIER = N_SEEN - len(ACCELERATIONS)  # sensors apart from the accelerations
 _SCALE = parameter_row("sensor.altitude_scale")
-# Rows of all measurements.
-_LAG = tuple(parameter_row(f"sensor.{name}_lag") for name in ALL_SENSORS)
-_INTERVAL = tuple(parameter_row(f"sensor.{name}_interval") for name in ALL_SENSORS)
-_SCALES = tuple(parameter_row(f"sensor.{name}_scale") for name in SCALED_SENSORS)
+_N_SCALED = len(SCALED_SENSORS) - len(ACCELERATIONS)
+# Rows of all measurements; those of the accelerations do not follow the others.
+_LAG, _INTERVAL = parameter_row("sensor.altitude_lag"), parameter_row("sensor.altitude_interval")
+_LATER_LAG = parameter_row(f"sensor.{ACCELERATIONS[0]}_lag") - _N_EARLIER
+_LATER_INTERVAL = parameter_row(f"sensor.{ACCELERATIONS[0]}_interval") - _N_EARLIER
+_LATER_SCALE = _ACCELERATION_SCALE - _N_SCALED
 _SCALED = tuple(ALL_SENSORS.index(name) for name in SCALED_SENSORS)
 _TURNS = tuple(
     name in ("heading", "bank", "roll", "yaw", "longitude") for name in ALL_SENSORS
@@ -64,30 +66,32 @@ class SensorErrors(NamedTuple):
     noisy: bool
     delayed: bool
     changed: bool  # lag, scale or interval, or bias or noise of an additional measurement
-    accelerations: bool  # have bias or noise
+    accelerations: bool  # have errors; without them only a delay changes them
 
 
 @lanes
 def active_sensor_errors(Z, width):
     """Determine the active sensor errors from the flights' parameters."""
-    accelerations = any_lane(Z, width, _ACCELERATION_BIAS, 2 * len(ACCELERATIONS), 0.0)
+    accelerations = any_lane(Z, width, _ACCELERATION_BIAS, 4 * len(ACCELERATIONS), 0.0) or any_lane(
+        Z, width, _ACCELERATION_SCALE, len(ACCELERATIONS), 1.0
+    )
     return SensorErrors(
         any_lane(Z, width, _SIGMA, N_MEASURED, 0.0),
         any_lane(Z, width, _DELAY, 1, 0.0),
         any_lane(Z, width, _MORE_BIAS, 2 * len(MORE_SENSORS) + 2 * _N_EARLIER, 0.0)
-        or any_lane(Z, width, _SCALE, len(SCALED_SENSORS) - len(ACCELERATIONS), 1.0)
-        or any_lane(Z, width, _ACCELERATION_BIAS, 4 * len(ACCELERATIONS), 0.0)
-        or any_lane(Z, width, _ACCELERATION_SCALE, len(ACCELERATIONS), 1.0),
+        or any_lane(Z, width, _SCALE, _N_SCALED, 1.0)
+        or accelerations,
         accelerations,
     )
 
 
 @lanes
-def lag_and_scale(Z, width, dt, tick):
+def lag_and_scale(Z, width, active, dt, tick):
     """Apply lag and scale to the true values; exact for a constant rate within a tick."""
-    for i in range(N_SEEN):
+    for i in range(N_SEEN if active.accelerations else _N_EARLIER):
+        row = i + (_LAG if i < _N_EARLIER else _LATER_LAG)
         for lane in range(width):
-            true, lag = Z[MEASURED + i, lane], Z[_LAG[i], lane]
+            true, lag = Z[MEASURED + i, lane], Z[row, lane]
             ratio = lag / dt
             decayed = 1.0 - exp(-1.0 / ratio) if lag > 0.0 else 1.0
             lag_error, step = Z[TRUE + i, lane] - Z[LATE + i, lane], true - Z[TRUE + i, lane]
@@ -98,9 +102,10 @@ def lag_and_scale(Z, width, dt, tick):
                 late = wrap(late)
             late = late if lag > 0.0 and tick > 0 else true
             Z[TRUE + i, lane], Z[LATE + i, lane], Z[MEASURED + i, lane] = true, late, late
-    for i in range(len(_SCALED)):
+    for i in range(len(_SCALED) if active.accelerations else _N_SCALED):
+        row = i + (_SCALE if i < _N_SCALED else _LATER_SCALE)
         for lane in range(width):
-            Z[MEASURED + _SCALED[i], lane] *= Z[_SCALES[i], lane]
+            Z[MEASURED + _SCALED[i], lane] *= Z[row, lane]
 
 
 @lanes
@@ -126,7 +131,7 @@ def sense(Z, width, active, dt, tick):
         disturb_more(Z, width, tick)
         if active.accelerations:
             disturb_accelerations(Z, width, tick)
-        hold(Z, width, dt, tick)
+        hold(Z, width, active, dt, tick)
     if active.delayed:
         delay(Z, width, dt, tick)
 
@@ -160,11 +165,12 @@ def disturb_accelerations(Z, width, tick):
 
 
 @lanes
-def hold(Z, width, dt, tick):
+def hold(Z, width, active, dt, tick):
     """Hold sampled measurements until their next sample."""
-    for i in range(N_SEEN):
+    for i in range(N_SEEN if active.accelerations else _N_EARLIER):
+        row = i + (_INTERVAL if i < _N_EARLIER else _LATER_INTERVAL)
         for lane in range(width):
-            ticks = max(int(min(Z[_INTERVAL[i], lane] / dt, _LONGEST) + 0.5), 1)
+            ticks = max(int(min(Z[row, lane] / dt, _LONGEST) + 0.5), 1)
             value = Z[MEASURED + i, lane] if tick % ticks == 0 else Z[HELD + i, lane]
             Z[HELD + i, lane], Z[MEASURED + i, lane] = value, value
 
