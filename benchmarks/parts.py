@@ -37,6 +37,7 @@ from abhv_mc.kernel.laws.tlc import (
 )
 from abhv_mc.kernel.laws.trim_lookup import look_up_trim
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR
 from abhv_mc.kernel.plant.actuators import run_actuators, set_actuators
 from abhv_mc.kernel.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.kernel.plant.air_data import air_data, deflections
@@ -106,7 +107,7 @@ def run_part(plan, lqr_plan, memory, results, part, calls):
         elif part == 5:
             equations_of_motion(Z, width, vehicle, earth, still, active)
         elif part == 6:
-            run_actuators(Z, width, vehicle.constants, step, False)
+            run_actuators(Z, Z, width, vehicle.actuators, 0, FIRST_EFFECTOR, step, False)
             set_actuators(Z, width)
         elif part == 7:
             finish_step(Z, width, step, O[observe.ALIVE])

@@ -11,6 +11,10 @@ from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH as BAND
+from abhv_mc.kernel.plant.actuator_step import COLUMNS, RATE_LIMIT
+from abhv_mc.kernel.plant.actuator_step import HIGH as HIGH_LIMIT
+from abhv_mc.kernel.plant.actuator_step import LOW as LOW_LIMIT
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.simulators.end_sentence import describe_end
 
@@ -37,10 +41,10 @@ def plan():
 
 def test_rate_limits_and_stops_are_followed(plan):
     generator, rows = np.random.default_rng(4), nominal_parameters(16)
-    constants, felt = plan.vehicle.constants, {}
+    surfaces, felt = dict(zip(COLUMNS, plan.vehicle.actuators[0], strict=True)), {}
     for name in ("bandwidth", "damping", "deflection_limit", "rate_limit"):
         rows[:, PARAMETER_INDEX[f"actuator.{name}"]] *= generator.uniform(0.7, 1.3, 16)
-        nominal = getattr(constants, f"surface_{name.removeprefix('deflection_')}")
+        nominal = surfaces["high" if name == "deflection_limit" else name]
         felt[name] = nominal * rows[:, PARAMETER_INDEX[f"actuator.{name}"], None, None]
     block = fly(plan, rows, record_every=1, keep_states=True)
     at, rate = block.states[:, :, SURFACES], block.states[:, :, RATES]
@@ -59,10 +63,12 @@ def test_rate_limits_and_stops_are_followed(plan):
 
 def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
     # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell of the tables.
-    constants = plan.vehicle.constants._replace(
-        surface_limit=10.0, surface_rate_limit=1e6, surface_bandwidth=20.0
+    constants = plan.vehicle.constants._replace(surface_limit=10.0)
+    actuators = plan.vehicle.actuators.copy()
+    actuators[:3, [LOW_LIMIT, HIGH_LIMIT, RATE_LIMIT, BAND]] = -10.0, 10.0, 1e6, 20.0
+    soft = dataclasses.replace(
+        plan, vehicle=plan.vehicle._replace(constants=constants, actuators=actuators)
     )
-    soft = dataclasses.replace(plan, vehicle=plan.vehicle._replace(constants=constants))
 
     def flown(steps):
         timing = plan.timing._replace(step=0.01 / steps, steps_per_tick=steps, ticks=15)

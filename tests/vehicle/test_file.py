@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.plant.actuator_step import RATE_LIMIT
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -74,7 +75,7 @@ def test_everything_becomes_si_and_radians(write):
     assert (c.thrust_cos, c.thrust_sin, c.thrust_offset_z) == pytest.approx(
         (np.sqrt(0.75), 0.5, 2.0)
     )
-    assert c.surface_rate_limit == pytest.approx(np.radians(400.0))
+    assert vehicle.actuators[:3, RATE_LIMIT] == pytest.approx(np.radians(400.0))
     assert c.angle_of_attack_min == pytest.approx(np.radians(-3.0))
     assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0]]
 

@@ -11,8 +11,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH, DAMPING, IDEAL, KIND
 from abhv_mc.kernel.plant.parameter_names import NEVER
-from abhv_mc.kernel.plant.vehicle import BANDWIDTH, IDEAL, MAX_EFFECTORS
+from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linear_model import NO_EFFECT, STUCK, Linear
 from abhv_mc.stability.periods import law_phases
@@ -26,7 +27,7 @@ from abhv_mc.stability.plant_inputs import (
 )
 from abhv_mc.stability.point_slopes import Points, plant_slopes
 from abhv_mc.stability.sensor_states import add_sensors
-from abhv_mc.vehicle.actuators import list_actuators
+from abhv_mc.vehicle.actuators import surface_list
 
 _N_PATH = len(path.COORDINATES)
 _MEASURED = (
@@ -119,14 +120,11 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 
     `lane` [point, row] is the kernel's memory.
     """
-    c, actuator = (
-        plan.vehicle.constants,
-        list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1],
-    )
-    kinds = [*actuator.tolist(), [c.engine_bandwidth, c.engine_damping, c.ideal_engine]]
-    k = len(kinds)
+    actuators = plan.vehicle.actuators[surface_list(plan.vehicle)]
+    k = len(actuators)
     A, B = np.zeros((len(lane), 2 * k, 2 * k)), np.zeros((len(lane), 2 * k, k))
-    for i, (bandwidth, damping, ideal) in enumerate(kinds):
+    for i, (bandwidth, damping, kind) in enumerate(actuators[:, [BANDWIDTH, DAMPING, KIND]]):
+        ideal = kind == IDEAL
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]

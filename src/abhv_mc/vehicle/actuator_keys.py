@@ -27,6 +27,43 @@ PROPULSION_TABLES = {
 }
 
 
+class Actuator(StrictModel):
+    """How an actuator answers its command."""
+
+    bandwidth: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="natural frequency"
+    )
+    damping: Annotated[float, Positive] | None = Field(default=None, description="damping ratio")
+    ideal: bool = Field(False, description="the position is what is commanded")
+
+    def _refuse_parts(self, rate_limit: float | None, what: str) -> None:
+        """Raise Refusal for an actuator that lacks a part of its dynamics, or is ideal and has one."""
+        parts = self.bandwidth, self.damping, rate_limit
+        if any(parts) if self.ideal else not all(parts):
+            raise Refusal(
+                f"{what} that {'is' if self.ideal else 'is not'} ideal with "
+                f"{sum(part is not None for part in parts)} of bandwidth, damping and rate_limit",
+                "ideal, or bandwidth, damping and rate_limit",
+            )
+
+
+class EngineActuator(Actuator):
+    """How the throttle answers its command."""
+
+    damping: Annotated[float, Positive] | None = Field(
+        default=None, description="damping ratio; left out: 1"
+    )
+    rate_limit: Annotated[Frequency, Positive] | None = Field(
+        default=None, description="greatest rate of the throttle"
+    )
+
+    @model_validator(mode="after")
+    def _check_actuator(self) -> Self:
+        complete = self if self.ideal or self.damping else self.model_copy(update={"damping": 1.0})
+        complete._refuse_parts(self.rate_limit, "an engine")
+        return self
+
+
 class PythonFunction(StrictModel):
     """A function of the vehicle's own, compiled apart from the flight."""
 
@@ -140,7 +177,7 @@ class _Inlets(StrictModel):
         return self
 
 
-class _Propulsion(_Inlets):
+class _Propulsion(EngineActuator, _Inlets):
     specific_impulse: str = Field(description="name of the table of the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
         default=9.80665, description="gravity in the specific impulse"
@@ -151,11 +188,6 @@ class _Propulsion(_Inlets):
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
         description="least and greatest"
     )
-    bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency of the throttle"
-    )
-    damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
-    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
     relight: Relight = Field(Relight(), description="how it comes back after a failure")
 
 
@@ -175,30 +207,11 @@ class ThrustArea(_Propulsion):
     area: str = Field(description="name of the table of thrust over dynamic pressure")
 
 
-class ThrustFunction(PythonFunction, _Inlets):
+class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
     """Thrust as a Python function of the air and the throttle."""
 
     function: str = Field("thrust", description="name of the function")
     throttle: Range = Field((0.0, 1.0), description="least and greatest")
-    ideal: bool = Field(False, description="the throttle is what is commanded")
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="of the throttle"
-    )
-    damping: Annotated[float, Positive] = Field(
-        default=1.0, description="damping ratio of the throttle"
-    )
-    rate_limit: Annotated[Frequency, Positive] | None = Field(
-        default=None, description="greatest rate of the throttle"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "ThrustFunction":
-        if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
-            raise Refusal(
-                "an engine that is ideal and has dynamics, or neither",
-                "ideal, or bandwidth and rate_limit",
-            )
-        return self
 
 
 def _propulsion_kind(value: Any) -> str:
@@ -214,10 +227,17 @@ Propulsion = Annotated[
 ]
 
 
+def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
+    """Return the least and greatest throttle; zeros without an engine."""
+    if engine is None:
+        return 0.0, 0.0
+    return engine.throttle if isinstance(engine, ThrustFunction) else engine.equivalence_ratio
+
+
 AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
-class Effector(StrictModel):
+class Effector(Actuator):
     """One surface: its deflection per deflection of each axis, and its actuator if it has one of its own."""
 
     aileron: float = Field(0.0, description="deflection per aileron command")
@@ -229,11 +249,6 @@ class Effector(StrictModel):
     rate: Annotated[AngularRate, Positive] | None = Field(
         default=None, description="greatest rate of deflection"
     )
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="natural frequency"
-    )
-    damping: Annotated[float, Positive] | None = Field(default=None, description="damping ratio")
-    ideal: bool = Field(False, description="deflections are what is commanded")
 
     @property
     def driven(self) -> bool:
@@ -253,29 +268,15 @@ class Effector(StrictModel):
         return self
 
 
-class Surfaces(StrictModel):
-    """Second-order actuators of the three axis deflections."""
+class Surfaces(Actuator):
+    """Actuators of the three axis deflections, which are alike."""
 
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency")
-    damping: Annotated[float, Positive] = Field(description="damping ratio")
     limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-    rate_limit: Annotated[AngularRate, Positive] = Field(description="greatest rate of deflection")
-
-
-class IdealSurfaces(StrictModel):
-    """Deflections that are what is commanded."""
-
-    ideal: Literal[True] = Field(description="no dynamics")
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-
-
-def _surfaces_kind(value: Any) -> str:
-    return (
-        "ideal" if "ideal" in (value if isinstance(value, dict) else vars(value)) else "actuators"
+    rate_limit: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="greatest rate of deflection"
     )
 
-
-SurfaceKeys = Annotated[
-    Annotated[Surfaces, Tag("actuators")] | Annotated[IdealSurfaces, Tag("ideal")],
-    Discriminator(_surfaces_kind),
-]
+    @model_validator(mode="after")
+    def _check(self) -> "Surfaces":
+        self._refuse_parts(self.rate_limit, "surfaces")
+        return self

@@ -1,4 +1,4 @@
-"""The list of a vehicle's actuators: packed from its file, and asked of the packed vehicle."""
+"""A vehicle's effectors and its list of actuators: packed from its file, and asked of the packed vehicle."""
 
 import math
 from collections.abc import Mapping
@@ -6,19 +6,28 @@ from collections.abc import Mapping
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.kernel.plant.vehicle import HIGH, LOW, VARIABLES, Constants, Effectors, Vehicle
-from abhv_mc.vehicle.actuator_keys import AXIS_DEFLECTIONS, Effector
+from abhv_mc.kernel.plant.actuator_step import (
+    AXES,
+    COLUMNS,
+    ENGINE,
+    FIRST_EFFECTOR,
+    HIGH,
+    IDEAL,
+    LOW,
+    SECOND_ORDER,
+)
+from abhv_mc.kernel.plant.vehicle import VARIABLES, Effectors, Vehicle
+from abhv_mc.vehicle.actuator_keys import AXIS_DEFLECTIONS, Actuator, Effector, throttle_range
+from abhv_mc.vehicle.document import VehicleDocument
 
 _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effector_0")
+_DYNAMICS = ("bandwidth", "damping")
 
 
 def pack_effectors(
-    effectors: Mapping[str, Effector], constants: Constants, named: set[str]
+    effectors: Mapping[str, Effector], named: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """The file's effectors and axes that the aerodynamics name: mix of the former, the list of actuators, names.
-
-    What an effector does not say is as the surfaces have it.
-    """
+    """The file's effectors and axes that the aerodynamics name: mix of the former, all of them, names."""
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named]
     variables = np.array(
         [*(_FIRST + e for e in range(len(effectors))), *_AXES[axes]], dtype=np.int64
@@ -28,21 +37,44 @@ def pack_effectors(
         np.float64,
     )
     mix = np.vstack([own.reshape(-1, 3), np.eye(3)[axes]])
-    rows, c = np.zeros((len(mix), 6)), constants
-    for row, each in zip(rows, [*effectors.values(), *[Effector()] * len(axes)], strict=True):
-        low, high = each.limits or (-c.surface_limit, c.surface_limit)
-        moves = each.rate is not None or each.bandwidth is not None
-        rate, bandwidth = (
-            each.rate or c.surface_rate_limit or math.inf,
-            each.bandwidth or c.surface_bandwidth,
-        )
-        ideal = each.ideal or (c.ideal_surfaces > 0.0 and not moves)
-        row[:] = low, high, rate, bandwidth, each.damping or c.surface_damping, ideal
     letters = np.zeros((len(effectors), max(map(len, effectors), default=0)), dtype=np.int64)
     for i, name in enumerate(effectors):
         letters[i, : len(name)] = [ord(letter) for letter in name]
-    actuators = Effectors(variables, mix, rows, _axis_shares(mix), np.linalg.pinv(mix))
-    return mix[: len(effectors)].copy(), actuators, letters
+    packed = Effectors(variables, mix, _axis_shares(mix), np.linalg.pinv(mix))
+    return mix[: len(effectors)].copy(), packed, letters
+
+
+def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
+    """Return the list of actuators [actuator, column]: three axes, engine, then the number of effectors.
+
+    What an effector does not say is as the surfaces have it; axes among the effectors have those.
+    """
+    surfaces, engine = content.surfaces, content.propulsion
+    low, high = throttle_range(engine)
+    throttle = _row(engine, {"low": low, "high": high}, engine.rate_limit if engine else None)
+    limit = surfaces.limit if surfaces else 0.0
+    axis = _row(surfaces, {"low": -limit, "high": limit}, surfaces.rate_limit if surfaces else None)
+    rows = [axis, axis, axis, throttle]
+    for each in content.effectors.values():
+        low, high = each.limits or (-limit, limit)
+        moves = each.rate is not None or each.bandwidth is not None
+        row = axis | {"low": low, "high": high}
+        row |= {name: x for name in _DYNAMICS if (x := getattr(each, name)) is not None}
+        row["rate_limit"] = each.rate or row["rate_limit"] or math.inf
+        if each.ideal or moves:
+            row["kind"] = IDEAL if each.ideal else SECOND_ORDER
+        rows.append(row)
+    rows += [axis | {"rate_limit": axis["rate_limit"] or math.inf}] * (effectors + 4 - len(rows))
+    return np.array([[row[name] for name in COLUMNS] for row in rows])
+
+
+def _row(
+    keys: Actuator | None, limits: dict[str, float], rate_limit: float | None
+) -> dict[str, float]:
+    """Return a row of the list by columns; what there is not, is there and at rest."""
+    found = {name: (getattr(keys, name) if keys else None) or 1.0 for name in _DYNAMICS}
+    kind = IDEAL if keys and keys.ideal else SECOND_ORDER
+    return {**limits, **found, "rate_limit": rate_limit or 0.0, "kind": kind}
 
 
 def _axis_shares(mix: Floats) -> Floats:
@@ -76,21 +108,15 @@ def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
     )
 
 
-def list_actuators(vehicle: Vehicle) -> Effectors:
-    """The list of actuators but the engine's: of the three axes, or of the effectors."""
-    c = vehicle.constants
-    if c.driven:
-        return vehicle.effectors
-    row = (
-        -c.surface_limit,
-        c.surface_limit,
-        c.surface_rate_limit,
-        c.surface_bandwidth,
-        c.surface_damping,
-    )
-    return Effectors(
-        _AXES, np.eye(3), np.tile((*row, c.ideal_surfaces), (3, 1)), np.zeros((3, 3, 3)), np.eye(3)
-    )
+def surface_list(vehicle: Vehicle) -> Ints:
+    """Return the places in the list of actuators of those at work: surfaces, then the engine."""
+    first = FIRST_EFFECTOR + np.arange(len(vehicle.effectors.mix))
+    return np.append(first if vehicle.constants.driven else np.arange(AXES), ENGINE)
+
+
+def surface_mix(vehicle: Vehicle) -> Floats:
+    """Return the deflections per axis deflection [surface, 3] of the surfaces that have actuators."""
+    return vehicle.effectors.mix if vehicle.constants.driven else np.eye(AXES)
 
 
 def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
@@ -107,9 +133,8 @@ def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Least and greatest deflection (rad) of aileron, rudder or elevator alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
-        for mix, actuator in zip(
-            vehicle.effectors.mix[:, axis], vehicle.effectors.actuator, strict=True
-        ):
+        own = vehicle.actuators[FIRST_EFFECTOR:]
+        for mix, actuator in zip(vehicle.effectors.mix[:, axis], own, strict=True):
             if mix != 0.0:
                 ends = sorted((actuator[LOW] / mix, actuator[HIGH] / mix))
                 low, high = max(low, ends[0]), min(high, ends[1])

@@ -26,10 +26,9 @@ from abhv_mc.vehicle.actuator_keys import (
     AXIS_DEFLECTIONS,
     PROPULSION_TABLES,
     Effector,
-    IdealSurfaces,
     Propulsion,
     PythonFunction,
-    SurfaceKeys,
+    Surfaces,
 )
 from abhv_mc.vehicle.dynamics_keys import Dynamics, Number
 from abhv_mc.vehicle.shared_keys import AngleRange, LoadLimits, Positive, SensingKeys
@@ -258,7 +257,7 @@ class VehicleDocument(StrictModel):
     description: str = Field("", description="what it is and where its numbers come from")
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
-    surfaces: SurfaceKeys | None = Field(
+    surfaces: Surfaces | None = Field(
         default=None, description="actuators of the control surfaces; left out: none"
     )
     effectors: dict[str, Effector] = Field(
@@ -330,7 +329,7 @@ class VehicleDocument(StrictModel):
                     ("effectors", name),
                 )
             dynamics = effector.rate, effector.bandwidth, effector.damping
-            if isinstance(self.surfaces, IdealSurfaces) and any(dynamics) and not all(dynamics):
+            if self.surfaces and self.surfaces.ideal and any(dynamics) and not all(dynamics):
                 expected = "rate, bandwidth and damping, as the surfaces have none"
                 raise Refusal(
                     "an effector without one of its dynamics", expected, ("effectors", name)

@@ -39,6 +39,7 @@ from abhv_mc.kernel.laws.lqr import lqr_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
 from abhv_mc.kernel.laws.user import call_user, own_tick
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import AXES, FIRST_EFFECTOR
 from abhv_mc.kernel.plant.actuators import (
     command_ideal,
     pass_commands,
@@ -291,7 +292,7 @@ def begin_control(plan, memory, width, law, active, tick):
     if active is not None:
         fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
     if law != RECORDED:
-        command_ideal(Z, width, plan.vehicle.constants)
+        command_ideal(Z, width, plan.vehicle.actuators)
     if active is not None:
         begin_effectors(Z, A, width, plan.vehicle)
 
@@ -333,7 +334,8 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
                 if not flying:
                     break
             if stage == 0:
-                run_actuators(Z, width, plan.vehicle.constants, step, law == RECORDED)
+                actuators, recorded = plan.vehicle.actuators, law == RECORDED
+                run_actuators(Z, Z, width, actuators, 0, FIRST_EFFECTOR, step, recorded)
                 if active is not None:
                     run_effectors(Z, A, width, plan.vehicle, step)
             elif stage == 2:
@@ -426,7 +428,8 @@ def start_lanes(plan, memory, width, find, flights, n):
     load_settings(Z, width, plan.parameters, flights, n)
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
-    prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
+    actuators, step = plan.vehicle.actuators, plan.timing.step
+    prepare_actuators(Z, Z, width, actuators, AXES - 1, FIRST_EFFECTOR, step)  # axes are alike
     leave_effectors(Z, width, plan.vehicle)
     start_active(plan, memory, width, find(Z, width, plan))
     start_observing(Z, memory.O, width, plan.counted)

@@ -9,6 +9,14 @@ from typing import NamedTuple
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.angles import clamp
 
+# Columns of ``Vehicle.actuators``, the list of actuators: limits of the position, greatest rate, bandwidth in rad/s,
+# damping ratio, one of the kinds. SI and radians.
+COLUMNS = ("low", "high", "rate_limit", "bandwidth", "damping", "kind")
+LOW, HIGH, RATE_LIMIT, BANDWIDTH, DAMPING, KIND = range(len(COLUMNS))
+KINDS = ("second_order", "ideal")
+SECOND_ORDER, IDEAL = range(len(KINDS))
+AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # places in the list: three axes, the engine, effectors
+
 SUBSTEPS = 16  # short steps of an integrator step
 _TERMS = 40  # of the matrix exponential's series
 

@@ -1,6 +1,8 @@
-"""Surfaces and engine over an integrator step, in lanes.
+"""The list of actuators over an integrator step, in lanes: of the three axes and the engine, then of the effectors.
 
-They depend on their commands alone, which are held over a tick, so they run ahead of the equations of motion.
+They depend on their commands alone, which are held over a tick, so they run ahead of the equations of motion. Those of
+axes and engine have their rows in the memory ``Z``; those of effectors (:mod:`abhv_mc.kernel.plant.effectors`) have a
+memory of their own. ``M`` is the memory of the actuators at work.
 """
 
 from typing import NamedTuple
@@ -10,10 +12,20 @@ from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import (
+    AXES,
+    BANDWIDTH,
+    DAMPING,
     END,
+    ENGINE,
+    FIRST_EFFECTOR,
     FRICTION,
+    HIGH,
+    IDEAL,
+    KIND,
+    LOW,
     MIDDLE,
     N_ACTUATOR_ROWS,
+    RATE_LIMIT,
     REACH,
     SHORT,
     STIFFNESS,
@@ -26,6 +38,11 @@ from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
+# Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of the stages, both after
+# the step, its command, the factor on its rate limit; then what its actuator needs.
+POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
+N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
+
 
 @lanes
 def pass_commands(Z, width):
@@ -35,19 +52,72 @@ def pass_commands(Z, width):
             Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
 
 
+class Actuator(NamedTuple):
+    """Rows of one actuator: position and rate before the step, the stages' position, both after it, its command."""
+
+    position: int
+    rate: int
+    middle: int
+    end: int
+    end_rate: int
+    command: int
+    slowed: int  # factor on the rate limit; the engine has none
+    block: int  # from here on what prepare_actuator makes
+
+
+@scalar
+def actuator_rows(i):
+    """Rows of an actuator of the list in its memory. Surfaces are alike: the three axes share a block."""
+    if i >= FIRST_EFFECTOR:
+        first = (i - FIRST_EFFECTOR) * N_EFFECTOR_ROWS
+        return Actuator(
+            position=first + POSITION,
+            rate=first + MOVES,
+            middle=first + STAGE,
+            end=first + NEXT,
+            end_rate=first + NEXT_RATE,
+            command=first + COMMAND,
+            slowed=first + SLOWED,
+            block=first + BLOCK,
+        )
+    position, rate, block = s.AILERON + i, s.AILERON_RATE + i, s.ACTUATORS
+    if i == ENGINE:
+        position, rate, block = s.ETA, s.ETA_RATE, s.ACTUATORS + N_ACTUATOR_ROWS
+    return Actuator(
+        position=X + position,
+        rate=X + rate,
+        middle=XS + position,
+        end=SUM + position,
+        end_rate=SUM + rate,
+        command=s.ACTUATED + i,
+        slowed=s.RATE_FACTOR + i,
+        block=block,
+    )
+
+
 @lanes
-def prepare_actuators(Z, width, constants, step):
-    """The blocks of the surfaces and of the engine; bandwidth and damping stay over a flight."""
-    for lane in range(width):
-        for engine in range(2):
-            bandwidth = constants.surface_bandwidth * Z[s.K_BANDWIDTH, lane]
-            damping = constants.surface_damping * Z[s.K_DAMPING, lane]
-            if engine:
-                bandwidth = constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane]
-                damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
-            prepare_actuator(
-                Z, lane, s.ACTUATORS + engine * N_ACTUATOR_ROWS, bandwidth, damping, step
-            )
+def limits_of(Z, lane, actuators, i):
+    """Lowest and highest position of an actuator; those of the axes are symmetric."""
+    if i == ENGINE:
+        return actuators[i, LOW], actuators[i, HIGH] * Z[_K_ETA_LIMIT, lane]
+    if i < AXES:
+        limit = actuators[i, HIGH] * Z[s.K_LIMIT, lane]
+        return -limit, limit
+    return actuators[i, LOW] * Z[s.K_LIMIT, lane], actuators[i, HIGH] * Z[s.K_LIMIT, lane]
+
+
+@lanes
+def prepare_actuators(Z, M, width, actuators, first, last, step):
+    """The blocks of actuators of the list; bandwidth and damping stay over a flight."""
+    for i in range(first, last):
+        block = actuator_rows(i).block
+        for lane in range(width):
+            bandwidth, damping = Z[s.K_BANDWIDTH, lane], Z[s.K_DAMPING, lane]
+            if i == ENGINE:
+                bandwidth, damping = Z[s.K_ENGINE_BANDWIDTH, lane], Z[s.K_ENGINE_DAMPING, lane]
+            bandwidth = actuators[i, BANDWIDTH] * bandwidth
+            damping = actuators[i, DAMPING] * damping
+            prepare_actuator(M, lane, block, bandwidth, damping, step)
 
 
 @lanes
@@ -67,42 +137,6 @@ def prepare_actuator(Z, lane, block, bandwidth, damping, step):
     growth = exp(bandwidth * step)
     Z[block + REACH, lane] = 0.5 * (growth + 1.0 / growth)
     Z[block + REACH + 1, lane] = 0.5 * bandwidth * (growth - 1.0 / growth)
-
-
-class Actuator(NamedTuple):
-    """Rows of one actuator: position and rate before the step, the stages' position, both after it, its command."""
-
-    position: int
-    rate: int
-    middle: int
-    end: int
-    end_rate: int
-    command: int
-    block: int  # from here on what prepare_actuator makes
-
-
-@scalar
-def deflection_rows(i):
-    """Rows of aileron, rudder or elevator."""
-    position, rate = s.AILERON + i, s.AILERON_RATE + i
-    return Actuator(
-        X + position,
-        X + rate,
-        XS + position,
-        SUM + position,
-        SUM + rate,
-        s.ACTUATED + i,
-        s.ACTUATORS,
-    )
-
-
-@scalar
-def engine_rows():
-    """Rows of the engine."""
-    block = s.ACTUATORS + N_ACTUATOR_ROWS
-    return Actuator(
-        X + s.ETA, X + s.ETA_RATE, XS + s.ETA, SUM + s.ETA, SUM + s.ETA_RATE, s.ACTUATED + 3, block
-    )
 
 
 @lanes
@@ -163,20 +197,15 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
 
 
 @lanes
-def command_ideal(Z, width, constants):
-    """Deflections and throttle without dynamics: what is commanded for the tick, within the limits, from its start."""
-    if constants.ideal_surfaces > 0.0:
-        for i in range(3):
+def command_ideal(Z, width, actuators):
+    """Axes and engine without dynamics: what is commanded for the tick, within the limits, from its start."""
+    for i in range(FIRST_EFFECTOR):
+        if actuators[i, KIND] == IDEAL:
+            rows = actuator_rows(i)
             for lane in range(width):
-                limit = constants.surface_limit * Z[s.K_LIMIT, lane]
-                place_actuator(
-                    Z, lane, s.AILERON + i, clamp(Z[s.ACTUATED + i, lane], -limit, limit)
-                )
-    if constants.ideal_engine > 0.0:
-        for lane in range(width):
-            highest = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
-            eta = clamp(Z[s.ACTUATED + 3, lane], constants.equivalence_ratio_min, highest)
-            place_actuator(Z, lane, s.ETA, eta)
+                low, high = limits_of(Z, lane, actuators, i)
+                position = clamp(Z[rows.command, lane], low, high)
+                Z[rows.position, lane], Z[rows.middle, lane] = position, position
 
 
 @lanes
@@ -187,42 +216,32 @@ def place_actuator(Z, lane, row, position):
 
 
 @lanes
-def rest_actuator(Z, width, position_row, rate_row):
-    """An actuator that stays where it is through a step."""
-    for lane in range(width):
-        Z[SUM + position_row, lane] = Z[X + position_row, lane]
-        Z[SUM + rate_row, lane] = 0.0
-
-
-@lanes
-def run_actuators(Z, width, constants, step, recorded):
-    """Surfaces and engine through a step, after its first stage."""
+def run_actuators(Z, M, width, actuators, first, last, step, recorded):
+    """Actuators of the list through a step, after its first stage; an ideal one stays where it is."""
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
-    for lane in range(width):
-        limit = constants.surface_limit * Z[s.K_LIMIT, lane]
-        low[lane], high[lane] = -limit, limit
-    for i in range(3):
-        if constants.ideal_surfaces > 0.0 and not recorded:
-            rest_actuator(Z, width, s.AILERON + i, s.AILERON_RATE + i)
+    for i in range(first, last):
+        rows = actuator_rows(i)
+        if actuators[i, KIND] == IDEAL and not recorded:
+            for lane in range(width):
+                M[rows.end, lane] = M[rows.position, lane]
+                M[rows.end_rate, lane] = 0.0
             continue
-        for lane in range(width):
-            rate_limit[lane] = (
-                constants.surface_rate_limit * Z[s.K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
-            )
-        run_actuator(Z, width, deflection_rows(i), low, high, rate_limit, step, recorded)
-    if constants.ideal_engine > 0.0 and not recorded:
-        rest_actuator(Z, width, s.ETA, s.ETA_RATE)
-        return
-    for lane in range(width):
-        low[lane] = constants.equivalence_ratio_min
-        high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
-        rate_limit[lane] = constants.engine_rate_limit * Z[s.K_ENGINE_RATE, lane]
-    run_actuator(Z, width, engine_rows(), low, high, rate_limit, step, recorded)
+        fastest = actuators[i, RATE_LIMIT]
+        if i == first or i >= AXES:  # the axes are alike
+            for lane in range(width):
+                low[lane], high[lane] = limits_of(Z, lane, actuators, i)
+        if i == ENGINE:
+            for lane in range(width):
+                rate_limit[lane] = fastest * Z[s.K_ENGINE_RATE, lane]
+        else:
+            for lane in range(width):
+                rate_limit[lane] = fastest * Z[s.K_RATE, lane] * M[rows.slowed, lane]
+        run_actuator(M, width, rows, low, high, rate_limit, step, recorded)
 
 
 @lanes
 def set_actuators(Z, width):
-    """Surfaces and engine at the end of the step, for its last stage."""
+    """Axes and engine at the end of the step, for its last stage."""
     for i in range(s.AILERON, s.ETA_RATE + 1):
         for lane in range(width):
             Z[XS + i, lane] = Z[SUM + i, lane]

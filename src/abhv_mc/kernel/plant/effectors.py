@@ -11,16 +11,24 @@ from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
-from abhv_mc.kernel.plant.actuators import Actuator, prepare_actuator, run_actuator
+from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR, IDEAL, KIND
+from abhv_mc.kernel.plant.actuators import (
+    COMMAND,
+    MOVES,
+    N_EFFECTOR_ROWS,
+    NEXT,
+    NEXT_RATE,
+    POSITION,
+    SLOWED,
+    STAGE,
+    limits_of,
+    prepare_actuators,
+    run_actuators,
+)
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.state import VAR, XS, X
-from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, HIGH, IDEAL, LOW, MAX_ACTUATORS, RATE
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-# Rows of an effector: position, rate, the position of the stages, both after the step, its command, the factor on its
-# rate limit; then what its actuator needs.
-POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
-N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
 
 
@@ -37,13 +45,6 @@ def mix_axes(Z, lane, mix, e, row):
     for i in range(3):
         mixed += mix[e, i] * Z[row + i, lane]
     return mixed
-
-
-@lanes
-def limits_of(Z, lane, vehicle, e):
-    """Lowest and highest deflection of an effector with an actuator."""
-    actuator, factor = vehicle.effectors.actuator, Z[s.K_LIMIT, lane]
-    return actuator[e, LOW] * factor, actuator[e, HIGH] * factor
 
 
 @lanes
@@ -140,14 +141,12 @@ def share_commands(Z, width, vehicle):
 @lanes
 def start_effectors(Z, A, width, vehicle, step):
     """Effectors where the axes' deflections at the start put them, at rest."""
-    actuator = vehicle.effectors.actuator
-    for e in range(count_driven(vehicle)):
+    actuators, count = vehicle.actuators, count_driven(vehicle)
+    prepare_actuators(Z, A, width, actuators, FIRST_EFFECTOR, FIRST_EFFECTOR + count, step)
+    for e in range(count):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            bandwidth = actuator[e, BANDWIDTH] * Z[s.K_BANDWIDTH, lane]
-            damping = actuator[e, DAMPING] * Z[s.K_DAMPING, lane]
-            prepare_actuator(A, lane, first + BLOCK, bandwidth, damping, step)
-            low, high = limits_of(Z, lane, vehicle, e)
+            low, high = limits_of(Z, lane, actuators, FIRST_EFFECTOR + e)
             mixed = clamp(mix_axes(Z, lane, vehicle.effectors.mix, e, X + s.AILERON), low, high)
             A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
             A[first + MOVES, lane] = 0.0
@@ -180,7 +179,7 @@ def command_effectors(Z, A, width, vehicle):
                 Z[s.EFFECTOR_COMMAND + e, lane],
             )
             asked = mixed if given == math.inf else given
-            low, high = limits_of(Z, lane, vehicle, e)
+            low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             Z[s.EFFECTOR_ASKED + e, lane] = asked
             A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(asked, low, high), 1.0
 
@@ -188,19 +187,18 @@ def command_effectors(Z, A, width, vehicle):
 @lanes
 def begin_effectors(Z, A, width, vehicle):
     """Those without dynamics are where they are commanded, from the tick's start; what is shown of all at the tick."""
-    actuator = vehicle.effectors.actuator
     for lane in range(width):
         Z[s.ANY_SATURATED, lane] = 0.0
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
-        if actuator[e, IDEAL] > 0.0:
+        if vehicle.actuators[FIRST_EFFECTOR + e, KIND] == IDEAL:
             for lane in range(width):
                 A[first + POSITION, lane], A[first + STAGE, lane] = (
                     A[first + COMMAND, lane],
                     A[first + COMMAND, lane],
                 )
         for lane in range(width):
-            low, high = limits_of(Z, lane, vehicle, e)
+            low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
             saturated = high > low and (at <= low or at >= high or asked <= low or asked >= high)
             Z[s.EFFECTOR_AT + e, lane] = at
@@ -212,23 +210,8 @@ def begin_effectors(Z, A, width, vehicle):
 @lanes
 def run_effectors(Z, A, width, vehicle, step):
     """Effectors with actuators of their own through a step, after its first stage."""
-    actuator = vehicle.effectors.actuator
-    low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
-    for e in range(count_driven(vehicle)):
-        first = e * N_EFFECTOR_ROWS
-        if actuator[e, IDEAL] > 0.0:
-            for lane in range(width):
-                A[first + NEXT, lane], A[first + NEXT_RATE, lane] = A[first + POSITION, lane], 0.0
-        else:
-            for lane in range(width):
-                low[lane], high[lane] = limits_of(Z, lane, vehicle, e)
-                rate_limit[lane] = actuator[e, RATE] * Z[s.K_RATE, lane] * A[first + SLOWED, lane]
-            before, after = (
-                (first + POSITION, first + MOVES, first + STAGE),
-                (first + NEXT, first + NEXT_RATE),
-            )
-            rows = Actuator(*before, *after, first + COMMAND, first + BLOCK)
-            run_actuator(A, width, rows, low, high, rate_limit, step, False)
+    last = FIRST_EFFECTOR + count_driven(vehicle)
+    run_actuators(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, last, step, False)
 
 
 @lanes

@@ -158,15 +158,9 @@ class Constants(NamedTuple):
     mass_start: float  # kg
     mass_empty: float  # kg: no fuel below it
     burns_fuel: float  # 1, or 0 for a vehicle whose file gives no empty mass: its mass stays and its engine runs
-    surface_bandwidth: float  # rad/s, the three axis deflections alike
-    surface_damping: float
-    surface_limit: float  # rad
-    surface_rate_limit: float  # rad/s
-    engine_bandwidth: float  # rad/s
-    engine_damping: float
-    equivalence_ratio_min: float
+    surface_limit: float  # rad, greatest axis deflection that a law commands
+    equivalence_ratio_min: float  # least and greatest throttle
     equivalence_ratio_max: float
-    engine_rate_limit: float  # 1/s
     angle_of_attack_min: float  # rad, a flight ends outside
     angle_of_attack_max: float
     sideslip_max: float
@@ -179,21 +173,16 @@ class Constants(NamedTuple):
     relight_delay: float = 0.0  # s from the end of an engine's failure until it begins to come back
     relight_time_constant: float = 0.0  # s, with which it comes back; 0: the engine's own lag
     sensing: Sensing = Sensing()  # what angles and speed are measured against
-    ideal_surfaces: float = 0.0  # 1: deflections are what is commanded
-    ideal_engine: float = 0.0
-    driven: float = 0.0  # 1: the list of actuators is that of Effectors; 0: the three axes, which effectors follow
-
-
-# Columns of ``Effectors.actuator``: rad, rad, rad/s, rad/s, -, and 1 or 0: moves without dynamics.
-LOW, HIGH, RATE, BANDWIDTH, DAMPING, IDEAL = range(6)
+    driven: float = (
+        0.0  # 1: effectors have actuators; 0: the three axes have, which effectors follow
+    )
 
 
 class Effectors(NamedTuple):
-    """The list of actuators where effectors have their own: the file's, then each axis that the aerodynamics name."""
+    """Where effectors have actuators: those of the file, then each axis that the aerodynamics name."""
 
     variable: Ints  # [effector] index into VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    actuator: Floats  # [effector, 6] the columns above; what the file does not say is the surfaces'
     share: Floats  # [axis, effector, effector] an axis' part of deflections, from those of the same set
     axes: Floats  # [axis, effector] pseudo-inverse of the mix: the axes' deflections of the effectors'
 
@@ -208,6 +197,8 @@ class Vehicle(NamedTuple):
         Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
     )
     effectors: Effectors
+    # [actuator, column of actuator_step] aileron, rudder, elevator, engine, then each of the effectors
+    actuators: Floats
     effector_names: Ints  # [effector, letter] code points, zeros behind
     engines: Floats  # [engine, 4] share of the thrust; x, y, z of it from where all of it acts, m; none: one engine
     foreign: Foreign = no_functions()
