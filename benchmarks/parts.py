@@ -107,7 +107,7 @@ def run_part(plan, lqr_plan, memory, results, part, calls):
         elif part == 5:
             equations_of_motion(Z, width, vehicle, earth, still, active)
         elif part == 6:
-            run_actuators(Z, Z, width, vehicle.actuators, 0, FIRST_EFFECTOR, step, False)
+            run_actuators(Z, Z, width, vehicle.actuators, 0, FIRST_EFFECTOR, step, False, active)
             set_actuators(Z, width)
         elif part == 7:
             finish_step(Z, width, step, O[observe.ALIVE])

@@ -21,7 +21,7 @@ from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.actuators import has_slack, name_effectors
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
@@ -129,6 +129,7 @@ class FlightPlan:
         vehicle, foreign = self.vehicle, self.vehicle.foreign
         plain = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
         whole = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
+        whole &= not has_slack(vehicle)
         calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(plain and whole and calm))
 

@@ -99,6 +99,7 @@ def take_point(
     from abhv_mc.stability.points import AT_LIMIT, flown_points, near_nodes
     from abhv_mc.stability.steady import make_steady_plan, trim_points
     from abhv_mc.user_code.vehicle_functions import load_vehicle
+    from abhv_mc.vehicle.actuators import slack_warnings
 
     time: Time = "trim" if isinstance(at, str) and at == "trim" else to_si(at, TIME, "at")
     angle = to_si(bank, ANGLE, "bank")
@@ -114,7 +115,7 @@ def take_point(
         problem = "a vehicle without control surfaces or engine"
         raise InputError(craft.path, problem, "one with both, to fly it with a controller")
     parameters = make_parameters(dispersions, packed)
-    warnings = []
+    warnings = slack_warnings(packed)
     if time == "trim":
         record, user_code = read_law(law)
         try:

@@ -188,6 +188,11 @@ _TABLE: tuple[Parameter, ...] = (
     _factor("engine.damping", "damping ratio of the engine"),
     _factor("engine.rate_limit", "rate limit of the throttle (equivalence ratio)"),
     *(
+        _factor(f"{group}.{name}", f"{noun} of {of}")
+        for group, of in (("actuator", "the surface actuators"), ("engine", "the throttle"))
+        for name, noun in (("dead_zone", "dead zone"), ("backlash", "backlash"))
+    ),
+    *(
         _error(f"initial.{name}", unit, f"error of the {name.replace('_', ' ')} at the start")
         for name, unit in _NAVIGATION.items()
     ),

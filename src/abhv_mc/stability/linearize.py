@@ -1,8 +1,9 @@
 """Linearization of the closed loop about points of flights as a sampled system.
 
-The plant is continuous in path coordinates; surfaces and engine are of second order without limits;
-the zero-order hold over the control period is exact; the controller is represented by the slopes of
-its compiled tick, including its memory. The first dimension of arrays is the point.
+The plant is continuous in path coordinates; surfaces and engine have their kind of actuator without
+limits, dead zones and backlash; the zero-order hold over the control period is exact; the controller
+is represented by the slopes of its compiled tick, including its memory. The first dimension of
+arrays is the point.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import BANDWIDTH, DAMPING, IDEAL, KIND
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH, DAMPING, FIRST_ORDER, IDEAL, KIND
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
@@ -128,6 +129,11 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
+        if kind == FIRST_ORDER:  # its rate follows, almost at once
+            A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
+            A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
+            B[:, 2 * i + 1, i] = _AT_ONCE * w
+            continue
         A[:, 2 * i, 2 * i + 1] = 1.0
         A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(w**2), -2.0 * zeta * w
         B[:, 2 * i + 1, i] = w**2

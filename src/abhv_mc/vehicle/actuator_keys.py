@@ -1,6 +1,7 @@
 """Engine and control surfaces in a vehicle file: tables or functions, actuators, failures, several of each."""
 
 import math
+from collections.abc import Collection
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -27,41 +28,86 @@ PROPULSION_TABLES = {
 }
 
 
+ActuatorKind = Literal["second_order", "first_order", "ideal"]
+_KIND = (
+    "second_order (left out), first_order with the time constant 1 / bandwidth, or ideal: "
+    "the position is what is commanded"
+)
+_DEAD_ZONE = "error between command and position that is not felt, to either side"
+_BACKLASH = "play between the actuator and what it moves, from side to side"
+
+# Keys that each kind of actuator needs; no other of the dynamics belongs to it.
+DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
+    "second_order": ("bandwidth", "damping", "rate_limit"),
+    "first_order": ("bandwidth", "rate_limit"),
+    "ideal": (),
+}
+
+
 class Actuator(StrictModel):
     """How an actuator answers its command."""
 
     bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="natural frequency"
+        default=None, description="natural frequency, or 1 / time constant of a first-order one"
     )
-    damping: Annotated[float, Positive] | None = Field(default=None, description="damping ratio")
-    ideal: bool = Field(False, description="the position is what is commanded")
+    damping: Annotated[float, Positive] | None = Field(
+        default=None, description="damping ratio of a second-order one"
+    )
+    ideal: bool = Field(False, description="true: the same as the kind ideal")
 
-    def _refuse_parts(self, rate_limit: float | None, what: str) -> None:
-        """Raise Refusal for an actuator that lacks a part of its dynamics, or is ideal and has one."""
-        parts = self.bandwidth, self.damping, rate_limit
-        if any(parts) if self.ideal else not all(parts):
-            raise Refusal(
-                f"{what} that {'is' if self.ideal else 'is not'} ideal with "
-                f"{sum(part is not None for part in parts)} of bandwidth, damping and rate_limit",
-                "ideal, or bandwidth, damping and rate_limit",
-            )
+    def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
+        """Return the kind that the file gives, None if it gives none. Raise Refusal for two."""
+        if self.ideal and kind not in (None, "ideal"):
+            raise Refusal(f"an ideal actuator of the kind {kind}", "one of both", ("ideal",))
+        return "ideal" if self.ideal else kind
+
+
+def check_dynamics(kind: ActuatorKind, given: Collection[str], what: str) -> None:
+    """Raise Refusal if the dynamics that are given are not those of a kind of actuator."""
+    needed = DYNAMICS[kind]
+    if set(given) != set(needed):
+        found = f"{what} of the kind {kind} with {' and '.join(sorted(given)) or 'no dynamics'}"
+        raise Refusal(found, " and ".join(needed) or "neither bandwidth nor damping nor a rate")
 
 
 class EngineActuator(Actuator):
     """How the throttle answers its command."""
 
+    throttle_kind: ActuatorKind | None = Field(default=None, description=_KIND)
     damping: Annotated[float, Positive] | None = Field(
-        default=None, description="damping ratio; left out: 1"
+        default=None, description="damping ratio of a second-order one; left out: 1"
     )
     rate_limit: Annotated[Frequency, Positive] | None = Field(
         default=None, description="greatest rate of the throttle"
     )
+    dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
+    backlash: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
+
+    @property
+    def response(self) -> ActuatorKind:
+        """The kind of actuator."""
+        return self._choose_kind(self.throttle_kind) or "second_order"
 
     @model_validator(mode="after")
     def _check_actuator(self) -> Self:
-        complete = self if self.ideal or self.damping else self.model_copy(update={"damping": 1.0})
-        complete._refuse_parts(self.rate_limit, "an engine")
+        given = {name for name in DYNAMICS["second_order"] if getattr(self, name) is not None}
+        if self.response == "second_order":
+            given.add("damping")
+        check_dynamics(self.response, given, "an engine")
         return self
+
+
+class SurfaceActuator(Actuator):
+    """How a surface answers its command."""
+
+    kind: ActuatorKind | None = Field(default=None, description=_KIND)
+    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
+    backlash: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
+
+    @property
+    def response(self) -> ActuatorKind | None:
+        """The kind of actuator; None if the file does not say."""
+        return self._choose_kind(self.kind)
 
 
 class PythonFunction(StrictModel):
@@ -237,7 +283,22 @@ def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
 AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
-class Effector(Actuator):
+class Surfaces(SurfaceActuator):
+    """Actuators of the three axis deflections, which are alike."""
+
+    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
+    rate_limit: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="greatest rate of deflection"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Surfaces":
+        given = {name for name in DYNAMICS["second_order"] if getattr(self, name) is not None}
+        check_dynamics(self.response or "second_order", given, "surfaces")
+        return self
+
+
+class Effector(SurfaceActuator):
     """One surface: its deflection per deflection of each axis, and its actuator if it has one of its own."""
 
     aileron: float = Field(0.0, description="deflection per aileron command")
@@ -259,24 +320,26 @@ class Effector(Actuator):
     def _check(self) -> "Effector":
         if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
             raise Refusal(f"{list(self.limits)} rad", "least and greatest, about 0", ("limits",))
-        if self.ideal and (self.rate or self.bandwidth or self.damping):
+        if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
                 "an ideal effector with dynamics",
                 "ideal, or rate, bandwidth and damping",
-                ("ideal",),
+                ("ideal" if self.ideal else "kind",),
             )
         return self
 
-
-class Surfaces(Actuator):
-    """Actuators of the three axis deflections, which are alike."""
-
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-    rate_limit: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="greatest rate of deflection"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "Surfaces":
-        self._refuse_parts(self.rate_limit, "surfaces")
-        return self
+    def complete(self, surfaces: Surfaces) -> tuple[ActuatorKind, dict[str, float]]:
+        """Return its kind and its dynamics, which are those of the surfaces where it has none. Raise Refusal."""
+        own = {"bandwidth": self.bandwidth, "damping": self.damping, "rate_limit": self.rate}
+        moves = self.rate is not None or self.bandwidth is not None
+        kind = self.response or surfaces.response or "second_order"
+        if moves and self.response is None and kind == "ideal":
+            kind = "second_order"
+        found: dict[str, float] = {}
+        for name in DYNAMICS[kind]:
+            value = own[name] if own[name] is not None else getattr(surfaces, name)
+            if value is not None:
+                found[name] = value
+        unused = {name for name, value in own.items() if value is not None} - {*DYNAMICS[kind]}
+        check_dynamics(kind, {*found, *unused}, "an effector")
+        return kind, found

@@ -1,6 +1,5 @@
 """A vehicle's effectors and its list of actuators: packed from its file, and asked of the packed vehicle."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,19 +8,29 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.plant.actuator_step import (
     AXES,
     COLUMNS,
+    DEAD_ZONE,
     ENGINE,
     FIRST_EFFECTOR,
+    FIRST_ORDER,
     HIGH,
-    IDEAL,
+    KIND,
+    KINDS,
     LOW,
-    SECOND_ORDER,
+    SLACK,
 )
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Effectors, Vehicle
-from abhv_mc.vehicle.actuator_keys import AXIS_DEFLECTIONS, Actuator, Effector, throttle_range
+from abhv_mc.vehicle.actuator_keys import (
+    AXIS_DEFLECTIONS,
+    DYNAMICS,
+    ActuatorKind,
+    Effector,
+    EngineActuator,
+    SurfaceActuator,
+    throttle_range,
+)
 from abhv_mc.vehicle.document import VehicleDocument
 
 _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effector_0")
-_DYNAMICS = ("bandwidth", "damping")
 
 
 def pack_effectors(
@@ -50,31 +59,60 @@ def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
     What an effector does not say is as the surfaces have it; axes among the effectors have those.
     """
     surfaces, engine = content.surfaces, content.propulsion
-    low, high = throttle_range(engine)
-    throttle = _row(engine, {"low": low, "high": high}, engine.rate_limit if engine else None)
     limit = surfaces.limit if surfaces else 0.0
-    axis = _row(surfaces, {"low": -limit, "high": limit}, surfaces.rate_limit if surfaces else None)
+    axis = _make_row(surfaces, (-limit, limit), surfaces.response if surfaces else None)
+    throttle = _make_row(engine, throttle_range(engine), engine.response if engine else None)
     rows = [axis, axis, axis, throttle]
     for each in content.effectors.values():
-        low, high = each.limits or (-limit, limit)
-        moves = each.rate is not None or each.bandwidth is not None
-        row = axis | {"low": low, "high": high}
-        row |= {name: x for name in _DYNAMICS if (x := getattr(each, name)) is not None}
-        row["rate_limit"] = each.rate or row["rate_limit"] or math.inf
-        if each.ideal or moves:
-            row["kind"] = IDEAL if each.ideal else SECOND_ORDER
+        row = axis
+        if surfaces:
+            kind, dynamics = each.complete(surfaces)
+            row = axis | _make_row(each, each.limits or (-limit, limit), kind, dynamics)
+            row |= {name: axis[name] for name in SLACK if getattr(each, name) is None}
         rows.append(row)
-    rows += [axis | {"rate_limit": axis["rate_limit"] or math.inf}] * (effectors + 4 - len(rows))
+    rows += [axis] * (effectors + FIRST_EFFECTOR - len(rows))
     return np.array([[row[name] for name in COLUMNS] for row in rows])
 
 
-def _row(
-    keys: Actuator | None, limits: dict[str, float], rate_limit: float | None
+def _make_row(
+    keys: EngineActuator | SurfaceActuator | None,
+    limits: tuple[float, float],
+    kind: ActuatorKind | None,
+    dynamics: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
-    """Return a row of the list by columns; what there is not, is there and at rest."""
-    found = {name: (getattr(keys, name) if keys else None) or 1.0 for name in _DYNAMICS}
-    kind = IDEAL if keys and keys.ideal else SECOND_ORDER
-    return {**limits, **found, "rate_limit": rate_limit or 0.0, "kind": kind}
+    """Return a row of the list by columns; what there is not, is there and has no effect."""
+    row = {"low": limits[0], "high": limits[1], "rate_limit": 0.0, "bandwidth": 1.0, "damping": 1.0}
+    names = (*DYNAMICS["second_order"], *SLACK)
+    row |= dict.fromkeys(SLACK, 0.0)
+    row |= {name: x for name in names if (x := getattr(keys, name, None)) is not None}
+    row |= dynamics or {}
+    row["kind"] = KINDS.index(kind or "second_order")
+    if kind == "first_order":
+        row["damping"] = 0.5
+    return row
+
+
+def has_slack(vehicle: Vehicle) -> bool:
+    """Return whether actuators at work are of first order, or have a dead zone or backlash."""
+    actuators = vehicle.actuators[surface_list(vehicle)]
+    return bool((actuators[:, KIND] == FIRST_ORDER).any() or actuators[:, DEAD_ZONE:].any())
+
+
+def slack_warnings(vehicle: Vehicle) -> list[str]:
+    """Return a sentence (without its full stop) on the dead zones and backlash that margins leave out."""
+    names = [*(name_effectors(vehicle) if vehicle.constants.driven else AXIS_DEFLECTIONS), "engine"]
+    actuators = vehicle.actuators[surface_list(vehicle)]
+    parts = []
+    for column, slack in enumerate(SLACK, DEAD_ZONE):
+        of = [name for name, row in zip(names, actuators, strict=True) if row[column] > 0.0]
+        if of:
+            parts.append(f"the {slack.replace('_', ' ')} of {', '.join(of)}")
+    if not parts:
+        return []
+    return [
+        f"stability margins and linear models leave out {' and '.join(parts)}: they hold for "
+        "commands well above it, and say nothing about oscillations of its size"
+    ]
 
 
 def _axis_shares(mix: Floats) -> Floats:

@@ -328,12 +328,11 @@ class VehicleDocument(StrictModel):
                     expected,
                     ("effectors", name),
                 )
-            dynamics = effector.rate, effector.bandwidth, effector.damping
-            if self.surfaces and self.surfaces.ideal and any(dynamics) and not all(dynamics):
-                expected = "rate, bandwidth and damping, as the surfaces have none"
-                raise Refusal(
-                    "an effector without one of its dynamics", expected, ("effectors", name)
-                )
+            if self.surfaces:
+                try:
+                    effector.complete(self.surfaces)
+                except Refusal as refusal:
+                    raise Refusal(refusal.found, refusal.expected, ("effectors", name)) from None
         factors = (*FACTORS, *self.effectors)
         for table, quantity, place in self.uses():
             if table not in self.tables:

@@ -292,7 +292,7 @@ def begin_control(plan, memory, width, law, active, tick):
     if active is not None:
         fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
     if law != RECORDED:
-        command_ideal(Z, width, plan.vehicle.actuators)
+        command_ideal(Z, Z, width, plan.vehicle.actuators, 0, FIRST_EFFECTOR)
     if active is not None:
         begin_effectors(Z, A, width, plan.vehicle)
 
@@ -335,9 +335,9 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
                     break
             if stage == 0:
                 actuators, recorded = plan.vehicle.actuators, law == RECORDED
-                run_actuators(Z, Z, width, actuators, 0, FIRST_EFFECTOR, step, recorded)
+                run_actuators(Z, Z, width, actuators, 0, FIRST_EFFECTOR, step, recorded, active)
                 if active is not None:
-                    run_effectors(Z, A, width, plan.vehicle, step)
+                    run_effectors(Z, A, width, plan.vehicle, step, active)
             elif stage == 2:
                 set_actuators(Z, width)
                 if active is not None:

@@ -7,17 +7,20 @@ memory of their own. ``M`` is the memory of the actuators at work.
 
 from typing import NamedTuple
 
-from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.jit import lanes, routine, scalar
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import (
     AXES,
+    BACKLASH,
     BANDWIDTH,
     DAMPING,
+    DEAD_ZONE,
     END,
     ENGINE,
     FIRST_EFFECTOR,
+    FIRST_ORDER,
     FRICTION,
     HIGH,
     IDEAL,
@@ -31,16 +34,19 @@ from abhv_mc.kernel.plant.actuator_step import (
     STIFFNESS,
     SUBSTEPS,
     Response,
+    follow,
     short_step,
+    slack_step,
     transition,
+    turning_point,
 )
 from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
 # Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of the stages, both after
-# the step, its command, the factor on its rate limit; then what its actuator needs.
-POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
+# the step, its command, the factor on its rate limit, how far the actuator is ahead; then what the actuator needs.
+POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
 
@@ -62,6 +68,7 @@ class Actuator(NamedTuple):
     end_rate: int
     command: int
     slowed: int  # factor on the rate limit; the engine has none
+    ahead: int  # actuator minus position, which its backlash allows
     block: int  # from here on what prepare_actuator makes
 
 
@@ -78,6 +85,7 @@ def actuator_rows(i):
             end_rate=first + NEXT_RATE,
             command=first + COMMAND,
             slowed=first + SLOWED,
+            ahead=first + AHEAD,
             block=first + BLOCK,
         )
     position, rate, block = s.AILERON + i, s.AILERON_RATE + i, s.ACTUATORS
@@ -91,6 +99,7 @@ def actuator_rows(i):
         end_rate=SUM + rate,
         command=s.ACTUATED + i,
         slowed=s.RATE_FACTOR + i,
+        ahead=s.AHEAD + i,
         block=block,
     )
 
@@ -197,15 +206,45 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
 
 
 @lanes
-def command_ideal(Z, width, actuators):
-    """Axes and engine without dynamics: what is commanded for the tick, within the limits, from its start."""
-    for i in range(FIRST_EFFECTOR):
-        if actuators[i, KIND] == IDEAL:
-            rows = actuator_rows(i)
+def has_slack(actuators, i):
+    """Whether an actuator is of first order, or has a dead zone or backlash."""
+    kind = actuators[i, KIND]
+    return kind == FIRST_ORDER or actuators[i, DEAD_ZONE] > 0.0 or actuators[i, BACKLASH] > 0.0
+
+
+@lanes
+def find_slack(Z, width, actuators, i, zone, play):
+    """Dead zone and half of the backlash of an actuator [lane], with their dispersions."""
+    first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE  # the backlash's follows
+    for lane in range(width):
+        zone[lane] = actuators[i, DEAD_ZONE] * Z[first, lane]
+        play[lane] = 0.5 * actuators[i, BACKLASH] * Z[first + 1, lane]
+
+
+@lanes
+def command_ideal(Z, M, width, actuators, first, last):
+    """Actuators without dynamics: what is commanded for the tick, within the limits, from its start."""
+    zone, play = Z[s.LIMITS + 3], Z[s.LIMITS + 4]
+    for i in range(first, last):
+        if actuators[i, KIND] != IDEAL:
+            continue
+        rows = actuator_rows(i)
+        if has_slack(actuators, i):
+            find_slack(Z, width, actuators, i, zone, play)
             for lane in range(width):
                 low, high = limits_of(Z, lane, actuators, i)
-                position = clamp(Z[rows.command, lane], low, high)
-                Z[rows.position, lane], Z[rows.middle, lane] = position, position
+                position = M[rows.position, lane]
+                at = position + clamp(M[rows.ahead, lane], -play[lane], play[lane])
+                command = clamp(M[rows.command, lane], low, high)
+                at = command + clamp(at - command, -zone[lane], zone[lane])
+                position = follow(position, at, play[lane])
+                M[rows.position, lane], M[rows.middle, lane] = position, position
+                M[rows.ahead, lane] = at - position
+        else:
+            for lane in range(width):
+                low, high = limits_of(Z, lane, actuators, i)
+                position = clamp(M[rows.command, lane], low, high)
+                M[rows.position, lane], M[rows.middle, lane] = position, position
 
 
 @lanes
@@ -215,9 +254,59 @@ def place_actuator(Z, lane, row, position):
     Z[XS + row, lane] = position
 
 
+@routine
+def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step):
+    """What :func:`run_actuator` does, of an actuator that has slack, see :func:`has_slack`.
+
+    ``bandwidth`` [lane]: of a first-order actuator, 0 for one of second order.
+    """
+    short, block = step / SUBSTEPS, rows.block
+    for lane in range(low.size):
+        surface, rate, command = M[rows.position, lane], M[rows.rate, lane], M[rows.command, lane]
+        half, start = play[lane], M[rows.position, lane]
+        position = surface + clamp(M[rows.ahead, lane], -half, half)
+        response = Response(
+            M[block + STIFFNESS, lane],
+            M[block + FRICTION, lane],
+            M[block + SHORT, lane],
+            M[block + SHORT + 1, lane],
+            M[block + SHORT + 2, lane],
+            M[block + SHORT + 3, lane],
+        )
+        total = 0.0
+        for _ in range(SUBSTEPS):
+            before, before_rate, ahead = position, rate, position - surface
+            position, rate, integral = slack_step(
+                position,
+                rate,
+                command,
+                response,
+                bandwidth[lane],
+                short,
+                low[lane],
+                high[lane],
+                rate_limit[lane],
+                zone[lane],
+            )
+            if half > 0.0:
+                if bandwidth[lane] == 0.0:
+                    turn = turning_point(before, before_rate, rate, short)
+                    surface = follow(surface, turn, half)
+                surface = follow(surface, position, half)
+            else:
+                surface = position
+            total += integral - 0.5 * short * (ahead + position - surface)
+        M[rows.middle, lane] = 0.25 * (6.0 / step * total - start - surface)
+        M[rows.end, lane], M[rows.end_rate, lane] = surface, rate
+        M[rows.ahead, lane] = position - surface
+
+
 @lanes
-def run_actuators(Z, M, width, actuators, first, last, step, recorded):
-    """Actuators of the list through a step, after its first stage; an ideal one stays where it is."""
+def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
+    """Actuators of the list through a step, after its first stage; an ideal one stays where it is.
+
+    Where ``active`` is None there are none with slack.
+    """
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
     for i in range(first, last):
         rows = actuator_rows(i)
@@ -236,7 +325,16 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded):
         else:
             for lane in range(width):
                 rate_limit[lane] = fastest * Z[s.K_RATE, lane] * M[rows.slowed, lane]
-        run_actuator(M, width, rows, low, high, rate_limit, step, recorded)
+        if active is not None and has_slack(actuators, i) and not recorded:
+            zone, play, bandwidth = Z[s.LIMITS + 3], Z[s.LIMITS + 4], Z[s.LIMITS + 5]
+            find_slack(Z, width, actuators, i, zone, play)
+            factor = s.K_ENGINE_BANDWIDTH if i == ENGINE else s.K_BANDWIDTH
+            lags = actuators[i, KIND] == FIRST_ORDER
+            for lane in range(width):
+                bandwidth[lane] = actuators[i, BANDWIDTH] * Z[factor, lane] if lags else 0.0
+            run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step)
+        else:
+            run_actuator(M, width, rows, low, high, rate_limit, step, recorded)
 
 
 @lanes

@@ -11,8 +11,9 @@ from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR, IDEAL, KIND
+from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR
 from abhv_mc.kernel.plant.actuators import (
+    AHEAD,
     COMMAND,
     MOVES,
     N_EFFECTOR_ROWS,
@@ -21,6 +22,7 @@ from abhv_mc.kernel.plant.actuators import (
     POSITION,
     SLOWED,
     STAGE,
+    command_ideal,
     limits_of,
     prepare_actuators,
     run_actuators,
@@ -149,7 +151,7 @@ def start_effectors(Z, A, width, vehicle, step):
             low, high = limits_of(Z, lane, actuators, FIRST_EFFECTOR + e)
             mixed = clamp(mix_axes(Z, lane, vehicle.effectors.mix, e, X + s.AILERON), low, high)
             A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
-            A[first + MOVES, lane] = 0.0
+            A[first + MOVES, lane], A[first + AHEAD, lane] = 0.0, 0.0
     show_axes(Z, A, width, vehicle)
 
 
@@ -189,14 +191,10 @@ def begin_effectors(Z, A, width, vehicle):
     """Those without dynamics are where they are commanded, from the tick's start; what is shown of all at the tick."""
     for lane in range(width):
         Z[s.ANY_SATURATED, lane] = 0.0
-    for e in range(count_driven(vehicle)):
+    count = count_driven(vehicle)
+    command_ideal(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, FIRST_EFFECTOR + count)
+    for e in range(count):
         first = e * N_EFFECTOR_ROWS
-        if vehicle.actuators[FIRST_EFFECTOR + e, KIND] == IDEAL:
-            for lane in range(width):
-                A[first + POSITION, lane], A[first + STAGE, lane] = (
-                    A[first + COMMAND, lane],
-                    A[first + COMMAND, lane],
-                )
         for lane in range(width):
             low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             at, asked = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
@@ -208,10 +206,10 @@ def begin_effectors(Z, A, width, vehicle):
 
 
 @lanes
-def run_effectors(Z, A, width, vehicle, step):
+def run_effectors(Z, A, width, vehicle, step, active):
     """Effectors with actuators of their own through a step, after its first stage."""
     last = FIRST_EFFECTOR + count_driven(vehicle)
-    run_actuators(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, last, step, False)
+    run_actuators(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, last, step, False, active)
 
 
 @lanes

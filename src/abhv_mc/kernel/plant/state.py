@@ -84,8 +84,10 @@ TURBULENCE = GUST + 7  # random numbers, then the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
-LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the actuator at work: lowest, highest, fastest
-FAILURE = LIMITS + 3  # what has failed at the tick, and what failures remember
+# Of the actuator at work: lowest, highest, fastest, dead zone, half of the backlash, bandwidth.
+LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS
+AHEAD = LIMITS + 6  # of axes and engine: actuator minus position, which its backlash allows
+FAILURE = AHEAD + 4  # what has failed at the tick, and what failures remember
 FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
 )  # what functions of the vehicle's own are given and give
@@ -208,6 +210,7 @@ K_MASS, K_XX, K_YY, K_ZZ, K_13, K_CG_X, K_CG_Y, K_CG_Z = parameter_rows("mass.to
 K_THRUST, K_ISP = parameter_rows("propulsion.thrust", 2)
 K_BANDWIDTH, K_DAMPING, K_LIMIT, K_RATE = parameter_rows("actuator.bandwidth", 4)
 K_ENGINE_BANDWIDTH, K_ENGINE_DAMPING, K_ENGINE_RATE = parameter_rows("engine.bandwidth", 3)
+K_DEAD_ZONE, _, K_ENGINE_DEAD_ZONE, _ = parameter_rows("actuator.dead_zone", 4)
 K_DENSITY, K_WIND_NORTH, K_WIND_EAST, K_SHEAR_NORTH, K_SHEAR_EAST = parameter_rows(
     "atmosphere.density", 5
 )
