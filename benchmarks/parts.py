@@ -94,7 +94,7 @@ def run_part(plan, lqr_plan, memory, results, part, calls):
     evaluate(plan, memory, width, still, active)
     for _ in range(calls):
         if part == 0:
-            air_data(Z, width, vehicle, earth)
+            air_data(Z, width, vehicle, earth, False)
         elif part == 1:
             deflections(Z, width)
             place_effectors(Z, memory.A, width, vehicle, False, -1)

@@ -49,7 +49,10 @@ def recording_of(asked: Recording | int | None, plan: "FlightPlan") -> Recording
 
 
 # Beginnings of the names of dispersions that a lean flight does not know.
-NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_")
+NOT_LEAN = (
+    *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
+    *("thrust.", "atmosphere.temperature"),
+)
 
 
 SENSOR_TIMES = (

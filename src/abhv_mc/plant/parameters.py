@@ -142,6 +142,11 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
 _TABLE: tuple[Parameter, ...] = (
     _factor("one", "not dispersible: the factor of a term that no parameter touches"),
     _factor("atmosphere.density", "air density, at every altitude"),
+    _error(
+        "atmosphere.temperature",
+        "K",
+        "air warmer at every altitude, at the same pressure: density and Mach number follow",
+    ),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
     _error("wind.east", "m/s", "steady wind blowing towards the east"),
     _error("wind.shear_north", "1/s", "change of the northward wind per metre of altitude"),
@@ -171,6 +176,8 @@ _TABLE: tuple[Parameter, ...] = (
     _factor(
         "propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"
     ),
+    _error("thrust.inclination", "rad", "thrust turned upward about the point where it acts"),
+    _error("thrust.azimuth", "rad", "thrust turned to the right about the point where it acts"),
     _factor("mass.total", "mass at the start"),
     *(
         _factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}")

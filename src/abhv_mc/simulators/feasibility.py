@@ -21,7 +21,7 @@ from abhv_mc.vehicle.actuators import surface_list
 # Meaningless at or below zero. A factor on a coefficient may be: the component is absent or
 # reversed.
 _ABOVE_ZERO = re.compile(
-    r"^(atmosphere\.|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
+    r"^(atmosphere\.density|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # probability beyond a bound that is tolerated of an unbounded distribution

@@ -54,9 +54,14 @@ class Places(NamedTuple):
     radius: Floats  # M + h
 
 
-def density_factor(air: Floats, altitude: Floats) -> Floats:
-    """Factor on the standard density of a mission's nominal air (:mod:`abhv_mc.kernel.plant.air_data`)."""
-    return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
+def air_factors(air: Floats, altitude: Floats) -> Floats:
+    """Return a mission's factors [2, place] on the standard density and temperature.
+
+    `air` is that of :mod:`abhv_mc.kernel.plant.air_data`.
+    """
+    if not len(air):
+        return np.ones((2, altitude.size))
+    return np.stack([np.interp(altitude, air[:, 0], air[:, column]) for column in (3, 4)])
 
 
 def make_places(
@@ -74,7 +79,9 @@ def make_places(
             radii(earth, sine)[0] + height,
         )
     if air is not None and len(air):
-        result[0] *= density_factor(air, altitude)
+        density, temperature = air_factors(air, altitude)
+        result[0] *= density
+        result[1] *= np.sqrt(temperature)
     return Places(*result)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import density_factor, make_places
+from abhv_mc.control.design.design_model import air_factors, make_places
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.kept import kept
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
@@ -129,6 +129,7 @@ def make_start_trim(
     """
     start = mission.start
     still = mission.make_earth()._replace(rotation_rate=0.0)
+    density, temperature = air_factors(mission.make_air(), np.array([start.altitude]))
     point = FlightPoint(
         start.altitude,
         start.speed,
@@ -136,7 +137,8 @@ def make_start_trim(
         start.latitude,
         start.heading,
         start.flight_path_angle,
-        density_factor=float(density_factor(mission.make_air(), np.array([start.altitude]))[0]),
+        density_factor=float(density[0]),
+        temperature_factor=float(temperature[0]),
         push=push,
     )
     return trim(vehicle, still, point)

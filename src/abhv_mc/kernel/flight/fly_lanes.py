@@ -49,7 +49,13 @@ from abhv_mc.kernel.plant.actuators import (
     set_actuators,
 )
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
-from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air, nominal_density
+from abhv_mc.kernel.plant.air_data import (
+    air_data,
+    deflections,
+    is_warm,
+    move_air,
+    nominal_density,
+)
 from abhv_mc.kernel.plant.disturbance import (
     Disturbances,
     active_disturbances,
@@ -86,11 +92,10 @@ from abhv_mc.kernel.plant.failures import (
     watch_inlet,
 )
 from abhv_mc.kernel.plant.foreign import (
-    add_thrust,
     find_dispersed,
     foreign_coefficients,
-    foreign_thrust,
 )
+from abhv_mc.kernel.plant.thrust import add_thrust, foreign_thrust, is_misaligned, turn_thrust
 
 COMPACTION = 500  # ticks after which lanes of flights that have ended are given to others
 
@@ -106,6 +111,8 @@ class Active(NamedTuple):
     sensor_errors: SensorErrors
     failures: Failures
     windy: bool  # the air moves
+    misaligned: bool  # the thrust has another direction
+    warm: bool  # the air has another temperature
 
 
 @lanes
@@ -117,6 +124,8 @@ def find_active(Z, width, plan):
         active_sensor_errors(Z, width),
         possible_failures(Z, width, plan.vehicle.constants),
         disturbances.windy or plan.profile.shape[0] > 0,
+        is_misaligned(Z, width),
+        is_warm(Z, width, plan.profile),
     )
 
 
@@ -140,7 +149,7 @@ def instruments(plan, Z, width, active, tick):
     if against_air:
         measure_air(Z, width, sensing)
     if more:
-        measure_more(Z, width, plan.reference, tick)
+        measure_more(Z, width, plan.reference, tick, active.warm)
     if dynamic:
         add_sensed(Z, width, s.N_SEEN if more else s.N_MEASURED)
 
@@ -185,7 +194,7 @@ def evaluate(plan, memory, width, stage, active):
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if active is not None and active.windy:
         move_air(Z, width, plan.profile)
-    air_data(Z, width, vehicle, plan.earth)
+    air_data(Z, width, vehicle, plan.earth, active is not None and active.warm)
     deflections(Z, width)
     if active is None:
         set_effectors(Z, width, vehicle.effector_mix)
@@ -203,6 +212,8 @@ def evaluate(plan, memory, width, stage, active):
     equations_of_motion(Z, width, vehicle, plan.earth, stage, active)
     if active is not None and plan.user_code.propulsion != 0:
         add_thrust(Z, width, stage)
+    if active is not None and active.misaligned:
+        turn_thrust(Z, width, vehicle, plan.user_code.propulsion != 0, stage)
     if active is not None and plan.user_code.dynamics != 0:
         run_dynamics(Z, width, vehicle, plan.user_code, stage)
 

@@ -1,4 +1,4 @@
-"""A vehicle's own functions in the flight: coefficients and thrust of all lanes by one call each.
+"""A vehicle's own function of the coefficients in the flight, of all lanes by one call.
 
 Dispersions act as with tables. What scales a part of a coefficient that goes with a variable scales ``f(x) - f(x with
 that variable 0)``, or less the axis' part of all deflections, by one more evaluation for each that is dispersed.
@@ -6,16 +6,14 @@ that variable 0)``, or less the axis' part of all deflections, by one more evalu
 
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.jit_pointer import call_address
-from abhv_mc.kernel.numerics.lane_math import reciprocals
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.effectors import place_effectors, set_effectors
 from abhv_mc.kernel.plant.slopes import N_INPUTS
-from abhv_mc.kernel.plant.state import N_COEFFICIENTS, XS, parameter_row
+from abhv_mc.kernel.plant.state import N_COEFFICIENTS, parameter_row
+from abhv_mc.kernel.plant.thrust import DISPERSED, NOMINAL
 
 STEP = 1e-5  # rad: slopes by central differences
-# Settings that a function is called with: of the vehicle file, or of each flight, the rows from ``SETTING``.
-NOMINAL, DISPERSED = range(2)
 _K_PART = parameter_row(
     "aero.lift.sideslip"
 )  # and so on for each coefficient, in the order of the variables
@@ -124,80 +122,3 @@ def nominal_slopes(Z, width, vehicle, user_code, first_row):
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
-
-
-@lanes
-def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
-    """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``."""
-    call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, NOMINAL)
-
-
-@lanes
-def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settings):
-    """Thrust, moment and fuel flow of the engine function: the rows from ``F_THRUST``.
-
-    The moment is about the point about which the aerodynamics' is.
-    """
-    for lane in range(width):
-        Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
-    given = vehicle.foreign.settings
-    call_address(user_code.propulsion, 0, Z, given, given, given, settings, 0.0)
-    x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
-    if x != 0.0 or z != 0.0:
-        for lane in range(width):
-            fx, fy, fz = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]
-            Z[s.F_MOMENT, lane] -= z * fy
-            Z[s.F_MOMENT + 1, lane] += z * fx - x * fz
-            Z[s.F_MOMENT + 2, lane] += x * fy
-
-
-@lanes
-def foreign_thrust(Z, width, vehicle, user_code):
-    """The engine function's thrust at the stage's state: the rows from ``F_THRUST`` as they act.
-
-    The moment is about the centre of gravity, with that of engines which have failed.
-    """
-    call_propulsion(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED, DISPERSED)
-    constants = vehicle.constants
-    for lane in range(width):
-        mass = Z[XS + s.MASS, lane]
-        # A vehicle without an empty mass keeps its engine.
-        has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
-        runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
-        factor = Z[s.K_THRUST, lane] * runs
-        tx, ty, tz = (
-            factor * Z[s.F_THRUST, lane],
-            factor * Z[s.F_THRUST + 1, lane],
-            factor * Z[s.F_THRUST + 2, lane],
-        )
-        arm_x = Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
-        arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
-        arm_z = Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]
-        Z[s.F_MOMENT, lane] = factor * Z[s.F_MOMENT, lane] + arm_y * tz - arm_z * ty
-        Z[s.F_MOMENT + 1, lane] = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
-        Z[s.F_MOMENT + 2, lane] = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
-        per_mass, per_isp = reciprocals(mass, Z[s.K_ISP, lane])
-        Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane] = tx, ty, tz
-        Z[s.F_FUEL_FLOW, lane] = (
-            runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
-        )
-        Z[s.F_MASS, lane] = per_mass
-
-
-@lanes
-def add_thrust(Z, width, stage):
-    """Add that thrust's force to the derivatives, which are linear in it; the next stage's state is there."""
-    for lane in range(width):
-        Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
-        for i in range(3):
-            specific = Z[s.F_THRUST + i, lane] * Z[s.F_MASS, lane]
-            Z[s.SPECIFIC_X + i, lane] += specific
-            add_derivative(Z, lane, s.U + i, specific, stage)
-        add_derivative(Z, lane, s.MASS, -Z[s.F_FUEL_FLOW, lane], stage)
-
-
-@lanes
-def add_derivative(Z, lane, i, derivative, stage):
-    """Add to what :func:`abhv_mc.kernel.plant.equations.accumulate` has put there."""
-    Z[s.SUM + i, lane] += stage.weight * derivative
-    Z[XS + i, lane] += stage.ahead * derivative

@@ -113,6 +113,8 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *(f"sensor.{name}_interval" for name in ALL_SENSORS),
     *(f"sensor.{name}_scale" for name in SCALED_SENSORS),
     *(f"{of}.{slack}" for of in ("actuator", "engine") for slack in ("dead_zone", "backlash")),
+    *("thrust.inclination", "thrust.azimuth"),
+    "atmosphere.temperature",
 )
 FAILURE_TIMES = tuple(
     name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time")

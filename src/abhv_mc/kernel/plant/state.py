@@ -79,8 +79,8 @@ COUNTED = MEASURED + N_SEEN  # 1 where the sample of this tick counts
 COMMANDS = COUNTED + 1  # what the guidance commands of the attitude loop
 GUST = (
     COMMANDS + 3
-)  # gust and turbulence of the tick in body axes, and the profile's factor on the density
-TURBULENCE = GUST + 7  # random numbers, then the forming filters
+)  # gust and turbulence of the tick in body axes, and the profile's factors on density and temperature
+TURBULENCE = GUST + 8  # random numbers, then the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / the dispersion of the mass, by flight
 ACTUATORS = PER_MASS_FACTOR + 1  # surfaces, then engine: what they need for a step, by flight
@@ -146,7 +146,9 @@ M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = ra
 ) = range(MEASURED + N_MEASURED, COUNTED - 2)
 M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 2, COUNTED - 1
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
-GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
+GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
+    GUST, TURBULENCE
+)
 # Commands that the actuators get; factors on the three surfaces' rates and effectiveness; of the engine: factor on
 # thrust, increments of drag and pitching moment, whether it has failed; the deflections that surfaces stick at; of the
 # inlet: whether it has unstarted and the last time it was outside its range; the last time that the engine had failed;

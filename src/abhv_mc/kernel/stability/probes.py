@@ -126,7 +126,14 @@ def _answer(plan, memory, width, active, held, tick, answer, start, n):
             )
         found = active.failures
         failures = Failures(found.surfaces, True, found.engine, found.engines, found.sensors)
-        here = Active(active.disturbances, active.sensor_errors, failures, True)
+        here = Active(
+            active.disturbances,
+            active.sensor_errors,
+            failures,
+            True,
+            active.misaligned,
+            active.warm,
+        )
         evaluate(plan, memory, width, Stage(1.0, 0.0), here)
         navigate(Z, width, tick_length, tick == 0)
         instruments(plan, Z, width, active, 1)
