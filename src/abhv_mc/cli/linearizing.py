@@ -57,6 +57,13 @@ def margins(
     bank: Annotated[
         str, typer.Option(help="Bank of the steady turn to trim for, deg or with a unit.")
     ] = "0",
+    hold: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STATES",
+            help="Hold altitude, speed or heading, separated by commas: for a controller that leaves them open.",
+        ),
+    ] = None,
     json: Json = None,
     out: Annotated[
         Path | None, output(output_folder, "DIR", "Write Bode and Nichols figures here.")
@@ -75,9 +82,9 @@ def margins(
     trim that a search over a campaign's dispersions finds: what is found, never what is proved.
     """
     if worst:
-        if vehicle is not None or at != "trim" or bank != "0" or out is not None:
+        if vehicle is not None or at != "trim" or bank != "0" or hold or out is not None:
             raise InputError(
-                "--worst", "with --vehicle, --at, --bank or --output", "a campaign alone"
+                "--worst", "with --vehicle, --at, --bank, --hold or --output", "a campaign alone"
             )
         _show_worst(mission, controllers, json, trust_code)
         return
@@ -89,8 +96,11 @@ def margins(
     rows: list[dict[str, Any]] = []
     shown: list[tuple[str, list[dict[str, Any]], Stability]] = []
     figures: list[Path] = []
+    notes: list[str] = []
     for (name, file), time in product(files.items(), times):
-        linear, stability = analyse_place(_take(flight, craft, file, time, bank, times))
+        place = _take(flight, craft, file, time, bank, times)
+        linear, stability, found = analyse_place(place, parse_names(hold, "--hold") or ())
+        notes += found
         here = make_rows(name, None if time == "trim" else time, stability)
         words = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
         shown.append((f"{name}, {craft.stem}, {flight.stem}, {words}", here, stability))
@@ -105,9 +115,11 @@ def margins(
     def in_words() -> None:
         for part in shown:
             _print_rows(*part)
+        announce_warnings(notes)
         say(*figures, sep="\n", end="\n" * bool(figures))
 
-    answer({"vehicle": craft.stem, "mission": flight.stem, "rows": rows}, json, in_words)
+    described = {"vehicle": craft.stem, "mission": flight.stem, "rows": rows}
+    answer(described | ({"notes": notes} if notes else {}), json, in_words)
 
 
 def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_code: bool) -> None:

@@ -153,15 +153,14 @@ Junit = Annotated[
 ]
 
 
-def parse_names(text: str | None) -> tuple[str, ...] | None:
+def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, ...] | None:
     """Names with commas between them; None without the option. Raises InputError for an empty name."""
     if text is None:
         return None
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError(
-            "--controllers", f"'{text}', which holds an empty name", "names such as tlc,lqr"
-        )
+        expected = "names with commas between them"
+        raise InputError(option, f"'{text}', which holds an empty name", expected)
     return names
 
 

@@ -6,6 +6,8 @@ is represented by the slopes of its compiled tick, including its memory. The fir
 arrays is the point.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from abhv_mc.array_types import Floats
@@ -39,8 +41,12 @@ _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
 _FELT = 1e-8  # slope of a rate over a control below which it is rounding
 
 
-def linearize(plan: FlightPlan, points: Points) -> Linear:
-    """Return linear models at points of flights."""
+def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
+    """Return linear models at points of flights.
+
+    `held` path coordinates stay as they are and are no states of A and B; their rates in the continuous
+    plant are zero.
+    """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
     # Path and custom states are moved by forces; the actuators are between them in the full state.
@@ -51,6 +57,8 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     held_B = np.zeros_like(plant_B)
     if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
         held_B = plant_slopes(plan, points, hold_slow=True).slope[:, rates, driven] - plant_B
+    for matrix in (plant_A, plant_B, held_B):
+        matrix[:, list(held)] = 0.0
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
@@ -62,6 +70,8 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
         A[sticks[:, i], :, 11 + 2 * i] = 0.0  # its rate is set to zero at every tick
+    sense = _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k)
+    A, B = np.delete(np.delete(A, held, 1), held, 2), np.delete(B, held, 1)
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
         np.int64
     )
@@ -77,7 +87,7 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
             law.slope[:, m:, n:],
             law.slope[:, m:, :n],
             np.minimum(age, MAX_DELAY_TICKS),
-            _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k),
+            np.delete(sense, held, 2),
             cut,
             inputs=name_inputs(plan.vehicle),
         )
