@@ -40,6 +40,7 @@ from abhv_mc.kernel.laws.tlc import (
 )
 from abhv_mc.kernel.laws.trim_lookup import look_up_trim
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR
 from abhv_mc.kernel.plant.actuators import run_actuators, set_actuators
 from abhv_mc.kernel.plant.aerodynamics import build_up, find_cells, interpolate_groups
 from abhv_mc.kernel.plant.air_data import air_data, deflections
@@ -96,7 +97,7 @@ def run_part(plan, lqr_plan, memory, results, number, calls):
     evaluate(plan, memory, width, still, active)
     for _ in range(calls):
         if number == 0:
-            air_data(Z, width, vehicle, earth)
+            air_data(Z, width, vehicle, earth, False)
         elif number == 1:
             deflections(Z, width)
             place_effectors(Z, memory.A, width, vehicle, False, -1)
@@ -109,7 +110,7 @@ def run_part(plan, lqr_plan, memory, results, number, calls):
         elif number == 5:
             equations_of_motion(Z, width, vehicle, earth, still, active)
         elif number == 6:
-            run_actuators(Z, width, vehicle.constants, step, False)
+            run_actuators(Z, Z, width, vehicle.actuators, 0, FIRST_EFFECTOR, step, False, active)
             set_actuators(Z, width)
         elif number == 7:
             finish_step(Z, width, step, O[observe.ALIVE])

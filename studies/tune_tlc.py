@@ -36,6 +36,7 @@ from tuning_flights import (
     key_of,
 )
 
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH
 from abhv_mc.topics.figure_style import write_png
 
 ORDERED = (  # outer, inner
@@ -201,7 +202,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
     )
 
     ordered = order_ranges(tuning)
-    surfaces = tuning.bench.vehicle.constants.surface_bandwidth
+    surfaces = tuning.bench.vehicle.actuators[0, BANDWIDTH]
     lines = [
         "# Tuning TLC",
         "",

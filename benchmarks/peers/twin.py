@@ -28,7 +28,7 @@ def write_names(path: Path) -> None:
         LQR_LATERAL,
         REFERENCE,
     )
-    from abhv_mc.kernel.plant.actuators import SUBSTEPS
+    from abhv_mc.kernel.plant.actuator_step import COLUMNS, SUBSTEPS
     from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
     from abhv_mc.kernel.plant.state import STATES
     from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS, VARIABLES, Constants
@@ -36,6 +36,7 @@ def write_names(path: Path) -> None:
 
     groups: dict[str, tuple[str, ...]] = {
         "constants": Constants._fields,
+        "actuator": COLUMNS,
         "earth": Earth._fields,
         "state": STATES,
         "parameter": tuple(PARAMETER_INDEX),
@@ -74,6 +75,7 @@ def write_input(path: Path, plan: FlightPlan, parameters: Floats, states: Floats
         [
             value for value in vehicle.constants if not isinstance(value, tuple)
         ],  # inlet and load bounds come last
+        vehicle.actuators.ravel(),
         plan.earth,
         *tables.values(),
         *vehicle.build_up,

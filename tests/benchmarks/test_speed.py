@@ -10,6 +10,7 @@ import pytest
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import RATE_LIMIT
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.plant.parameters import PARAMETERS
@@ -144,7 +145,7 @@ def test_the_twin_simulates_the_same_flights_and_rejects_unsupported_dispersions
     parameters = disperse()
     ours = fly(plan, parameters, record_every=1, keep_states=True)
     assert ours.outcome.tolist() == [Outcome.OK] * FLIGHTS
-    limit = SLOW * plan.vehicle.constants.surface_rate_limit
+    limit = SLOW * plan.vehicle.actuators[0, RATE_LIMIT]
     assert np.abs(ours.states[-1, :, s.AILERON_RATE]).max() == pytest.approx(limit, rel=1e-12)
     _, states = fly_twin(twin, plan, parameters, ours.states[:, 0], keep=FLIGHTS)
     assert np.abs(states - ours.states).max() < AGREEMENT

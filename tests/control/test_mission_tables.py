@@ -36,11 +36,12 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
     )
     headers = {"altitude": "HGHT", "pressure": "PRES", "temperature": "TEMP"}
     table = read(tmp_path, text, DENSITIES, **headers)
-    for (altitude, factor), pressure, kelvin in zip(
+    for (altitude, factor, warmth), pressure, kelvin in zip(
         table, (85e3, 50e3), (283.15, 253.15), strict=True
     ):
         expected = pressure / (GAS_CONSTANT * kelvin) / atmosphere(altitude)[0]
         assert factor == pytest.approx(expected, rel=1e-6)
+        assert warmth == pytest.approx(kelvin / atmosphere(altitude)[2], rel=1e-12)
     wind = read(tmp_path, text, WIND, altitude="HGHT", wind_speed="SKNT", wind_direction="DRCT")
     knot = 1852.0 / 3600.0
     assert wind[:, 1:] == pytest.approx(knot * np.array([[0.0, -20.0], [40.0, 0.0]]), abs=1e-9)

@@ -96,9 +96,7 @@ def test_a_metric_of_a_missing_quantity_is_rejected(flights_only, tmp_path):
     )
     text += "metrics: {hot_s: {of: stagnation_heat_flux_w_m2, statistic: time_outside, limit: 1}}\n"
     (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(
-        InputError, match=r"'hot_s', which is not a number in tlc's.*reference\.nose_radius"
-    ):
+    with pytest.raises(InputError, match=r"'hot_s'.*'tlc'.*reference\.nose_radius"):
         run(tmp_path / "c.yaml", tmp_path / "out", flights_only, runs=RUNS)
     assert not (tmp_path / "out").exists()
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from short_flights import rows_of, short_plan, write_law
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
@@ -11,6 +12,10 @@ from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH as BAND
+from abhv_mc.kernel.plant.actuator_step import COLUMNS, RATE_LIMIT
+from abhv_mc.kernel.plant.actuator_step import HIGH as HIGH_LIMIT
+from abhv_mc.kernel.plant.actuator_step import LOW as LOW_LIMIT
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.simulators.end_sentence import describe_end
 
@@ -37,10 +42,10 @@ def plan():
 
 def test_rate_limits_and_stops_are_followed(plan):
     generator, rows = np.random.default_rng(4), nominal_parameters(16)
-    constants, dispersed = plan.vehicle.constants, {}
+    surfaces, dispersed = dict(zip(COLUMNS, plan.vehicle.actuators[0], strict=True)), {}
     for name in ("bandwidth", "damping", "deflection_limit", "rate_limit"):
         rows[:, PARAMETER_INDEX[f"actuator.{name}"]] *= generator.uniform(0.7, 1.3, 16)
-        nominal = getattr(constants, f"surface_{name.removeprefix('deflection_')}")
+        nominal = surfaces["high" if name == "deflection_limit" else name]
         dispersed[name] = nominal * rows[:, PARAMETER_INDEX[f"actuator.{name}"], None, None]
     block = fly(plan, rows, record_every=1, keep_states=True)
     position, rate = block.states[:, :, SURFACES], block.states[:, :, RATES]
@@ -59,10 +64,12 @@ def test_rate_limits_and_stops_are_followed(plan):
 
 def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
     # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell of the tables.
-    constants = plan.vehicle.constants._replace(
-        surface_limit=10.0, surface_rate_limit=1e6, surface_bandwidth=20.0
+    constants = plan.vehicle.constants._replace(surface_limit=10.0)
+    actuators = plan.vehicle.actuators.copy()
+    actuators[:3, [LOW_LIMIT, HIGH_LIMIT, RATE_LIMIT, BAND]] = -10.0, 10.0, 1e6, 20.0
+    soft = dataclasses.replace(
+        plan, vehicle=plan.vehicle._replace(constants=constants, actuators=actuators)
     )
-    soft = dataclasses.replace(plan, vehicle=plan.vehicle._replace(constants=constants))
 
     def simulate(steps):
         timing = plan.timing._replace(step=0.01 / steps, steps_per_tick=steps, ticks=15)
@@ -191,3 +198,105 @@ def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_
     assert "effector flap_4 at 0.11 s" in describe_end(
         plan, nominal_parameters(1), Outcome.NOT_FINITE
     )
+
+
+SLACK_LAW = """
+import math
+from abhv_mc.extend import Command, controller
+
+@controller
+def law(time, reference):
+    step = 0.06 * math.sin(9.0 * time) + (0.05 if time > 0.3 else 0.0)
+    return Command(
+        0.0, 0.0, reference.elevator, equivalence_ratio=0.5 + 4.0 * step,
+        effectors={{{given}}},
+    )
+"""
+ZONE, PLAY = 0.004, 0.006  # rad
+LAGS = {"bandwidth": "40 rad/s", "rate": "100 rad/s"}
+KINDS = {
+    "second_order": LAGS | {"damping": 0.6},
+    "first_order": LAGS | {"rate": "0.4 rad/s"},
+    "ideal": {},
+}
+SLACKS = [
+    {name: f"{size} rad" for name, size in (("dead_zone", zone), ("backlash", play)) if size}
+    for zone in (0.0, ZONE)
+    for play in (0.0, PLAY)
+]
+
+
+def command_at(time):
+    return 0.06 * np.sin(9.0 * time) + np.where(time > 0.3, 0.05, 0.0)
+
+
+def integrate_actuator(kind, zone, play, commands, start, bandwidth=40.0, fastest=0.4, length=0.01):
+    """Position after each tick, by scipy with kinks resolved, and by the play operator on a fine grid."""
+    at, rate, surface, found = start, 0.0, start, []
+    for command in commands.tolist():
+        fine = np.linspace(0.0, length, 1001)
+
+        def pull(x, command=command):
+            return command - x - np.clip(command - x, -zone, zone)
+
+        if kind == "ideal":
+            path = np.full(fine.size, command + np.clip(at - command, -zone, zone))
+        else:
+            derivatives = {
+                "second_order": lambda _, y: [
+                    y[1],
+                    bandwidth**2 * pull(y[0]) - 1.2 * bandwidth * y[1],
+                ],
+                "first_order": lambda _, y: [
+                    np.clip(bandwidth * pull(y[0]), -fastest, fastest),
+                    0.0,
+                ],
+            }
+            path, rates = solve_ivp(
+                derivatives[kind],
+                (0.0, length),
+                [at, rate],
+                "DOP853",
+                fine,
+                rtol=1e-11,
+                atol=1e-13,
+                max_step=1e-3,
+            ).y
+            rate = rates[-1]
+        at = path[-1]
+        for x in path:
+            surface = min(max(surface, x - play), x + play)
+        found.append(surface)
+    return np.array(found)
+
+
+def test_each_kind_of_actuator_with_dead_zone_and_backlash_follows_its_equation(tmp_path) -> None:
+    effectors, given, expected, ticks = {}, [], [], 60
+    for kind, dynamics in KINDS.items():
+        for slack in SLACKS:
+            name = f"flap_{len(effectors)}"
+            given.append(f'"{name}": step')
+            effectors[name] = {"kind": kind, "elevator": 1.0, "limits": ["-1 rad", "1 rad"]}
+            effectors[name] |= dynamics | slack
+    law = write_law(tmp_path, SLACK_LAW.format(given=", ".join(given)))
+    engine = {"throttle_kind": "first_order", "bandwidth": "10 rad/s", "damping": None}
+    engine |= {"rate_limit": "1.5 1/s", "dead_zone": 0.02, "backlash": 0.03}
+    vehicle = {"base": "ghame_x", "effectors": effectors}
+    vehicle |= {f"propulsion.{name}": value for name, value in engine.items()}
+    plan = short_plan(ticks, law, "level", vehicle)
+    start, throttle = plan.initial_state[[s.ELEVATOR, s.ETA]]
+    commands = command_at(0.01 * np.arange(ticks))
+    for kind in KINDS:
+        for slack in SLACKS:
+            zone, play = ZONE * ("dead_zone" in slack), 0.5 * PLAY * ("backlash" in slack)
+            expected.append(integrate_actuator(kind, zone, play, commands, start))
+    given = 0.5 + 4.0 * commands
+    expected.append(integrate_actuator("first_order", 0.02, 0.015, given, throttle, 10.0, 1.5))
+    kept, found = None, []
+    for tick in range(1, ticks + 1):
+        kept = fly_until(plan, nominal_parameters(), tick, kept)
+        first = s.variable_row("effector_0")
+        deflections = kept.rows[0, first : first + len(effectors)]
+        found.append(np.append(deflections, kept.rows[0, s.X + s.ETA]))
+    errors = np.abs(np.array(found) - np.array(expected).T)
+    assert errors.max() < 1e-6, errors.max(axis=0)

@@ -10,8 +10,10 @@ import abhv_mc
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.one_flight.given import make_flight_plan
 
 LEVEL = {"base": "level", "duration": "21 s"}
@@ -234,3 +236,24 @@ def test_a_wind_table_equals_the_wind_parameter(tmp_path):
     # The controllers know the density: the reference has it.
     nominal = make_flight_plan(turn, "ghame_x")
     assert plan.reference[:, 19] == pytest.approx(1.03 * nominal.reference[:, 19])
+
+
+def test_warmer_air_is_thinner_and_slows_the_mach_number(tmp_path):
+    offsets, gas = np.array([0.0, 12.0, -20.0]), 287.05287
+    table = tmp_path / "air.csv"
+    levels = "".join(f"{z},{atmosphere(1e3 * z)[1] / 100.0},{210 + z / 2}\n" for z in range(15, 26))
+    table.write_text("altitude_km,pressure_hPa,temperature [K]\n" + levels)
+    warmed = {"base": "level", "density": {"file": str(table)}}
+    for mission, usual in (("level", 216.65), (warmed, 220.0)):
+        plan = cut(make_flight_plan(mission, "ghame_x", "tlc"), 3)
+        rows = rows_of(*({"atmosphere.temperature": offset} for offset in offsets))
+        rows_end = fly_until(plan, rows, 3).rows
+        altitude, speed = rows_end[:, s.X + s.ALTITUDE], rows_end[:, s.AIRSPEED]
+        kelvin = usual + offsets
+        sound = np.sqrt(1.4 * gas * kelvin)
+        pressure = [atmosphere(height)[1] for height in altitude]
+        # The profile is held over a tick, and the pressure of the last stage is that of its own altitude.
+        assert rows_end[:, s.RHO] == pytest.approx(pressure / (gas * kelvin), rel=2e-5)
+        assert rows_end[:, s.V_MACH] == pytest.approx(speed / sound, rel=2e-5)
+        nominal_sound = plan.reference[0, REFERENCE.index("sound_speed")]
+        assert nominal_sound == pytest.approx(np.sqrt(1.4 * gas * usual), rel=1e-5)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from short_flights import short_plan
 from stability.systems import (
     assert_predicted,
     decibels,
@@ -18,10 +20,11 @@ from abhv_mc.flight import prepare
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability import probe, steady
 from abhv_mc.stability.analysis import analyse
-from abhv_mc.stability.linearize import linearize
+from abhv_mc.stability.linearize import actuator_matrices, linearize
 from abhv_mc.stability.plant_inputs import INPUTS
 from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import ask_plant
@@ -217,3 +220,17 @@ def test_probes_that_are_lean_to_compile_have_the_same_bits(controller, monkeypa
     assert set(variants) == {True, False}
     for name, ours, full in zip(analyses[0]._fields, *analyses, strict=True):
         assert np.asarray(ours).tobytes() == np.asarray(full).tobytes(), name
+
+
+def test_a_first_order_actuator_lags_and_its_rate_follows():
+    bandwidth, tick = 30.0, 0.01
+    surfaces = {"kind": "first_order", "bandwidth": "30 rad/s", "rate_limit": "4 rad/s"}
+    surfaces |= {"limit": "20 deg", "dead_zone": "0.1 deg"}
+    plan = short_plan(2, "lqr", "level", {"base": "ghame_x", "surfaces": surfaces})
+    A, B = actuator_matrices(plan, np.ones((1, s.LAW)))
+    whole = np.zeros((12, 12))
+    whole[:8, :8], whole[:8, 8:] = A[0], B[0]
+    end, kept = expm(tick * whole), np.exp(-bandwidth * tick)
+    assert end[0, [0, 1, 8]] == pytest.approx([kept, 0.0, 1.0 - kept], abs=1e-12)
+    assert end[1, [0, 1, 8]] == pytest.approx(bandwidth * np.array([-kept, 0.0, kept]), rel=1e-3)
+    assert any("leave out the dead zone of aileron, rudder, elevator" in x for x in plan.warnings)

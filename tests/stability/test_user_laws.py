@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from stability.systems import assert_predicted, decibels, parameters, plans_of
 
+import abhv_mc
 from abhv_mc.flight.fly import fly
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant import state as s
@@ -163,3 +164,33 @@ def test_the_laws_that_new_writes_have_customary_margins_on_the_default_vehicle(
         > 6.0
     )
     assert np.rad2deg(margins.phase).min() > 45.0
+
+
+ATTITUDE_HOLD = """
+from abhv_mc.extend import Command, controller, wrap
+
+@controller
+def law(measured, reference):
+    alpha = measured.angle_of_attack - reference.angle_of_attack
+    elevator = reference.elevator + 2.0 * alpha + 1.5 * measured.pitch_rate
+    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, measured.roll_rate, measured.yaw_rate
+    aileron = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r
+    rudder = -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
+    return Command(aileron, rudder, elevator, reference.equivalence_ratio)
+"""
+
+
+def test_an_attitude_hold_has_margins_with_the_slow_states_held(tmp_path):
+    (tmp_path / "law.py").write_text(ATTITUDE_HOLD)
+    (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
+    given = "level", "ghame_x", tmp_path / "law.yaml"
+    free, held = (
+        abhv_mc.margins(*given, hold=hold) for hold in ((), ("altitude", "speed", "heading"))
+    )
+    assert not free.attrs["stable"] and held.attrs["stable"]
+    assert len(free.attrs["poles"]) - len(held.attrs["poles"]) == 3
+    assert 3.0 < held.loc["elevator", "gain_margin_high_db"] < np.inf
+    (note,) = [text for text in held.attrs["warnings"] if "held" in text]
+    assert f"{free.attrs['poles'][0].real:+.2g}" in note
+    with pytest.raises(InputError, match="hold: 'pitch'"):
+        abhv_mc.margins(*given, hold=("pitch",))

@@ -7,6 +7,13 @@ import numpy as np
 import pytest
 
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.plant.actuator_step import (
+    DEAD_ZONE,
+    ENGINE,
+    FIRST_EFFECTOR,
+    KINDS,
+    RATE_LIMIT,
+)
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
@@ -74,9 +81,28 @@ def test_everything_becomes_si_and_radians(write):
     assert (c.thrust_cos, c.thrust_sin, c.thrust_offset_z) == pytest.approx(
         (np.sqrt(0.75), 0.5, 2.0)
     )
-    assert c.surface_rate_limit == pytest.approx(np.radians(400.0))
+    assert vehicle.actuators[:3, RATE_LIMIT] == pytest.approx(np.radians(400.0))
     assert c.angle_of_attack_min == pytest.approx(np.radians(-3.0))
     assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0]]
+
+
+def test_an_effector_has_what_it_does_not_say_from_the_surfaces(write):
+    text = SMALL.replace("surfaces: {", "surfaces: {dead_zone: 0.1 deg, backlash: 0.2 deg, ")
+    text = text.replace("aileron: 0.5}", "aileron: 0.5, kind: first_order, backlash: 0.3 deg}")
+    actuators = load_vehicle(write(text)).actuators
+    assert actuators[:3, DEAD_ZONE:] == pytest.approx(np.radians([[0.1, 0.2]] * 3))
+    assert actuators[ENGINE].tolist() == [
+        0.1,
+        1.5,
+        5.0,
+        20.0,
+        1.0,
+        KINDS.index("second_order"),
+        0,
+        0,
+    ]
+    lag = [np.radians(400.0), 50.0, 0.5, KINDS.index("first_order")]
+    assert actuators[FIRST_EFFECTOR, 2:] == pytest.approx([*lag, *np.radians([0.1, 0.3])])
 
 
 def test_terms_scales_and_effectors(write):
@@ -116,6 +142,23 @@ def test_terms_scales_and_effectors(write):
             "[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "least and greatest", id="empty engine range"
         ),
         pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
+        pytest.param(
+            "surfaces: {",
+            "surfaces: {kind: first_order, ",
+            (11, 11),
+            "bandwidth and rate_limit",
+            id="first order with damping",
+        ),
+        pytest.param(
+            "surfaces: {", "surfaces: {dead_zone: -1 deg, ", (11, 23), "0", id="negative dead zone"
+        ),
+        pytest.param(
+            "aileron: 0.5}",
+            "aileron: 0.5, kind: first_order, damping: 0.5}",
+            (10, 9),
+            "an effector of the kind first_order",
+            id="first-order effector with damping",
+        ),
         pytest.param(
             "unit: 1/deg, ", "", (25, 10), "1/deg or 1/rad", id="derivative without a unit"
         ),

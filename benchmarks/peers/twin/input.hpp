@@ -26,7 +26,7 @@ struct BuildUp {
 };
 
 struct Input {
-    Numbers constants, earth;  // in the order of constants:: and earth::
+    Numbers constants, actuators, earth;  // in the order of constants:: and earth::; [actuator, actuator::]
     Tables tables;
     BuildUp build_up;
     Numbers effector_mix;  // [effector, 3]
@@ -64,6 +64,7 @@ inline Input read_input(const std::string& path) {
     Reader file(path);
     Input in;
     in.constants = file.numbers();
+    in.actuators = file.numbers();
     in.earth = file.numbers();
     Tables& t = in.tables;
     t.axis_variable = file.indices();

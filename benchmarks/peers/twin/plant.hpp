@@ -163,19 +163,19 @@ private:
     static constexpr int rigid = state::aileron;
 
     Actuator surface() const {
-        const Numbers& c = in_.constants;
-        const double limit = c[constants::surface_limit] * p_[parameter::actuator_deflection_limit];
-        return {c[constants::surface_bandwidth] * p_[parameter::actuator_bandwidth],
-                c[constants::surface_damping] * p_[parameter::actuator_damping], -limit, limit,
-                c[constants::surface_rate_limit] * p_[parameter::actuator_rate_limit], in_.step};
+        const double* a = in_.actuators.data();  // the axes are alike
+        const double limit = a[actuator::high] * p_[parameter::actuator_deflection_limit];
+        return {a[actuator::bandwidth] * p_[parameter::actuator_bandwidth],
+                a[actuator::damping] * p_[parameter::actuator_damping], -limit, limit,
+                a[actuator::rate_limit] * p_[parameter::actuator_rate_limit], in_.step};
     }
 
     Actuator engine() const {
-        const Numbers& c = in_.constants;
-        return {c[constants::engine_bandwidth] * p_[parameter::engine_bandwidth],
-                c[constants::engine_damping] * p_[parameter::engine_damping], c[constants::equivalence_ratio_min],
-                c[constants::equivalence_ratio_max] * p_[parameter::engine_equivalence_ratio_limit],
-                c[constants::engine_rate_limit] * p_[parameter::engine_rate_limit], in_.step};
+        const double* a = in_.actuators.data() + 3 * actuator::count;
+        return {a[actuator::bandwidth] * p_[parameter::engine_bandwidth],
+                a[actuator::damping] * p_[parameter::engine_damping], a[actuator::low],
+                a[actuator::high] * p_[parameter::engine_equivalence_ratio_limit],
+                a[actuator::rate_limit] * p_[parameter::engine_rate_limit], in_.step};
     }
 
     double fixed(int row) const { return tables_.row(in_.tables.fixed_row[row]); }

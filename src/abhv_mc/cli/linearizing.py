@@ -59,6 +59,13 @@ def margins(
     bank: Annotated[
         str, typer.Option(help="Bank angle of the trimmed steady turn, in deg or with a unit.")
     ] = "0",
+    hold: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STATES",
+            help="Hold altitude, speed or heading, separated by commas: for a controller that leaves them open.",
+        ),
+    ] = None,
     json: Json = None,
     out: Annotated[
         Path | None, output(output_folder, "DIR", "Folder for Bode and Nichols figures.")
@@ -79,10 +86,10 @@ def margins(
     may exist.
     """
     if worst:
-        if vehicle is not None or instants != "trim" or bank != "0" or out is not None:
+        if vehicle is not None or instants != "trim" or bank != "0" or hold or out is not None:
             raise InputError(
                 "--worst",
-                "the option excludes --vehicle, --at, --bank and --output",
+                "the option excludes --vehicle, --at, --bank, --hold and --output",
                 "a campaign and --worst",
             )
         _show_worst(mission, controllers, json, trust_code)
@@ -95,10 +102,13 @@ def margins(
     rows: list[dict[str, Any]] = []
     tables: list[tuple[str, list[dict[str, Any]], Stability]] = []
     figures: list[Path] = []
+    notes: list[str] = []
     for (name, file), time in product(files.items(), times):
-        linear, stability = analyse_place(
-            _take(mission_file, vehicle_file, file, time, bank, times)
+        linear, stability, hold_notes = analyse_place(
+            _take(mission_file, vehicle_file, file, time, bank, times),
+            parse_names(hold, "--hold") or (),
         )
+        notes += hold_notes
         table_rows = make_rows(name, None if time == "trim" else time, stability)
         description = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
         title = f"{name}, {vehicle_file.stem}, {mission_file.stem}, {description}"
@@ -114,10 +124,11 @@ def margins(
     def print_text() -> None:
         for table in tables:
             _print_rows(*table)
+        announce_warnings(notes)
         say(*figures, sep="\n", end="\n" * bool(figures))
 
     result = {"vehicle": vehicle_file.stem, "mission": mission_file.stem, "rows": rows}
-    show_result(result, json, print_text)
+    show_result(result | ({"notes": notes} if notes else {}), json, print_text)
 
 
 def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_code: bool) -> None:

@@ -167,7 +167,7 @@ Junit = Annotated[
 ]
 
 
-def parse_names(text: str | None) -> tuple[str, ...] | None:
+def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, ...] | None:
     """Return the names of a comma-separated list; None without the option.
 
     Raise InputError if a name is empty.
@@ -176,7 +176,7 @@ def parse_names(text: str | None) -> tuple[str, ...] | None:
         return None
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError("--controllers", f"'{text}' has an empty name", "names such as tlc,lqr")
+        raise InputError(option, f"'{text}' has an empty name", "names separated by commas")
     return names
 
 

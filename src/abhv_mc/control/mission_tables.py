@@ -61,8 +61,8 @@ def read_air_table(
     """Return altitude and the columns of the first available choice [level, column].
 
     Altitudes may rise or fall in the file, and rise in the result. Wind is the velocity to the north
-    and east, density a factor on that of the standard atmosphere. Raise InputError if the table is
-    invalid.
+    and east, density a factor on that of the standard atmosphere, followed by that of the
+    temperature if the table has one. Raise InputError if the table is invalid.
     """
     table = read_foreign_table(path)
     columns = table.find(("altitude", *AIR), heads)
@@ -87,8 +87,11 @@ def read_air_table(
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
         raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS}")
+    warmth: list[Floats] = []
     if "temperature" in names:
-        values = [values[0] / (GAS_CONSTANT * (values[1] * factor + offset))]
+        kelvin = values[1] * factor + offset
+        values = [values[0] / (GAS_CONSTANT * kelvin)]
+        warmth = [kelvin / [atmosphere(height)[2] for height in altitude.tolist()]]
     if names == WIND[1]:
         values = [-values[0] * np.cos(values[1]), -values[0] * np.sin(values[1])]
     elif names in DENSITIES:
@@ -98,7 +101,7 @@ def read_air_table(
             problem = f"a density of {values[0][row]:g} times the standard atmosphere's"
             raise numbers.error(int(row), names[0], problem, "a factor above zero")
     order = np.argsort(altitude)
-    return np.column_stack([altitude, *values])[order]
+    return np.column_stack([altitude, *values, *warmth])[order]
 
 
 def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
@@ -123,7 +126,7 @@ def join_air(wind: Floats | None, density: Floats | None) -> Floats:
     The columns are those of :mod:`abhv_mc.kernel.plant.air_data`.
     """
     if wind is None and density is None:
-        return np.empty((0, 4))
+        return np.empty((0, 5))
     knots = np.unique(
         np.concatenate([table[:, 0] for table in (wind, density) if table is not None])
     )
@@ -134,4 +137,7 @@ def join_air(wind: Floats | None, density: Floats | None) -> Floats:
         else (zeros, zeros)
     )
     factor = np.interp(knots, density[:, 0], density[:, 1]) if density is not None else zeros + 1.0
-    return np.ascontiguousarray(np.stack([knots, north, east, factor], axis=1))
+    warmth = zeros + 1.0
+    if density is not None and density.shape[1] > 2:
+        warmth = np.interp(knots, density[:, 0], density[:, 2])
+    return np.ascontiguousarray(np.stack([knots, north, east, factor, warmth], axis=1))

@@ -13,7 +13,6 @@ from abhv_mc.kernel.numerics.quaternion import rotate_meridional
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import aligned_zeros, variable_row
 from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.kernel.world.earth import gravity_ned
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.user_code.vehicle_functions import (
@@ -230,7 +229,7 @@ class _StartPoint:
         Z[s.VAR : s.VAR + len(variables)] = variables[:, :1]
         Z[s.AIRSPEED] = start.speed
         Z[s.RHO] = 2.0 * trim.dynamic_pressure / start.speed**2
-        Z[variable_row("mach")] = start.speed / atmosphere(start.altitude)[3]
+        Z[variable_row("mach")] = trim.mach
         Z[s.MOTION : s.MOTION_ACCELERATION] = x[s.U : s.MASS + 1, None]
         acceleration = np.array([force_x / mass, 0.0, force_z / mass]) + gravity
         Z[s.MOTION_ACCELERATION : s.ANGULAR_ACCELERATION] = acceleration[:, None]

@@ -21,7 +21,7 @@ from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.actuators import has_slack, name_effectors
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
@@ -52,7 +52,10 @@ def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recor
 
 
 # Prefixes of dispersions that a lean flight leaves out.
-NOT_LEAN = ("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_")
+NOT_LEAN = (
+    *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
+    *("thrust.", "atmosphere.temperature"),
+)
 
 
 SENSOR_TIMES = (
@@ -126,6 +129,7 @@ class FlightPlan:
         vehicle, foreign = self.vehicle, self.vehicle.foreign
         is_builtin = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
         is_fixed = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
+        is_fixed = is_fixed and not has_slack(vehicle)
         is_calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(is_builtin and is_fixed and is_calm))
 

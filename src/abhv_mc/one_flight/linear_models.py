@@ -1,6 +1,6 @@
 """Linear models and stability margins of one flight, as tables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +37,8 @@ _MARGIN_UNITS = {
 }
 _MOST_BANK = 1.4  # rad
 _FREQUENCIES = 1000
+_SLOW = 0.1  # 1/s: faster poles are of the attitude
+HELD = ("altitude", "speed", "heading")
 
 
 class Place(NamedTuple):
@@ -136,6 +138,7 @@ def take_point(
     from abhv_mc.stability.points import AT_LIMIT, flown_points, near_nodes
     from abhv_mc.stability.steady import make_steady_plan, trim_points
     from abhv_mc.user_code.vehicle_functions import load_vehicle
+    from abhv_mc.vehicle.actuators import slack_warnings
 
     time: Time = "trim" if isinstance(at, str) and at == "trim" else to_si(at, TIME, "at")
     angle = to_si(bank, ANGLE, "bank")
@@ -151,7 +154,7 @@ def take_point(
         problem = "a vehicle without control surfaces or engine"
         raise InputError(craft.path, problem, "one with both, to fly it with a controller")
     parameters = make_parameters(dispersions, packed)
-    warnings = []
+    warnings = slack_warnings(packed)
     if time == "trim":
         record, user_code = read_law(law)
         try:
@@ -192,13 +195,48 @@ def take_point(
     return Place(plan, taken.points, warnings)
 
 
-def analyse_place(location: Place) -> "tuple[Linear, Stability]":
-    """Return the linear model at a point, and its margins."""
-    from abhv_mc.stability.analysis import analyse
-    from abhv_mc.stability.linearize import linearize
+def analyse_place(
+    location: Place, hold: Sequence[str] = ()
+) -> "tuple[Linear, Stability, list[str]]":
+    """Return the linear model at a point, its margins, and notes.
 
-    linear = linearize(location.plan, location.points)
-    return linear, analyse(linear, _FREQUENCIES, apart=True)
+    `hold` names slow states that stay as they are; the notes give the poles that this removes.
+    Raise InputError for other names.
+    """
+    import numpy as np
+
+    from abhv_mc.stability.analysis import GROWTH, analyse, closed_poles
+    from abhv_mc.stability.linearize import linearize
+    from abhv_mc.stability.path_coordinates import COORDINATES
+
+    for name in hold:
+        if name not in HELD:
+            raise InputError("hold", f"'{name}'", one_of(HELD, name))
+    held = [COORDINATES.index(name) for name in hold]
+    linear = linearize(location.plan, location.points, held)
+    stability, name = analyse(linear, _FREQUENCIES, apart=True), location.plan.controller
+    if held:
+        free = closed_poles(linearize(location.plan, location.points))[0]
+        left = list(stability.poles[0])
+        removed = []
+        for pole in free:  # those that remain have moved a little
+            nearest = int(np.argmin(np.abs(np.array(left) - pole))) if left else -1
+            if left and abs(left[nearest] - pole) < 0.2 * abs(pole) + GROWTH:
+                left.pop(nearest)
+            elif pole.imag >= 0.0:
+                turning = f" +- {pole.imag:.2g}j" if pole.imag > 0.0 else ""
+                removed.append(f"{pole.real:+.2g}{turning}")
+        text = f"{name}: {', '.join(hold)} held"
+        return (
+            linear,
+            stability,
+            [f"{text}, without which it has poles at {', '.join(removed)} 1/s"],
+        )
+    growing = stability.poles[0][stability.poles[0].real >= GROWTH]
+    if growing.size and np.abs(growing).max() < _SLOW:
+        slow = f"{name}: its growing poles are slow, of states that it may leave open"
+        return linear, stability, [f"{slow}: hold {', '.join(HELD)} to see the others' margins"]
+    return linear, stability, []
 
 
 def linearize(
@@ -270,6 +308,7 @@ def margins(
     at: Quantity = "trim",
     *,
     bank: Quantity = 0.0,
+    hold: Sequence[str] = (),
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
     """Return stability margins, as ``abhv-mc margins`` prints them.
@@ -278,6 +317,9 @@ def margins(
     ----------
     mission, vehicle, controller, at, bank, dispersions
         See :func:`abhv_mc.linearize`.
+    hold
+        States among ``altitude``, ``speed`` and ``heading`` that are held constant, for a controller
+        that leaves them open, such as an attitude hold. A warning gives the poles that this removes.
 
     Returns
     -------
@@ -305,7 +347,7 @@ def margins(
     from abhv_mc.stability.analysis import cut_loops, margin_values
 
     location = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
-    _, stability = analyse_place(location)
+    _, stability, notes = analyse_place(location, hold)
     table = pd.DataFrame.from_dict(
         margin_values(stability), orient="index", columns=list(_MARGIN_UNITS)
     )
@@ -315,7 +357,7 @@ def margins(
         "stable": bool(stability.stable[0]),
         "poles": stability.poles[0].tolist(),
         "reasons": cut_loops(stability),
-        "warnings": location.warnings,
+        "warnings": [*location.warnings, *notes],
     }
     return table
 

@@ -144,6 +144,11 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
 _TABLE: tuple[Parameter, ...] = (
     _factor("one", "not dispersible: the factor of a term that no parameter touches"),
     _factor("atmosphere.density", "air density, at every altitude"),
+    _error(
+        "atmosphere.temperature",
+        "K",
+        "air warmer at every altitude, at the same pressure: density and Mach number follow",
+    ),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
     _error("wind.east", "m/s", "steady wind blowing towards the east"),
     _error("wind.shear_north", "1/s", "change of the northward wind per metre of altitude"),
@@ -173,6 +178,8 @@ _TABLE: tuple[Parameter, ...] = (
     _factor(
         "propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"
     ),
+    _error("thrust.inclination", "rad", "thrust turned upward about the point where it acts"),
+    _error("thrust.azimuth", "rad", "thrust turned to the right about the point where it acts"),
     _factor("mass.total", "mass at the start"),
     *(
         _factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}")
@@ -189,6 +196,11 @@ _TABLE: tuple[Parameter, ...] = (
     _factor("engine.bandwidth", "natural frequency of the engine"),
     _factor("engine.damping", "damping ratio of the engine"),
     _factor("engine.rate_limit", "rate limit of the throttle (equivalence ratio)"),
+    *(
+        _factor(f"{group}.{name}", f"{noun} of {of}")
+        for group, of in (("actuator", "the surface actuators"), ("engine", "the throttle"))
+        for name, noun in (("dead_zone", "dead zone"), ("backlash", "backlash"))
+    ),
     *(
         _error(f"initial.{name}", unit, f"error of the {name.replace('_', ' ')} at the start")
         for name, unit in _NAVIGATION.items()

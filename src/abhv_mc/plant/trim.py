@@ -41,7 +41,8 @@ class FlightPoint(NamedTuple):
     flight_path_angle: float = 0.0
     speed_rate: float = 0.0  # V'
     flight_path_rate: float = 0.0  # gamma'
-    density_factor: float = 1.0  # on the standard atmosphere's
+    density_factor: float = 1.0  # on the standard atmosphere's, with the temperature's
+    temperature_factor: float = 1.0
     # What custom dynamics add: forces along body x and z, N; pitching moment about the centre of gravity, N m.
     push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -202,6 +203,7 @@ def _control(
     constants = vehicle.constants
     density, _, _, sound = atmosphere(point.altitude)
     density *= point.density_factor
+    sound *= math.sqrt(point.temperature_factor)
     q_bar = 0.5 * density * point.speed**2
     variables = make_variables(
         vehicle,

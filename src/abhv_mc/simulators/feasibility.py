@@ -12,14 +12,16 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.plant.actuator_step import COLUMNS, SLACK
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
 from abhv_mc.statistics.evidence import flights_to_pass
+from abhv_mc.vehicle.actuators import surface_list
 
 # Meaningless at or below zero. A factor on a coefficient may be: the component is absent or
 # reversed.
 _ABOVE_ZERO = re.compile(
-    r"^(atmosphere\.|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
+    r"^(atmosphere\.density|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # probability beyond a bound that is tolerated of an unbounded distribution
@@ -156,6 +158,9 @@ def _has(vehicle: Vehicle, name: str) -> bool:
         return bool(np.any(vehicle.build_up.coefficient == COEFFICIENTS.index(coefficient)))
     if effector := re.match(r"effector_(\d+)", suffix):
         return int(effector[1]) < len(vehicle.effector_mix)
+    if group in ("actuator", "engine") and suffix in SLACK:
+        places = surface_list(vehicle)[-1:] if group == "engine" else surface_list(vehicle)[:-1]
+        return bool(vehicle.actuators[places, COLUMNS.index(suffix)].any())
     if group == "engine":
         return vehicle.constants.equivalence_ratio_max > 0.0
     thrust = "capture_area_ratio", "thrust_area"

@@ -64,9 +64,7 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
     if apart and linear.apart is not None:
         return analyse(linear, frequencies)._replace(apart=analyse(linear.apart, frequencies))
     discrete, span = _closed_poles(linear), linear.period * max(len(linear.phases), 1)
-    with np.errstate(divide="ignore"):
-        poles = [np.log(z[z != 0.0].astype(np.complex128)) / span for z in discrete]
-    poles = [system_poles[np.argsort(-system_poles.real)] for system_poles in poles]
+    poles = closed_poles(linear, discrete)
     stable = np.array(
         [system_poles.size > 0 and system_poles[0].real < GROWTH for system_poles in poles]
     )
@@ -92,6 +90,17 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
         for into, value in zip(margins, stable_margins, strict=True):
             into[chosen] = value
     return Stability(stable, poles, margins, linear.cut, linear.inputs)
+
+
+def closed_poles(linear: Linear, discrete: list[Complexes] | None = None) -> list[Complexes]:
+    """Return the poles of the closed loops (1/s), fastest growing first, of their eigenvalues."""
+    span = linear.period * max(len(linear.phases), 1)
+    with np.errstate(divide="ignore"):
+        poles = [
+            np.log(z[z != 0.0].astype(np.complex128)) / span
+            for z in discrete or _closed_poles(linear)
+        ]
+    return [system_poles[np.argsort(-system_poles.real)] for system_poles in poles]
 
 
 def _closed_poles(linear: Linear) -> list[Complexes]:

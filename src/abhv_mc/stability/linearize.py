@@ -1,9 +1,12 @@
 """Linearization of the closed loop about points of flights as a sampled system.
 
-The plant is continuous in path coordinates; surfaces and engine are of second order without limits;
-the zero-order hold over the control period is exact; the controller is represented by the slopes of
-its compiled tick, including its memory. The first dimension of arrays is the point.
+The plant is continuous in path coordinates; surfaces and engine have their kind of actuator without
+limits, dead zones and backlash; the zero-order hold over the control period is exact; the controller
+is represented by the slopes of its compiled tick, including its memory. The first dimension of
+arrays is the point.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,8 +14,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH, DAMPING, FIRST_ORDER, IDEAL, KIND
 from abhv_mc.kernel.plant.parameter_names import NEVER
-from abhv_mc.kernel.plant.vehicle import BANDWIDTH, IDEAL, MAX_EFFECTORS
+from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.linear_model import NO_EFFECT, STUCK, Linear
 from abhv_mc.stability.periods import law_phases
@@ -26,7 +30,7 @@ from abhv_mc.stability.plant_inputs import (
 )
 from abhv_mc.stability.point_slopes import Points, plant_slopes
 from abhv_mc.stability.sensor_states import add_sensors
-from abhv_mc.vehicle.actuators import list_actuators
+from abhv_mc.vehicle.actuators import surface_list
 
 _N_PATH = len(path.COORDINATES)
 _MEASURED = (
@@ -37,8 +41,12 @@ _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
 _FELT = 1e-8  # slope of a rate over a control below which it is rounding
 
 
-def linearize(plan: FlightPlan, points: Points) -> Linear:
-    """Return linear models at points of flights."""
+def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
+    """Return linear models at points of flights.
+
+    `held` path coordinates stay as they are and are no states of A and B; their rates in the continuous
+    plant are zero.
+    """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
     # Path and custom states are moved by forces; the actuators are between them in the full state.
@@ -49,6 +57,8 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     held_B = np.zeros_like(plant_B)
     if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
         held_B = plant_slopes(plan, points, hold_slow=True).slope[:, rates, driven] - plant_B
+    for matrix in (plant_A, plant_B, held_B):
+        matrix[:, list(held)] = 0.0
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
@@ -60,6 +70,8 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
         A[sticks[:, i], :, 11 + 2 * i] = 0.0  # its rate is set to zero at every tick
+    sense = _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k)
+    A, B = np.delete(np.delete(A, held, 1), held, 2), np.delete(B, held, 1)
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
         np.int64
     )
@@ -75,7 +87,7 @@ def linearize(plan: FlightPlan, points: Points) -> Linear:
             law.slope[:, m:, n:],
             law.slope[:, m:, :n],
             np.minimum(age, MAX_DELAY_TICKS),
-            _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k),
+            np.delete(sense, held, 2),
             cut,
             inputs=name_inputs(plan.vehicle),
         )
@@ -119,17 +131,19 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 
     `lane` [point, row] is the kernel's memory.
     """
-    c, actuator = (
-        plan.vehicle.constants,
-        list_actuators(plan.vehicle).actuator[:, BANDWIDTH : IDEAL + 1],
-    )
-    kinds = [*actuator.tolist(), [c.engine_bandwidth, c.engine_damping, c.ideal_engine]]
-    k = len(kinds)
+    actuators = plan.vehicle.actuators[surface_list(plan.vehicle)]
+    k = len(actuators)
     A, B = np.zeros((len(lane), 2 * k, 2 * k)), np.zeros((len(lane), 2 * k, k))
-    for i, (bandwidth, damping, ideal) in enumerate(kinds):
+    for i, (bandwidth, damping, kind) in enumerate(actuators[:, [BANDWIDTH, DAMPING, KIND]]):
+        ideal = kind == IDEAL
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
+        if kind == FIRST_ORDER:  # its rate follows, almost at once
+            A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
+            A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
+            B[:, 2 * i + 1, i] = _AT_ONCE * w
+            continue
         A[:, 2 * i, 2 * i + 1] = 1.0
         A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(w**2), -2.0 * zeta * w
         B[:, 2 * i + 1, i] = w**2

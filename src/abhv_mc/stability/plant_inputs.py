@@ -8,13 +8,14 @@ from abhv_mc.flight.arguments import SavedFlights
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.effectors import MOVES, N_EFFECTOR_ROWS, POSITION
+from abhv_mc.kernel.plant.actuator_step import HIGH, LOW
+from abhv_mc.kernel.plant.actuators import MOVES, N_EFFECTOR_ROWS, POSITION
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, NEVER
-from abhv_mc.kernel.plant.vehicle import HIGH, LOW, Vehicle
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.vehicle_functions import find_code
-from abhv_mc.vehicle.actuators import list_actuators, name_effectors
+from abhv_mc.vehicle.actuators import name_effectors, surface_list, surface_mix
 from abhv_mc.vehicle.vehicle_code import name_states
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
@@ -66,7 +67,7 @@ def mixes(plan: FlightPlan) -> bool:
 
 def mix_matrix(vehicle: Vehicle) -> Floats:
     """Return the matrix [input, 4] from the three axes and the engine to the inputs."""
-    mix = np.pad(list_actuators(vehicle).mix, ((0, 1), (0, 1)))
+    mix = np.pad(surface_mix(vehicle), ((0, 1), (0, 1)))
     mix[-1, -1] = 1.0
     return mix
 
@@ -83,16 +84,14 @@ def as_axes(vehicle: Vehicle, inputs: Floats) -> Floats:
 
 def range_of(vehicle: Vehicle) -> tuple[Floats, Floats]:
     """Return the lowest and highest nominal positions [input]."""
-    c, actuator = vehicle.constants, list_actuators(vehicle).actuator
-    return np.append(actuator[:, LOW], c.equivalence_ratio_min), np.append(
-        actuator[:, HIGH], c.equivalence_ratio_max
-    )
+    actuators = vehicle.actuators[surface_list(vehicle)]
+    return actuators[:, LOW].copy(), actuators[:, HIGH].copy()
 
 
 def held_at(vehicle: Vehicle, lane: Floats) -> Floats:
     """Return the deflections [point, input - 1] of stuck inputs, NEVER for the others."""
     first = s.STUCK_EFFECTOR if vehicle.constants.driven else s.STUCK_SURFACE
-    return lane[:, first : first + len(list_actuators(vehicle).mix)]
+    return lane[:, first : first + len(surface_mix(vehicle))]
 
 
 def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:

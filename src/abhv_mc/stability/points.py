@@ -17,7 +17,7 @@ from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.flight.observe import ALIVE
 from abhv_mc.kernel.laws.columns import N_LIMITS
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.effectors import POSITION, STAGE
+from abhv_mc.kernel.plant.actuators import POSITION, STAGE
 from abhv_mc.kernel.plant.parameter_names import NEVER
 from abhv_mc.kernel.plant.vehicle import VARIABLES, Tables
 from abhv_mc.stability import path_coordinates as path

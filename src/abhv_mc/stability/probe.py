@@ -32,7 +32,7 @@ from abhv_mc.kernel.laws.columns import N_LIMITS
 from abhv_mc.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc.kernel.laws.user import FAULT
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.effectors import N_EFFECTOR_ROWS, POSITION
+from abhv_mc.kernel.plant.actuators import N_EFFECTOR_ROWS, POSITION
 from abhv_mc.kernel.plant.parameter_names import AXES
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 from abhv_mc.kernel.stability.probes import (

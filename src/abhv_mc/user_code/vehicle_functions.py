@@ -15,9 +15,9 @@ from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.foreign import NOMINAL
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import aligned_zeros, variable_row
+from abhv_mc.kernel.plant.thrust import NOMINAL
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text, tuple_text

@@ -1,6 +1,7 @@
 """Keys of the engines and control surfaces in a vehicle file."""
 
 import math
+from collections.abc import Collection
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -25,6 +26,90 @@ PROPULSION_TABLES = {
     "specific_impulse": "specific_impulse",
     "thrust_area": "area",
 }
+
+
+ActuatorKind = Literal["second_order", "first_order", "ideal"]
+_KIND = (
+    "second_order (left out), first_order with the time constant 1 / bandwidth, or ideal: "
+    "the position equals the command"
+)
+_DEAD_ZONE = (
+    "error between command and position, to either side, below which the actuator does not move"
+)
+_BACKLASH = "play between the actuator and what it moves, from side to side"
+
+# Keys that each kind of actuator needs; no other of the dynamics belongs to it.
+DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
+    "second_order": ("bandwidth", "damping", "rate_limit"),
+    "first_order": ("bandwidth", "rate_limit"),
+    "ideal": (),
+}
+
+
+class Actuator(StrictModel):
+    """Dynamics of an actuator."""
+
+    bandwidth: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="natural frequency, or 1 / time constant of a first-order one"
+    )
+    damping: Annotated[float, Positive] | None = Field(
+        default=None, description="damping ratio of a second-order one"
+    )
+    ideal: bool = Field(False, description="true: the same as kind: ideal")
+
+    def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
+        """Return the kind that the file gives, None if it gives none. Raise Refusal for two."""
+        if self.ideal and kind not in (None, "ideal"):
+            raise Refusal(f"an ideal actuator of the kind {kind}", "one of both", ("ideal",))
+        return "ideal" if self.ideal else kind
+
+
+def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None:
+    """Raise Refusal if the keys of the dynamics are not those of a kind of actuator."""
+    needed = DYNAMICS[kind]
+    if set(keys) != set(needed):
+        problem = f"{what} of the kind {kind} with {' and '.join(sorted(keys)) or 'no dynamics'}"
+        raise Refusal(problem, " and ".join(needed) or "neither bandwidth nor damping nor a rate")
+
+
+class EngineActuator(Actuator):
+    """Dynamics of the throttle."""
+
+    throttle_kind: ActuatorKind | None = Field(default=None, description=_KIND)
+    damping: Annotated[float, Positive] | None = Field(
+        default=None, description="damping ratio of a second-order one; left out: 1"
+    )
+    rate_limit: Annotated[Frequency, Positive] | None = Field(
+        default=None, description="greatest rate of the throttle"
+    )
+    dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
+    backlash: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
+
+    @property
+    def response(self) -> ActuatorKind:
+        """Return the kind of actuator."""
+        return self._choose_kind(self.throttle_kind) or "second_order"
+
+    @model_validator(mode="after")
+    def _check_actuator(self) -> Self:
+        keys = {name for name in DYNAMICS["second_order"] if getattr(self, name) is not None}
+        if self.response == "second_order":
+            keys.add("damping")
+        check_dynamics(self.response, keys, "an engine")
+        return self
+
+
+class SurfaceActuator(Actuator):
+    """Dynamics of a control surface."""
+
+    kind: ActuatorKind | None = Field(default=None, description=_KIND)
+    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
+    backlash: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
+
+    @property
+    def response(self) -> ActuatorKind | None:
+        """Return the kind of actuator; None if the file does not state it."""
+        return self._choose_kind(self.kind)
 
 
 class PythonFunction(StrictModel):
@@ -143,7 +228,7 @@ class _Inlets(StrictModel):
         return self
 
 
-class _Propulsion(_Inlets):
+class _Propulsion(EngineActuator, _Inlets):
     specific_impulse: str = Field(description="name of the table of specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
         default=9.80665, description="gravity in the definition of the specific impulse"
@@ -154,11 +239,6 @@ class _Propulsion(_Inlets):
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
         description="least and greatest"
     )
-    bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency of the throttle"
-    )
-    damping: Annotated[float, Positive] = Field(description="damping ratio of the throttle")
-    rate_limit: Annotated[Frequency, Positive] = Field(description="greatest rate of the throttle")
     relight: Relight = Field(Relight(), description="recovery after a failure")
 
 
@@ -178,30 +258,11 @@ class ThrustArea(_Propulsion):
     area: str = Field(description="name of the table of thrust over dynamic pressure")
 
 
-class ThrustFunction(PythonFunction, _Inlets):
+class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
     """Thrust as a Python function of air data and throttle."""
 
     function: str = Field("thrust", description="name of the function")
     throttle: Range = Field((0.0, 1.0), description="least and greatest throttle")
-    ideal: bool = Field(False, description="whether the throttle equals its command")
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="natural frequency of the throttle"
-    )
-    damping: Annotated[float, Positive] = Field(
-        default=1.0, description="damping ratio of the throttle"
-    )
-    rate_limit: Annotated[Frequency, Positive] | None = Field(
-        default=None, description="greatest rate of the throttle"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "ThrustFunction":
-        if self.ideal == (self.bandwidth is not None and self.rate_limit is not None):
-            raise Refusal(
-                "both or neither of ideal, and bandwidth with rate_limit",
-                "either ideal, or bandwidth and rate_limit",
-            )
-        return self
 
 
 def _propulsion_kind(value: Any) -> str:
@@ -217,10 +278,32 @@ Propulsion = Annotated[
 ]
 
 
+def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
+    """Return the least and greatest throttle; zeros without an engine."""
+    if engine is None:
+        return 0.0, 0.0
+    return engine.throttle if isinstance(engine, ThrustFunction) else engine.equivalence_ratio
+
+
 AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
-class Effector(StrictModel):
+class Surfaces(SurfaceActuator):
+    """Actuators of the three axis deflections, which are alike."""
+
+    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
+    rate_limit: Annotated[AngularRate, Positive] | None = Field(
+        default=None, description="greatest rate of deflection"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Surfaces":
+        keys = {name for name in DYNAMICS["second_order"] if getattr(self, name) is not None}
+        check_dynamics(self.response or "second_order", keys, "surfaces")
+        return self
+
+
+class Effector(SurfaceActuator):
     """One surface: its deflection per deflection of each axis, and optionally its actuator."""
 
     aileron: float = Field(0.0, description="deflection per aileron command")
@@ -232,11 +315,6 @@ class Effector(StrictModel):
     rate: Annotated[AngularRate, Positive] | None = Field(
         default=None, description="greatest rate of deflection"
     )
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="natural frequency"
-    )
-    damping: Annotated[float, Positive] | None = Field(default=None, description="damping ratio")
-    ideal: bool = Field(False, description="whether the deflection equals its command")
 
     @property
     def driven(self) -> bool:
@@ -247,38 +325,26 @@ class Effector(StrictModel):
     def _check(self) -> "Effector":
         if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
             raise Refusal(f"{list(self.limits)} rad", "least and greatest, about 0", ("limits",))
-        if self.ideal and (self.rate or self.bandwidth or self.damping):
+        if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
                 "an ideal effector with dynamics",
                 "either ideal, or rate, bandwidth and damping",
-                ("ideal",),
+                ("ideal" if self.ideal else "kind",),
             )
         return self
 
-
-class Surfaces(StrictModel):
-    """Second-order actuators of the three axis deflections."""
-
-    bandwidth: Annotated[AngularRate, Positive] = Field(description="natural frequency")
-    damping: Annotated[float, Positive] = Field(description="damping ratio")
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-    rate_limit: Annotated[AngularRate, Positive] = Field(description="greatest rate of deflection")
-
-
-class IdealSurfaces(StrictModel):
-    """Deflections that equal their commands."""
-
-    ideal: Literal[True] = Field(description="no dynamics")
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
-
-
-def _surfaces_kind(value: Any) -> str:
-    return (
-        "ideal" if "ideal" in (value if isinstance(value, dict) else vars(value)) else "actuators"
-    )
-
-
-SurfaceKeys = Annotated[
-    Annotated[Surfaces, Tag("actuators")] | Annotated[IdealSurfaces, Tag("ideal")],
-    Discriminator(_surfaces_kind),
-]
+    def complete(self, surfaces: Surfaces) -> tuple[ActuatorKind, dict[str, float]]:
+        """Return kind and dynamics, by default those of the surfaces. Raise Refusal if incomplete."""
+        own = {"bandwidth": self.bandwidth, "damping": self.damping, "rate_limit": self.rate}
+        moves = self.rate is not None or self.bandwidth is not None
+        kind = self.response or surfaces.response or "second_order"
+        if moves and self.response is None and kind == "ideal":
+            kind = "second_order"
+        dynamics: dict[str, float] = {}
+        for name in DYNAMICS[kind]:
+            value = own[name] if own[name] is not None else getattr(surfaces, name)
+            if value is not None:
+                dynamics[name] = value
+        unused = {name for name, value in own.items() if value is not None} - {*DYNAMICS[kind]}
+        check_dynamics(kind, {*dynamics, *unused}, "an effector")
+        return kind, dynamics

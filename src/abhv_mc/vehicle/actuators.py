@@ -1,24 +1,44 @@
-"""Actuators of a vehicle: packing from the file, and queries of the packed vehicle."""
+"""Effectors and actuators of a vehicle: packing from the file, and queries of the packed vehicle."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.kernel.plant.vehicle import HIGH, LOW, VARIABLES, Constants, Effectors, Vehicle
-from abhv_mc.vehicle.actuator_keys import AXIS_DEFLECTIONS, Effector
+from abhv_mc.kernel.plant.actuator_step import (
+    AXES,
+    COLUMNS,
+    DEAD_ZONE,
+    ENGINE,
+    FIRST_EFFECTOR,
+    FIRST_ORDER,
+    HIGH,
+    KIND,
+    KINDS,
+    LOW,
+    SLACK,
+)
+from abhv_mc.kernel.plant.vehicle import VARIABLES, Effectors, Vehicle
+from abhv_mc.vehicle.actuator_keys import (
+    AXIS_DEFLECTIONS,
+    DYNAMICS,
+    ActuatorKind,
+    Effector,
+    EngineActuator,
+    SurfaceActuator,
+    throttle_range,
+)
+from abhv_mc.vehicle.document import VehicleDocument
 
 _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effector_0")
 
 
 def pack_effectors(
-    effectors: Mapping[str, Effector], constants: Constants, named_axes: set[str]
+    effectors: Mapping[str, Effector], named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """Return the mix of the file's effectors, the list of actuators and the effectors' names.
+    """Return the mix of the file's effectors, all effectors and the names of the file's.
 
-    Axes that the aerodynamics name are actuators, too. Values that an effector does not give are
-    those of the surfaces.
+    Axes that the aerodynamics name are effectors, too.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
@@ -29,21 +49,73 @@ def pack_effectors(
         np.float64,
     )
     mix = np.vstack([file_mix.reshape(-1, 3), np.eye(3)[axes]])
-    rows, c = np.zeros((len(mix), 6)), constants
-    for row, effector in zip(rows, [*effectors.values(), *[Effector()] * len(axes)], strict=True):
-        low, high = effector.limits or (-c.surface_limit, c.surface_limit)
-        has_dynamics = effector.rate is not None or effector.bandwidth is not None
-        rate, bandwidth = (
-            effector.rate or c.surface_rate_limit or math.inf,
-            effector.bandwidth or c.surface_bandwidth,
-        )
-        ideal = effector.ideal or (c.ideal_surfaces > 0.0 and not has_dynamics)
-        row[:] = low, high, rate, bandwidth, effector.damping or c.surface_damping, ideal
     letters = np.zeros((len(effectors), max(map(len, effectors), default=0)), dtype=np.int64)
     for i, name in enumerate(effectors):
         letters[i, : len(name)] = [ord(letter) for letter in name]
-    actuators = Effectors(variables, mix, rows, _axis_shares(mix), np.linalg.pinv(mix))
-    return mix[: len(effectors)].copy(), actuators, letters
+    packed = Effectors(variables, mix, _axis_shares(mix), np.linalg.pinv(mix))
+    return mix[: len(effectors)].copy(), packed, letters
+
+
+def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
+    """Return the list of actuators [actuator, column]: three axes, engine, then the number of effectors.
+
+    What an effector does not say is as the surfaces have it; axes among the effectors have those.
+    """
+    surfaces, engine = content.surfaces, content.propulsion
+    limit = surfaces.limit if surfaces else 0.0
+    axis = _make_row(surfaces, (-limit, limit), surfaces.response if surfaces else None)
+    throttle = _make_row(engine, throttle_range(engine), engine.response if engine else None)
+    rows = [axis, axis, axis, throttle]
+    for each in content.effectors.values():
+        row = axis
+        if surfaces:
+            kind, dynamics = each.complete(surfaces)
+            row = axis | _make_row(each, each.limits or (-limit, limit), kind, dynamics)
+            row |= {name: axis[name] for name in SLACK if getattr(each, name) is None}
+        rows.append(row)
+    rows += [axis] * (effectors + FIRST_EFFECTOR - len(rows))
+    return np.array([[row[name] for name in COLUMNS] for row in rows])
+
+
+def _make_row(
+    keys: EngineActuator | SurfaceActuator | None,
+    limits: tuple[float, float],
+    kind: ActuatorKind | None,
+    dynamics: Mapping[str, float] | None = None,
+) -> dict[str, float]:
+    """Return a row of the list by columns; what there is not, is there and has no effect."""
+    row = {"low": limits[0], "high": limits[1], "rate_limit": 0.0, "bandwidth": 1.0, "damping": 1.0}
+    names = (*DYNAMICS["second_order"], *SLACK)
+    row |= dict.fromkeys(SLACK, 0.0)
+    row |= {name: x for name in names if (x := getattr(keys, name, None)) is not None}
+    row |= dynamics or {}
+    row["kind"] = KINDS.index(kind or "second_order")
+    if kind == "first_order":
+        row["damping"] = 0.5
+    return row
+
+
+def has_slack(vehicle: Vehicle) -> bool:
+    """Return whether actuators at work are of first order, or have a dead zone or backlash."""
+    actuators = vehicle.actuators[surface_list(vehicle)]
+    return bool((actuators[:, KIND] == FIRST_ORDER).any() or actuators[:, DEAD_ZONE:].any())
+
+
+def slack_warnings(vehicle: Vehicle) -> list[str]:
+    """Return a sentence (without its full stop) on the dead zones and backlash that margins leave out."""
+    names = [*(name_effectors(vehicle) if vehicle.constants.driven else AXIS_DEFLECTIONS), "engine"]
+    actuators = vehicle.actuators[surface_list(vehicle)]
+    parts = []
+    for column, slack in enumerate(SLACK, DEAD_ZONE):
+        of = [name for name, row in zip(names, actuators, strict=True) if row[column] > 0.0]
+        if of:
+            parts.append(f"the {slack.replace('_', ' ')} of {', '.join(of)}")
+    if not parts:
+        return []
+    return [
+        f"stability margins and linear models leave out {' and '.join(parts)}: they hold for "
+        "commands well above it, and say nothing about oscillations of its size"
+    ]
 
 
 def _axis_shares(mix: Floats) -> Floats:
@@ -80,21 +152,15 @@ def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
     )
 
 
-def list_actuators(vehicle: Vehicle) -> Effectors:
-    """Return the actuators of the three axes or of the effectors, without the engine's."""
-    c = vehicle.constants
-    if c.driven:
-        return vehicle.effectors
-    row = (
-        -c.surface_limit,
-        c.surface_limit,
-        c.surface_rate_limit,
-        c.surface_bandwidth,
-        c.surface_damping,
-    )
-    return Effectors(
-        _AXES, np.eye(3), np.tile((*row, c.ideal_surfaces), (3, 1)), np.zeros((3, 3, 3)), np.eye(3)
-    )
+def surface_list(vehicle: Vehicle) -> Ints:
+    """Return the indices of the active actuators: surfaces, then the engine."""
+    first = FIRST_EFFECTOR + np.arange(len(vehicle.effectors.mix))
+    return np.append(first if vehicle.constants.driven else np.arange(AXES), ENGINE)
+
+
+def surface_mix(vehicle: Vehicle) -> Floats:
+    """Return the deflections per axis deflection [surface, 3] of the surfaces that have actuators."""
+    return vehicle.effectors.mix if vehicle.constants.driven else np.eye(AXES)
 
 
 def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
@@ -111,9 +177,8 @@ def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Return the range of deflections (rad) of an axis alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
-        for mix, actuator in zip(
-            vehicle.effectors.mix[:, axis], vehicle.effectors.actuator, strict=True
-        ):
+        own = vehicle.actuators[FIRST_EFFECTOR:]
+        for mix, actuator in zip(vehicle.effectors.mix[:, axis], own, strict=True):
             if mix != 0.0:
                 ends = sorted((actuator[LOW] / mix, actuator[HIGH] / mix))
                 low, high = max(low, ends[0]), min(high, ends[1])

@@ -26,10 +26,9 @@ from abhv_mc.vehicle.actuator_keys import (
     AXIS_DEFLECTIONS,
     PROPULSION_TABLES,
     Effector,
-    IdealSurfaces,
     Propulsion,
     PythonFunction,
-    SurfaceKeys,
+    Surfaces,
 )
 from abhv_mc.vehicle.dynamics_keys import Dynamics, Number
 from abhv_mc.vehicle.shared_keys import AngleRange, LoadLimits, Positive, SensingKeys
@@ -261,7 +260,7 @@ class VehicleDocument(StrictModel):
     )
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
-    surfaces: SurfaceKeys | None = Field(
+    surfaces: Surfaces | None = Field(
         default=None, description="actuators of the control surfaces; left out: none"
     )
     effectors: dict[str, Effector] = Field(
@@ -336,10 +335,11 @@ class VehicleDocument(StrictModel):
                     expected,
                     ("effectors", name),
                 )
-            dynamics = effector.rate, effector.bandwidth, effector.damping
-            if isinstance(self.surfaces, IdealSurfaces) and any(dynamics) and not all(dynamics):
-                expected = "rate, bandwidth and damping, as the surfaces are ideal"
-                raise Refusal("an effector with incomplete dynamics", expected, ("effectors", name))
+            if self.surfaces:
+                try:
+                    effector.complete(self.surfaces)
+                except Refusal as refusal:
+                    raise Refusal(refusal.found, refusal.expected, ("effectors", name)) from None
         factors = (*FACTORS, *self.effectors)
         for table, quantity, key in self.uses():
             if table not in self.tables:

@@ -35,12 +35,11 @@ from abhv_mc.kernel.plant.vehicle import (
 from abhv_mc.vehicle.actuator_keys import (
     PROPULSION_TABLES,
     Capture,
-    IdealSurfaces,
-    Surfaces,
     ThrustFunction,
     engine_rows,
+    throttle_range,
 )
-from abhv_mc.vehicle.actuators import pack_effectors
+from abhv_mc.vehicle.actuators import pack_actuators, pack_effectors
 from abhv_mc.vehicle.document import (
     REDUCED_RATES,
     AerodynamicsFunction,
@@ -192,11 +191,22 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     named = {VARIABLES[i] for i in (*build_up.variable, *tables.axis_variable)}
     for function in file.code.functions() if file.code else ():
         named |= set(re.findall(r"\w+", function.text))
-    effectors = pack_effectors(content.effectors, constants, named)
+    mix, effectors, letters = pack_effectors(content.effectors, named)
+    actuators = pack_actuators(content, len(effectors.mix))
     engines = np.array(
         engine_rows(content.propulsion.engines) if content.propulsion else []
     ).reshape(-1, 4)
-    return Vehicle(constants, tables, build_up, *effectors, engines, foreign)
+    return Vehicle(
+        constants=constants,
+        tables=tables,
+        build_up=build_up,
+        effector_mix=mix,
+        effectors=effectors,
+        actuators=actuators,
+        effector_names=letters,
+        engines=engines,
+        foreign=foreign,
+    )
 
 
 def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
@@ -234,12 +244,8 @@ def _make_constants(content: VehicleDocument) -> Constants:
     """Return the vehicle's constants; a missing engine or surface gets values without effect."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
-    function = engine if isinstance(engine, ThrustFunction) else None
     jet = None if isinstance(engine, ThrustFunction) else engine
-    actuators = surfaces if isinstance(surfaces, Surfaces) else None
-    eta_min, eta_max = (
-        function.throttle if function else jet.equivalence_ratio if jet else (0.0, 0.0)
-    )
+    eta_min, eta_max = throttle_range(engine)
     alpha_min, alpha_max = limits.angle_of_attack if limits else (-math.pi, math.pi)
     inclination = jet.thrust_line.inclination if jet else 0.0
     _, below = reference_point(content)
@@ -257,15 +263,9 @@ def _make_constants(content: VehicleDocument) -> Constants:
         mass_start=content.mass.start,
         mass_empty=content.mass.start if content.mass.empty is None else content.mass.empty,
         burns_fuel=0.0 if content.mass.empty is None else 1.0,
-        surface_bandwidth=actuators.bandwidth if actuators else 1.0,
-        surface_damping=actuators.damping if actuators else 1.0,
         surface_limit=surfaces.limit if surfaces else 0.0,
-        surface_rate_limit=actuators.rate_limit if actuators else 0.0,
-        engine_bandwidth=(engine.bandwidth if engine else None) or 1.0,
-        engine_damping=engine.damping if engine else 1.0,
         equivalence_ratio_min=eta_min,
         equivalence_ratio_max=eta_max,
-        engine_rate_limit=(engine.rate_limit if engine else None) or 0.0,
         angle_of_attack_min=alpha_min,
         angle_of_attack_max=alpha_max,
         sideslip_max=limits.sideslip if limits else math.pi,
@@ -278,7 +278,5 @@ def _make_constants(content: VehicleDocument) -> Constants:
         sensing=choose_sensing(content.sensing, Sensing()),
         relight_delay=jet.relight.delay if jet else 0.0,
         relight_time_constant=jet.relight.time_constant if jet else 0.0,
-        ideal_surfaces=1.0 if isinstance(surfaces, IdealSurfaces) else 0.0,
-        ideal_engine=1.0 if function and function.ideal else 0.0,
         driven=float(any(effector.driven for effector in content.effectors.values())),
     )

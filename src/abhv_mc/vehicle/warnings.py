@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
-from abhv_mc.vehicle.actuators import deflection_range
+from abhv_mc.vehicle.actuators import deflection_range, slack_warnings
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
     evaluate_fixed,
@@ -43,7 +43,7 @@ _USUAL = (
 
 def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
     """Return a sentence, without full stop, for each implausible property of a vehicle."""
-    warnings = []
+    warnings = slack_warnings(vehicle)
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append(
             "the vehicle file has no mass.empty, so the engine burns no fuel and the mass is constant"

@@ -58,9 +58,14 @@ class EnvironmentPoints(NamedTuple):
     radius: Floats  # M + h
 
 
-def density_factor(air: Floats, altitude: Floats) -> Floats:
-    """Return the factor of a mission's nominal density on the standard density."""
-    return np.interp(altitude, air[:, 0], air[:, 3]) if len(air) else np.ones_like(altitude)
+def air_factors(air: Floats, altitude: Floats) -> Floats:
+    """Return a mission's factors [2, point] on the standard density and temperature.
+
+    ``air`` has the columns of :mod:`abhv_mc.kernel.plant.air_data`.
+    """
+    if not len(air):
+        return np.ones((2, altitude.size))
+    return np.stack([np.interp(altitude, air[:, 0], air[:, column]) for column in (3, 4)])
 
 
 def make_environment_points(
@@ -81,7 +86,9 @@ def make_environment_points(
             radii(earth, sine)[0] + height,
         )
     if air is not None and len(air):
-        result[0] *= density_factor(air, altitude)
+        density, temperature = air_factors(air, altitude)
+        result[0] *= density
+        result[1] *= np.sqrt(temperature)
     return EnvironmentPoints(*result)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_cache import cache_results
-from abhv_mc.control.design.design_model import density_factor, make_environment_points
+from abhv_mc.control.design.design_model import air_factors, make_environment_points
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
 from abhv_mc.control.design.trim_tables import make_trim_tables
@@ -138,6 +138,7 @@ def make_start_trim(
     """
     start = mission.start
     fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
+    density, temperature = air_factors(mission.make_air(), np.array([start.altitude]))
     point = FlightPoint(
         start.altitude,
         start.speed,
@@ -145,7 +146,8 @@ def make_start_trim(
         start.latitude,
         start.heading,
         start.flight_path_angle,
-        density_factor=float(density_factor(mission.make_air(), np.array([start.altitude]))[0]),
+        density_factor=float(density[0]),
+        temperature_factor=float(temperature[0]),
         push=push,
     )
     return trim(vehicle, fixed_earth, point)

@@ -40,6 +40,7 @@ from abhv_mc.kernel.laws.lqr import lqr_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
 from abhv_mc.kernel.laws.user import call_user, user_tick
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import AXES, FIRST_EFFECTOR
 from abhv_mc.kernel.plant.actuators import (
     command_ideal,
     pass_commands,
@@ -49,7 +50,13 @@ from abhv_mc.kernel.plant.actuators import (
     set_actuators,
 )
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
-from abhv_mc.kernel.plant.air_data import air_data, deflections, move_air, nominal_density
+from abhv_mc.kernel.plant.air_data import (
+    air_data,
+    deflections,
+    is_warm,
+    move_air,
+    nominal_density,
+)
 from abhv_mc.kernel.plant.disturbance import (
     Disturbances,
     active_disturbances,
@@ -86,11 +93,10 @@ from abhv_mc.kernel.plant.failures import (
     watch_inlet,
 )
 from abhv_mc.kernel.plant.foreign import (
-    add_thrust,
     find_dispersed,
     foreign_coefficients,
-    foreign_thrust,
 )
+from abhv_mc.kernel.plant.thrust import add_thrust, foreign_thrust, is_misaligned, turn_thrust
 
 COMPACTION = 500  # ticks after which lanes of ended flights are given to others
 
@@ -107,6 +113,8 @@ class Active(NamedTuple):
     sensor_errors: SensorErrors
     failures: Failures
     windy: bool  # the air moves
+    misaligned: bool  # the thrust has another direction
+    warm: bool  # the air has another temperature
 
 
 @lanes
@@ -118,6 +126,8 @@ def find_active(Z, width, plan):
         active_sensor_errors(Z, width),
         possible_failures(Z, width, plan.vehicle.constants),
         disturbances.windy or plan.profile.shape[0] > 0,
+        is_misaligned(Z, width),
+        is_warm(Z, width, plan.profile),
     )
 
 
@@ -141,7 +151,7 @@ def instruments(plan, Z, width, active, tick):
     if against_air:
         measure_air(Z, width, sensing)
     if more:
-        measure_more(Z, width, plan.reference, tick)
+        measure_more(Z, width, plan.reference, tick, active.warm)
     if dynamic:
         add_sensed(Z, width, s.N_SEEN if more else s.N_MEASURED)
 
@@ -189,7 +199,7 @@ def evaluate(plan, memory, width, stage, active):
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if active is not None and active.windy:
         move_air(Z, width, plan.profile)
-    air_data(Z, width, vehicle, plan.earth)
+    air_data(Z, width, vehicle, plan.earth, active is not None and active.warm)
     deflections(Z, width)
     if active is None:
         set_effectors(Z, width, vehicle.effector_mix)
@@ -207,6 +217,8 @@ def evaluate(plan, memory, width, stage, active):
     equations_of_motion(Z, width, vehicle, plan.earth, stage, active)
     if active is not None and plan.user_code.propulsion != 0:
         add_thrust(Z, width, stage)
+    if active is not None and active.misaligned:
+        turn_thrust(Z, width, vehicle, plan.user_code.propulsion != 0, stage)
     if active is not None and plan.user_code.dynamics != 0:
         run_dynamics(Z, width, vehicle, plan.user_code, stage)
 
@@ -302,7 +314,7 @@ def begin_control(plan, memory, width, law, active, tick):
     if active is not None:
         fail_plant(Z, A, width, active.failures, plan.vehicle, tick * tick_length, tick_length)
     if law != RECORDED:
-        command_ideal(Z, width, plan.vehicle.constants)
+        command_ideal(Z, Z, width, plan.vehicle.actuators, 0, FIRST_EFFECTOR)
     if active is not None:
         begin_effectors(Z, A, width, plan.vehicle)
 
@@ -347,9 +359,10 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
                 if not flying:
                     break
             if stage == 0:
-                run_actuators(Z, width, plan.vehicle.constants, step, law == RECORDED)
+                actuators, recorded = plan.vehicle.actuators, law == RECORDED
+                run_actuators(Z, Z, width, actuators, 0, FIRST_EFFECTOR, step, recorded, active)
                 if active is not None:
-                    run_effectors(Z, A, width, plan.vehicle, step)
+                    run_effectors(Z, A, width, plan.vehicle, step, active)
             elif stage == 2:
                 set_actuators(Z, width)
                 if active is not None:
@@ -440,7 +453,8 @@ def start_lanes(plan, memory, width, find, flights, n):
     load_settings(Z, width, plan.parameters, flights, n)
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
-    prepare_actuators(Z, width, plan.vehicle.constants, plan.timing.step)
+    actuators, step = plan.vehicle.actuators, plan.timing.step
+    prepare_actuators(Z, Z, width, actuators, AXES - 1, FIRST_EFFECTOR, step)  # axes are alike
     leave_effectors(Z, width, plan.vehicle)
     start_active(plan, memory, width, find(Z, width, plan))
     start_observing(Z, memory.O, width, plan.counted)

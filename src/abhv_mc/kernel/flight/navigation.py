@@ -7,7 +7,7 @@ from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.numerics.lane_math import asin, atan2, sincos, two_angles
 from abhv_mc.kernel.numerics.quaternion import rotate_to_body, rotate_to_ned
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.air_data import flow_direction
+from abhv_mc.kernel.plant.air_data import flow_direction, warm_air
 from abhv_mc.kernel.plant.state import X
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
@@ -75,7 +75,7 @@ def measure_air(Z, width, sensing):
 
 
 @lanes
-def measure_more(Z, width, reference, tick):
+def measure_more(Z, width, reference, tick, warm):
     """Compute the additional measurements of custom laws.
 
     The load factor is that of the previous step, 1 at the start. The specific force is that of the
@@ -85,6 +85,8 @@ def measure_more(Z, width, reference, tick):
     atmosphere_lanes(
         Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH
     )  # density, 1 / speed of sound
+    if warm:
+        warm_air(Z, width, s.M_AIRSPEED, s.M_MACH)
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         airspeed, _, _, _, _, _ = flow_direction(

@@ -7,8 +7,9 @@ deflection contributes by its arm. The axes are those of the equations of motion
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.equations import aerodynamic_force, thrust
+from abhv_mc.kernel.plant.equations import aerodynamic_force
 from abhv_mc.kernel.plant.slopes import N_INPUTS
+from abhv_mc.kernel.plant.thrust import thrust
 
 
 @lanes

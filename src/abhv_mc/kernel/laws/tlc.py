@@ -26,9 +26,10 @@ from abhv_mc.kernel.numerics.lane_math import exp, sincos
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
 from abhv_mc.kernel.plant.effectors import set_effectors
-from abhv_mc.kernel.plant.foreign import nominal_coefficients, nominal_slopes, nominal_thrust
+from abhv_mc.kernel.plant.foreign import nominal_coefficients, nominal_slopes
 from abhv_mc.kernel.plant.slopes import N_INPUTS, slopes_of_coefficients, table_slopes
 from abhv_mc.kernel.plant.state import LAW, N_COEFFICIENTS
+from abhv_mc.kernel.plant.thrust import nominal_thrust
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
 # Memory of the law: integrals of the errors, states of the differentiators, trim data, slopes.

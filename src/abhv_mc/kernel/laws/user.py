@@ -21,8 +21,8 @@ from abhv_mc.kernel.laws.tlc import (
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_commands
-from abhv_mc.kernel.plant.equations import thrust
 from abhv_mc.kernel.plant.state import LAW
+from abhv_mc.kernel.plant.thrust import thrust
 
 MAX_MEMORY = 256  # numbers in a law's memory
 

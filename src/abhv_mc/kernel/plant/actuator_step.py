@@ -1,13 +1,28 @@
 """Step of a second-order actuator (Zhu & Shen 2014, eq. (4)) with rate limit and stops.
 
 The command is constant over the step. Within the limits the step is exact. A step that may meet a limit
-is split into short steps, as a limit met within a long step would reduce the integrator's order.
+is split into short steps, as a limit met within a long step would reduce the integrator's order. So is
+the step of a first-order actuator, or of one with a dead zone or backlash.
 """
 
 from typing import NamedTuple
 
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.angles import clamp
+from abhv_mc.kernel.numerics.lane_math import exp
+
+# Columns of ``Vehicle.actuators``, the list of actuators, SI and radians: limits of the position, greatest rate,
+# bandwidth in rad/s, damping ratio (0.5 for first order: 2 damping / bandwidth is the time constant), one of the kinds;
+# the error between command and position that an actuator does not feel, and the play between it and what it moves.
+COLUMNS = (
+    *("low", "high", "rate_limit", "bandwidth", "damping", "kind"),
+    *("dead_zone", "backlash"),
+)
+LOW, HIGH, RATE_LIMIT, BANDWIDTH, DAMPING, KIND, DEAD_ZONE, BACKLASH = range(len(COLUMNS))
+SLACK = COLUMNS[DEAD_ZONE:]  # what makes an actuator nonlinear within its limits
+KINDS = ("second_order", "first_order", "ideal")
+SECOND_ORDER, FIRST_ORDER, IDEAL = range(len(KINDS))
+AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # places in the list: three axes, the engine, effectors
 
 SUBSTEPS = 16  # short steps of an integrator step
 _TERMS = 40  # of the matrix exponential's series
@@ -84,3 +99,60 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
         return_rate if stopped else end_rate,
         step * (stop - 0.5 * share * path) if stopped else smooth,
     )
+
+
+@scalar
+def lag_step(position, command, bandwidth, step, low, high, rate_limit):
+    """Return what :func:`short_step` does, for a first-order actuator: at its rate limit first, then by its lag."""
+    error = abs(position - command)
+    side = 1.0 if position > command else -1.0
+    limited = clamp(error / rate_limit - 1.0 / bandwidth, 0.0, step) if error > 0.0 else 0.0
+    near = error - rate_limit * limited if limited > 0.0 else error
+    left = near * exp(bandwidth * (limited - step))
+    end = command + side * left
+    integral = command * step + side * (0.5 * limited * (error + near) + (near - left) / bandwidth)
+    stop = clamp(end, low, high)
+    end_rate = -side * min(bandwidth * left, rate_limit)
+    if stop != end:
+        end_rate, integral = 0.0, 0.5 * step * (position + stop)
+    return stop, end_rate, integral
+
+
+@scalar
+def mean_within(a, b, zone):
+    """Mean over x from ``a`` to ``b`` of x within +-zone."""
+    at_a, at_b = clamp(a, -zone, zone), clamp(b, -zone, zone)
+    span = b - a
+    short = abs(span) < 1e-9
+    integral = at_b * (b - 0.5 * at_b) - at_a * (a - 0.5 * at_a)
+    return 0.5 * (at_a + at_b) if short else integral / (1.0 if short else span)
+
+
+@scalar
+def slack_step(position, rate, command, response, bandwidth, step, low, high, rate_limit, zone):
+    """Return what :func:`short_step` does, of any kind of actuator that feels the error beyond a dead zone alone.
+
+    That is as if the command were the nearest within the zone about the position; ``bandwidth`` is 0 for second order.
+    """
+    error = position - command
+    if bandwidth > 0.0:
+        aim = command + clamp(error, -zone, zone)
+        return lag_step(position, aim, bandwidth, step, low, high, rate_limit)
+    aim = command + clamp(error, -zone, zone)
+    guess, _, _ = short_step(position, rate, aim, response, step, low, high, rate_limit)
+    aim = command + mean_within(error, guess - command, zone)
+    return short_step(position, rate, aim, response, step, low, high, rate_limit)
+
+
+@scalar
+def turning_point(position, rate, end_rate, step):
+    """Return the farthest position of a step on which the rate changes its sign, else the first one."""
+    turns = (rate > 0.0) != (end_rate > 0.0)
+    time = step * rate / (rate - end_rate if turns and rate != end_rate else 1.0)
+    return position + (0.5 * rate * time if turns else 0.0)
+
+
+@scalar
+def follow(surface, actuator, play):
+    """Return where an actuator has moved a surface through a play of twice ``play``."""
+    return clamp(surface, actuator - play, actuator + play)

@@ -1,31 +1,54 @@
-"""Surfaces and engine over an integrator step, in lanes.
+"""The list of actuators over an integrator step, in lanes: of the three axes and the engine, then of the effectors.
 
-They depend only on their commands, which are constant over a tick, so they are computed before the
-equations of motion.
+The actuators depend only on their commands, which are constant over a tick, so they are computed
+before the equations of motion. Those of axes and engine have rows in the memory ``Z``; those of
+effectors (:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. ``M`` is the memory of the
+actuators that a function computes.
 """
 
 from typing import NamedTuple
 
-from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.jit import lanes, routine, scalar
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import (
+    AXES,
+    BACKLASH,
+    BANDWIDTH,
+    DAMPING,
+    DEAD_ZONE,
     END,
+    ENGINE,
+    FIRST_EFFECTOR,
+    FIRST_ORDER,
     FRICTION,
+    HIGH,
+    IDEAL,
+    KIND,
+    LOW,
     MIDDLE,
     N_ACTUATOR_ROWS,
+    RATE_LIMIT,
     REACH,
     SHORT,
     STIFFNESS,
     SUBSTEPS,
     Response,
+    follow,
     short_step,
+    slack_step,
     transition,
+    turning_point,
 )
 from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
+
+# Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of the stages, both after
+# the step, its command, the factor on its rate limit, how far the actuator is ahead; then what the actuator needs.
+POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
+N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
 
 @lanes
@@ -36,19 +59,75 @@ def pass_commands(Z, width):
             Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
 
 
+class Actuator(NamedTuple):
+    """Rows of one actuator: position and rate before the step, the stages' position, both after it, its command."""
+
+    position: int
+    rate: int
+    middle: int
+    end: int
+    end_rate: int
+    command: int
+    slowed: int  # factor on the rate limit; the engine has none
+    ahead: int  # actuator minus position, which its backlash allows
+    block: int  # from here on what prepare_actuator makes
+
+
+@scalar
+def actuator_rows(i):
+    """Rows of an actuator of the list in its memory. Surfaces are alike: the three axes share a block."""
+    if i >= FIRST_EFFECTOR:
+        first = (i - FIRST_EFFECTOR) * N_EFFECTOR_ROWS
+        return Actuator(
+            position=first + POSITION,
+            rate=first + MOVES,
+            middle=first + STAGE,
+            end=first + NEXT,
+            end_rate=first + NEXT_RATE,
+            command=first + COMMAND,
+            slowed=first + SLOWED,
+            ahead=first + AHEAD,
+            block=first + BLOCK,
+        )
+    position, rate, block = s.AILERON + i, s.AILERON_RATE + i, s.ACTUATORS
+    if i == ENGINE:
+        position, rate, block = s.ETA, s.ETA_RATE, s.ACTUATORS + N_ACTUATOR_ROWS
+    return Actuator(
+        position=X + position,
+        rate=X + rate,
+        middle=XS + position,
+        end=SUM + position,
+        end_rate=SUM + rate,
+        command=s.ACTUATED + i,
+        slowed=s.RATE_FACTOR + i,
+        ahead=s.AHEAD + i,
+        block=block,
+    )
+
+
 @lanes
-def prepare_actuators(Z, width, constants, step):
-    """Prepare the coefficients of surfaces and engine, which are constant in a flight."""
-    for lane in range(width):
-        for engine in range(2):
-            bandwidth = constants.surface_bandwidth * Z[s.K_BANDWIDTH, lane]
-            damping = constants.surface_damping * Z[s.K_DAMPING, lane]
-            if engine:
-                bandwidth = constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane]
-                damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
-            prepare_actuator(
-                Z, lane, s.ACTUATORS + engine * N_ACTUATOR_ROWS, bandwidth, damping, step
-            )
+def limits_of(Z, lane, actuators, i):
+    """Lowest and highest position of an actuator; those of the axes are symmetric."""
+    if i == ENGINE:
+        return actuators[i, LOW], actuators[i, HIGH] * Z[_K_ETA_LIMIT, lane]
+    if i < AXES:
+        limit = actuators[i, HIGH] * Z[s.K_LIMIT, lane]
+        return -limit, limit
+    return actuators[i, LOW] * Z[s.K_LIMIT, lane], actuators[i, HIGH] * Z[s.K_LIMIT, lane]
+
+
+@lanes
+def prepare_actuators(Z, M, width, actuators, first, last, step):
+    """The blocks of actuators of the list; bandwidth and damping stay over a flight."""
+    for i in range(first, last):
+        block = actuator_rows(i).block
+        for lane in range(width):
+            bandwidth, damping = Z[s.K_BANDWIDTH, lane], Z[s.K_DAMPING, lane]
+            if i == ENGINE:
+                bandwidth, damping = Z[s.K_ENGINE_BANDWIDTH, lane], Z[s.K_ENGINE_DAMPING, lane]
+            bandwidth = actuators[i, BANDWIDTH] * bandwidth
+            damping = actuators[i, DAMPING] * damping
+            prepare_actuator(M, lane, block, bandwidth, damping, step)
 
 
 @lanes
@@ -68,42 +147,6 @@ def prepare_actuator(Z, lane, block, bandwidth, damping, step):
     growth = exp(bandwidth * step)
     Z[block + REACH, lane] = 0.5 * (growth + 1.0 / growth)
     Z[block + REACH + 1, lane] = 0.5 * bandwidth * (growth - 1.0 / growth)
-
-
-class Actuator(NamedTuple):
-    """Rows of an actuator: position and rate before and after the step, command."""
-
-    position: int
-    rate: int
-    middle: int
-    end: int
-    end_rate: int
-    command: int
-    block: int  # first row of prepare_actuator's coefficients
-
-
-@scalar
-def deflection_rows(i):
-    """Return the rows of aileron, rudder or elevator."""
-    position, rate = s.AILERON + i, s.AILERON_RATE + i
-    return Actuator(
-        X + position,
-        X + rate,
-        XS + position,
-        SUM + position,
-        SUM + rate,
-        s.ACTUATED + i,
-        s.ACTUATORS,
-    )
-
-
-@scalar
-def engine_rows():
-    """Return the rows of the engine."""
-    block = s.ACTUATORS + N_ACTUATOR_ROWS
-    return Actuator(
-        X + s.ETA, X + s.ETA_RATE, XS + s.ETA, SUM + s.ETA, SUM + s.ETA_RATE, s.ACTUATED + 3, block
-    )
 
 
 @lanes
@@ -164,20 +207,45 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
 
 
 @lanes
-def command_ideal(Z, width, constants):
-    """Set deflections and throttle without dynamics to their limited commands."""
-    if constants.ideal_surfaces > 0.0:
-        for i in range(3):
+def has_slack(actuators, i):
+    """Whether an actuator is of first order, or has a dead zone or backlash."""
+    kind = actuators[i, KIND]
+    return kind == FIRST_ORDER or actuators[i, DEAD_ZONE] > 0.0 or actuators[i, BACKLASH] > 0.0
+
+
+@lanes
+def find_slack(Z, width, actuators, i, zone, play):
+    """Dead zone and half of the backlash of an actuator [lane], with their dispersions."""
+    first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE  # the backlash's follows
+    for lane in range(width):
+        zone[lane] = actuators[i, DEAD_ZONE] * Z[first, lane]
+        play[lane] = 0.5 * actuators[i, BACKLASH] * Z[first + 1, lane]
+
+
+@lanes
+def command_ideal(Z, M, width, actuators, first, last):
+    """Actuators without dynamics: what is commanded for the tick, within the limits, from its start."""
+    zone, play = Z[s.LIMITS + 3], Z[s.LIMITS + 4]
+    for i in range(first, last):
+        if actuators[i, KIND] != IDEAL:
+            continue
+        rows = actuator_rows(i)
+        if has_slack(actuators, i):
+            find_slack(Z, width, actuators, i, zone, play)
             for lane in range(width):
-                limit = constants.surface_limit * Z[s.K_LIMIT, lane]
-                place_actuator(
-                    Z, lane, s.AILERON + i, clamp(Z[s.ACTUATED + i, lane], -limit, limit)
-                )
-    if constants.ideal_engine > 0.0:
-        for lane in range(width):
-            highest = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
-            eta = clamp(Z[s.ACTUATED + 3, lane], constants.equivalence_ratio_min, highest)
-            place_actuator(Z, lane, s.ETA, eta)
+                low, high = limits_of(Z, lane, actuators, i)
+                position = M[rows.position, lane]
+                at = position + clamp(M[rows.ahead, lane], -play[lane], play[lane])
+                command = clamp(M[rows.command, lane], low, high)
+                at = command + clamp(at - command, -zone[lane], zone[lane])
+                position = follow(position, at, play[lane])
+                M[rows.position, lane], M[rows.middle, lane] = position, position
+                M[rows.ahead, lane] = at - position
+        else:
+            for lane in range(width):
+                low, high = limits_of(Z, lane, actuators, i)
+                position = clamp(M[rows.command, lane], low, high)
+                M[rows.position, lane], M[rows.middle, lane] = position, position
 
 
 @lanes
@@ -187,43 +255,92 @@ def place_actuator(Z, lane, row, position):
     Z[XS + row, lane] = position
 
 
-@lanes
-def rest_actuator(Z, width, position_row, rate_row):
-    """Keep the position of an actuator through a step."""
-    for lane in range(width):
-        Z[SUM + position_row, lane] = Z[X + position_row, lane]
-        Z[SUM + rate_row, lane] = 0.0
+@routine
+def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step):
+    """What :func:`run_actuator` does, of an actuator that has slack, see :func:`has_slack`.
 
-
-@lanes
-def run_actuators(Z, width, constants, step, recorded):
-    """Compute surfaces and engine through a step, after its first stage."""
-    low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
-    for lane in range(width):
-        limit = constants.surface_limit * Z[s.K_LIMIT, lane]
-        low[lane], high[lane] = -limit, limit
-    for i in range(3):
-        if constants.ideal_surfaces > 0.0 and not recorded:
-            rest_actuator(Z, width, s.AILERON + i, s.AILERON_RATE + i)
-            continue
-        for lane in range(width):
-            rate_limit[lane] = (
-                constants.surface_rate_limit * Z[s.K_RATE, lane] * Z[s.RATE_FACTOR + i, lane]
+    ``bandwidth`` [lane]: of a first-order actuator, 0 for one of second order.
+    """
+    short, block = step / SUBSTEPS, rows.block
+    for lane in range(low.size):
+        surface, rate, command = M[rows.position, lane], M[rows.rate, lane], M[rows.command, lane]
+        half, start = play[lane], M[rows.position, lane]
+        position = surface + clamp(M[rows.ahead, lane], -half, half)
+        response = Response(
+            M[block + STIFFNESS, lane],
+            M[block + FRICTION, lane],
+            M[block + SHORT, lane],
+            M[block + SHORT + 1, lane],
+            M[block + SHORT + 2, lane],
+            M[block + SHORT + 3, lane],
+        )
+        total = 0.0
+        for _ in range(SUBSTEPS):
+            before, before_rate, ahead = position, rate, position - surface
+            position, rate, integral = slack_step(
+                position,
+                rate,
+                command,
+                response,
+                bandwidth[lane],
+                short,
+                low[lane],
+                high[lane],
+                rate_limit[lane],
+                zone[lane],
             )
-        run_actuator(Z, width, deflection_rows(i), low, high, rate_limit, step, recorded)
-    if constants.ideal_engine > 0.0 and not recorded:
-        rest_actuator(Z, width, s.ETA, s.ETA_RATE)
-        return
-    for lane in range(width):
-        low[lane] = constants.equivalence_ratio_min
-        high[lane] = constants.equivalence_ratio_max * Z[_K_ETA_LIMIT, lane]
-        rate_limit[lane] = constants.engine_rate_limit * Z[s.K_ENGINE_RATE, lane]
-    run_actuator(Z, width, engine_rows(), low, high, rate_limit, step, recorded)
+            if half > 0.0:
+                if bandwidth[lane] == 0.0:
+                    turn = turning_point(before, before_rate, rate, short)
+                    surface = follow(surface, turn, half)
+                surface = follow(surface, position, half)
+            else:
+                surface = position
+            total += integral - 0.5 * short * (ahead + position - surface)
+        M[rows.middle, lane] = 0.25 * (6.0 / step * total - start - surface)
+        M[rows.end, lane], M[rows.end_rate, lane] = surface, rate
+        M[rows.ahead, lane] = position - surface
+
+
+@lanes
+def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
+    """Actuators of the list through a step, after its first stage; an ideal one stays where it is.
+
+    Where ``active`` is None there are none with slack.
+    """
+    low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
+    for i in range(first, last):
+        rows = actuator_rows(i)
+        if actuators[i, KIND] == IDEAL and not recorded:
+            for lane in range(width):
+                M[rows.end, lane] = M[rows.position, lane]
+                M[rows.end_rate, lane] = 0.0
+            continue
+        fastest = actuators[i, RATE_LIMIT]
+        if i == first or i >= AXES:  # the axes are alike
+            for lane in range(width):
+                low[lane], high[lane] = limits_of(Z, lane, actuators, i)
+        if i == ENGINE:
+            for lane in range(width):
+                rate_limit[lane] = fastest * Z[s.K_ENGINE_RATE, lane]
+        else:
+            for lane in range(width):
+                rate_limit[lane] = fastest * Z[s.K_RATE, lane] * M[rows.slowed, lane]
+        if active is not None and has_slack(actuators, i) and not recorded:
+            zone, play, bandwidth = Z[s.LIMITS + 3], Z[s.LIMITS + 4], Z[s.LIMITS + 5]
+            find_slack(Z, width, actuators, i, zone, play)
+            factor = s.K_ENGINE_BANDWIDTH if i == ENGINE else s.K_BANDWIDTH
+            lags = actuators[i, KIND] == FIRST_ORDER
+            for lane in range(width):
+                bandwidth[lane] = actuators[i, BANDWIDTH] * Z[factor, lane] if lags else 0.0
+            run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step)
+        else:
+            run_actuator(M, width, rows, low, high, rate_limit, step, recorded)
 
 
 @lanes
 def set_actuators(Z, width):
-    """Set surfaces and engine to the end of the step, for its last stage."""
+    """Axes and engine at the end of the step, for its last stage."""
     for i in range(s.AILERON, s.ETA_RATE + 1):
         for lane in range(width):
             Z[XS + i, lane] = Z[SUM + i, lane]

@@ -11,6 +11,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.numerics.angles import larger
 from abhv_mc.kernel.numerics.lane_math import (
     is_shallow,
     reciprocals,
@@ -20,16 +21,23 @@ from abhv_mc.kernel.numerics.lane_math import (
 )
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.state import XS, X
-from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
+from abhv_mc.kernel.plant.disturbance import any_lane
+from abhv_mc.kernel.plant.state import XS, X, parameter_row
+from abhv_mc.kernel.world.atmosphere import (
+    GAS_CONSTANT,
+    HEAT_CAPACITY_RATIO,
+    atmosphere_lanes,
+)
 
 PROFILE = (
     "altitude",
     "wind_north",
     "wind_east",
     "density",
-)  # m; m/s to the north and east; factor
-_ALTITUDE, _NORTH, _EAST, _DENSITY = range(4)
+    "temperature",
+)  # m, m/s towards north and east, factors on the standard atmosphere; the density has the temperature's
+_ALTITUDE, _NORTH, _EAST, _DENSITY, _TEMPERATURE = range(5)
+_WARMER = parameter_row("atmosphere.temperature")
 
 
 @scalar
@@ -135,15 +143,40 @@ def between_knots(profile, column, altitude):
 
 @lanes
 def nominal_density(Z, width, profile):
-    """Multiply the tick's density factor by that of the profile."""
+    """Multiply the factor on the density of the tick by the profile's, which has one on the temperature, too."""
     if profile.shape[0] > 0:
         for lane in range(width):
-            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, Z[X + s.ALTITUDE, lane])
+            altitude = Z[X + s.ALTITUDE, lane]
+            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, altitude)
+            Z[s.TEMPERATURE_PROFILE, lane] = between_knots(profile, _TEMPERATURE, altitude)
 
 
 @lanes
-def air_data(Z, width, vehicle, earth):
-    """Compute air data and variables of the stage's state ``XS``, including dispersions.
+def is_warm(Z, width, profile):
+    """Whether the air of a flight has another temperature than the standard one, which stays so."""
+    other = False
+    for knot in range(profile.shape[0]):
+        other |= profile[knot, _TEMPERATURE] != 1.0
+    return other or any_lane(Z, width, _WARMER, 1, 0.0)
+
+
+@lanes
+def warm_air(Z, width, density_row, per_sound_row):
+    """Change density and 1 / speed of sound by the profile's temperature and the flight's offset.
+
+    The density has the profile's already. The pressure stays. Below a tenth of its own temperature no air is cooled.
+    """
+    for lane in range(width):
+        per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]
+        share = Z[_WARMER, lane] * (per_sound * per_sound) / factor
+        ratio = larger(1.0 + HEAT_CAPACITY_RATIO * GAS_CONSTANT * share, 0.1)
+        Z[density_row, lane] /= ratio
+        Z[per_sound_row, lane] = per_sound / math.sqrt(factor * ratio)
+
+
+@lanes
+def air_data(Z, width, vehicle, earth, warm):
+    """Air data and variables of the stage's state ``XS``, dispersions included; ``warm``: :func:`is_warm`.
 
     Damping terms use the body rates relative to the air, which rotates with the Earth and rotary gusts.
     """
@@ -151,6 +184,8 @@ def air_data(Z, width, vehicle, earth):
     atmosphere_lanes(
         Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH
     )  # 1 / speed of sound, until the Mach number is known
+    if warm:
+        warm_air(Z, width, s.RHO, s.V_MACH)
     for lane in range(width):
         q0, q1, q2, q3 = (
             Z[XS + s.Q0, lane],

@@ -105,11 +105,11 @@ def active_disturbances(Z, width):
 
 @lanes
 def calm(Z, width):
-    """Reset gusts to zero and the density to the standard."""
+    """Reset gusts to zero, and density and temperature to the standard."""
     for lane in range(width):
         Z[s.GUST_P, lane], Z[s.GUST_Q, lane], Z[s.GUST_R, lane] = 0.0, 0.0, 0.0
         Z[s.GUST_U, lane], Z[s.GUST_V, lane], Z[s.GUST_W, lane] = 0.0, 0.0, 0.0
-        Z[s.DENSITY_PROFILE, lane] = 1.0
+        Z[s.DENSITY_PROFILE, lane], Z[s.TEMPERATURE_PROFILE, lane] = 1.0, 1.0
 
 
 @lanes

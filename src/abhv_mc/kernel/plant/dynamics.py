@@ -8,9 +8,9 @@ from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.jit_pointer import call_address
 from abhv_mc.kernel.numerics.lane_math import reciprocals
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.equations import angular_acceleration
-from abhv_mc.kernel.plant.foreign import DISPERSED, add_derivative
+from abhv_mc.kernel.plant.rigid_body import add_force, add_moment
 from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES, XS
+from abhv_mc.kernel.plant.thrust import DISPERSED
 
 _N_MOTION = s.MASS - s.U + 1  # velocity, attitude, rates and mass
 
@@ -51,25 +51,23 @@ def run_dynamics(Z, width, vehicle, user_code, stage):
     call_address(user_code.dynamics, 0, Z, settings, settings, settings, DISPERSED, 0.0)
     for lane in range(width):
         per_mass, _ = reciprocals(Z[s.MOTION + _N_MOTION - 1, lane], 1.0)
-        for i in range(3):
-            specific = Z[s.CUSTOM_FORCE + i, lane] * per_mass
-            Z[s.SPECIFIC_X + i, lane] += specific
-            add_derivative(Z, lane, s.U + i, specific, stage)
-        p_dot, q_dot, r_dot = angular_acceleration(
-            Z[s.INERTIA_XX, lane] * Z[s.K_XX, lane],
-            Z[s.INERTIA_YY, lane] * Z[s.K_YY, lane],
-            Z[s.INERTIA_ZZ, lane] * Z[s.K_ZZ, lane],
-            Z[s.INERTIA_13, lane] * Z[s.K_13, lane],
-            0.0,
-            0.0,
-            0.0,
+        add_force(
+            Z,
+            lane,
+            stage,
+            per_mass,
+            Z[s.CUSTOM_FORCE, lane],
+            Z[s.CUSTOM_FORCE + 1, lane],
+            Z[s.CUSTOM_FORCE + 2, lane],
+        )
+        add_moment(
+            Z,
+            lane,
+            stage,
             Z[s.CUSTOM_MOMENT, lane],
             Z[s.CUSTOM_MOMENT + 1, lane],
             Z[s.CUSTOM_MOMENT + 2, lane],
         )
-        add_derivative(Z, lane, s.ROLL_RATE, p_dot, stage)
-        add_derivative(Z, lane, s.PITCH_RATE, q_dot, stage)
-        add_derivative(Z, lane, s.YAW_RATE, r_dot, stage)
     for i in range(vehicle.foreign.states):
         for lane in range(width):
             rate = Z[s.CUSTOM_RATE + i, lane]

@@ -11,16 +11,26 @@ from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import N_ACTUATOR_ROWS
-from abhv_mc.kernel.plant.actuators import Actuator, prepare_actuator, run_actuator
+from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR
+from abhv_mc.kernel.plant.actuators import (
+    AHEAD,
+    COMMAND,
+    MOVES,
+    N_EFFECTOR_ROWS,
+    NEXT,
+    NEXT_RATE,
+    POSITION,
+    SLOWED,
+    STAGE,
+    command_ideal,
+    limits_of,
+    prepare_actuators,
+    run_actuators,
+)
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.state import VAR, XS, X
-from abhv_mc.kernel.plant.vehicle import BANDWIDTH, DAMPING, HIGH, IDEAL, LOW, MAX_ACTUATORS, RATE
+from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-# Rows of an effector: position, rate, position of the stage, position and rate after the step, command,
-# factor on its rate limit; then the coefficients of its actuator.
-POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, BLOCK = range(8)
-N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
 
 
@@ -37,13 +47,6 @@ def mix_axes(Z, lane, mix, e, row):
     for i in range(3):
         mixed += mix[e, i] * Z[row + i, lane]
     return mixed
-
-
-@lanes
-def limits_of(Z, lane, vehicle, e):
-    """Return the lowest and highest deflection of an effector with an actuator."""
-    actuator, factor = vehicle.effectors.actuator, Z[s.K_LIMIT, lane]
-    return actuator[e, LOW] * factor, actuator[e, HIGH] * factor
 
 
 @lanes
@@ -144,17 +147,15 @@ def share_commands(Z, width, vehicle):
 @lanes
 def start_effectors(Z, A, width, vehicle, step):
     """Set the initial effectors by the mix of the axes' deflections, at rest."""
-    actuator = vehicle.effectors.actuator
-    for e in range(count_driven(vehicle)):
+    actuators, count = vehicle.actuators, count_driven(vehicle)
+    prepare_actuators(Z, A, width, actuators, FIRST_EFFECTOR, FIRST_EFFECTOR + count, step)
+    for e in range(count):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            bandwidth = actuator[e, BANDWIDTH] * Z[s.K_BANDWIDTH, lane]
-            damping = actuator[e, DAMPING] * Z[s.K_DAMPING, lane]
-            prepare_actuator(A, lane, first + BLOCK, bandwidth, damping, step)
-            low, high = limits_of(Z, lane, vehicle, e)
+            low, high = limits_of(Z, lane, actuators, FIRST_EFFECTOR + e)
             mixed = clamp(mix_axes(Z, lane, vehicle.effectors.mix, e, X + s.AILERON), low, high)
             A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
-            A[first + MOVES, lane] = 0.0
+            A[first + MOVES, lane], A[first + AHEAD, lane] = 0.0, 0.0
     show_axes(Z, A, width, vehicle)
 
 
@@ -184,7 +185,7 @@ def command_effectors(Z, A, width, vehicle):
                 Z[s.EFFECTOR_COMMAND + e, lane],
             )
             command = mixed if direct == math.inf else direct
-            low, high = limits_of(Z, lane, vehicle, e)
+            low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             Z[s.EFFECTOR_ASKED + e, lane] = command
             A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(command, low, high), 1.0
 
@@ -192,19 +193,14 @@ def command_effectors(Z, A, width, vehicle):
 @lanes
 def begin_effectors(Z, A, width, vehicle):
     """Set effectors without dynamics to their commands, and update all saturations."""
-    actuator = vehicle.effectors.actuator
     for lane in range(width):
         Z[s.ANY_SATURATED, lane] = 0.0
-    for e in range(count_driven(vehicle)):
+    count = count_driven(vehicle)
+    command_ideal(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, FIRST_EFFECTOR + count)
+    for e in range(count):
         first = e * N_EFFECTOR_ROWS
-        if actuator[e, IDEAL] > 0.0:
-            for lane in range(width):
-                A[first + POSITION, lane], A[first + STAGE, lane] = (
-                    A[first + COMMAND, lane],
-                    A[first + COMMAND, lane],
-                )
         for lane in range(width):
-            low, high = limits_of(Z, lane, vehicle, e)
+            low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             position, command = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
             saturated = high > low and (
                 position <= low or position >= high or command <= low or command >= high
@@ -216,25 +212,10 @@ def begin_effectors(Z, A, width, vehicle):
 
 
 @lanes
-def run_effectors(Z, A, width, vehicle, step):
+def run_effectors(Z, A, width, vehicle, step, active):
     """Compute effectors with actuators through a step, after its first stage."""
-    actuator = vehicle.effectors.actuator
-    low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
-    for e in range(count_driven(vehicle)):
-        first = e * N_EFFECTOR_ROWS
-        if actuator[e, IDEAL] > 0.0:
-            for lane in range(width):
-                A[first + NEXT, lane], A[first + NEXT_RATE, lane] = A[first + POSITION, lane], 0.0
-        else:
-            for lane in range(width):
-                low[lane], high[lane] = limits_of(Z, lane, vehicle, e)
-                rate_limit[lane] = actuator[e, RATE] * Z[s.K_RATE, lane] * A[first + SLOWED, lane]
-            before, after = (
-                (first + POSITION, first + MOVES, first + STAGE),
-                (first + NEXT, first + NEXT_RATE),
-            )
-            rows = Actuator(*before, *after, first + COMMAND, first + BLOCK)
-            run_actuator(A, width, rows, low, high, rate_limit, step, False)
+    last = FIRST_EFFECTOR + count_driven(vehicle)
+    run_actuators(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, last, step, False, active)
 
 
 @lanes

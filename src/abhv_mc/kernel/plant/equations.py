@@ -16,7 +16,9 @@ from abhv_mc.kernel.numerics.quaternion import (
     rotate_to_ned,
 )
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.rigid_body import angular_acceleration
 from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_rows
+from abhv_mc.kernel.plant.thrust import thrust
 from abhv_mc.kernel.world.earth import gravity_ned, radii
 
 _LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
@@ -24,13 +26,6 @@ _LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
 _K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D_PITCH = (
     parameter_rows("aero.lift", 9)
 )
-
-
-@lanes
-def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
-    """Return the thrust, N: captured air times specific impulse, plus q_bar times thrust area."""
-    captured = constants.capture_thrust * eta * rho * airspeed * Z[s.CAPTURE, lane] * Z[s.ISP, lane]
-    return captured + q_bar * Z[s.THRUST_AREA, lane]
 
 
 @scalar
@@ -49,19 +44,6 @@ def aerodynamic_force(constants, q_bar, lift, drag, side, flow):
         q_s * side_total,
         q_s * (-lift * cos_a - drag_plane * sin_a),
     )
-
-
-@scalar
-def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
-    """Return J^-1 (M - w x J w) with the product of inertia as matrix element 13 (eq. (3))."""
-    hx = ixx * p + i13 * r
-    hy = iyy * q
-    hz = izz * r + i13 * p
-    tx = mx - (q * hz - r * hy)
-    ty = my - (r * hx - p * hz)
-    tz = mz - (p * hy - q * hx)
-    inverse, per_iyy = reciprocals(ixx * izz - i13 * i13, iyy)
-    return (izz * tx - i13 * tz) * inverse, ty * per_iyy, (ixx * tz - i13 * tx) * inverse
 
 
 class Stage(NamedTuple):

@@ -10,15 +10,10 @@ from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import BANDWIDTH, DAMPING, ENGINE, IDEAL, KIND, RATE_LIMIT
+from abhv_mc.kernel.plant.actuators import COMMAND, MOVES, N_EFFECTOR_ROWS, POSITION, SLOWED
 from abhv_mc.kernel.plant.disturbance import any_lane
-from abhv_mc.kernel.plant.effectors import (
-    COMMAND,
-    MOVES,
-    N_EFFECTOR_ROWS,
-    POSITION,
-    SLOWED,
-    command_effectors,
-)
+from abhv_mc.kernel.plant.effectors import command_effectors
 from abhv_mc.kernel.plant.parameter_names import AXES, EFFECTORS, ENGINES, FAILURE_TIMES, NEVER
 from abhv_mc.kernel.plant.state import XS, X, parameter_row, parameter_rows
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
@@ -111,12 +106,12 @@ def fail_plant(Z, A, width, failures, vehicle, time, tick):
     ``tick`` is the control period. Call it after the law's commands have been passed on.
     """
     if failures.surfaces:
-        fail_surfaces(Z, width, vehicle.constants, time)
+        fail_surfaces(Z, width, vehicle.actuators, time)
     command_effectors(Z, A, width, vehicle)
     if failures.effectors:
         fail_effectors(Z, A, width, vehicle, time, tick)
     if failures.engine:
-        fail_engine(Z, width, vehicle.constants, time, tick)
+        fail_engine(Z, width, vehicle, time, tick)
     if failures.engines:
         fail_engines(Z, width, vehicle, failures.engine, time, tick)
 
@@ -134,7 +129,7 @@ def hold_stuck(Z, lane, row, target, position, stuck):
 
 
 @lanes
-def fail_surfaces(Z, width, constants, time):
+def fail_surfaces(Z, width, actuators, time):
     """Apply failures to aileron, rudder and elevator.
 
     A surface that sticks at its position stops immediately; one that sticks elsewhere is driven there by
@@ -148,7 +143,7 @@ def fail_surfaces(Z, width, constants, time):
                 Z[_MODES + 3 * i + 1, lane] if lost else 1.0
             )
             Z[s.RATE_FACTOR + i, lane] = factor
-            fastest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor
+            fastest = actuators[i, RATE_LIMIT] * Z[s.K_RATE, lane] * factor
             rate = Z[X + s.AILERON_RATE + i, lane]
             rate = clamp(rate, -fastest, fastest) if slow else rate
             target = Z[_MODES + 3 * i, lane]
@@ -206,6 +201,7 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
     A slow effector follows its mix at a reduced rate limit of the surfaces, and is constant over the tick.
     """
     constants, mix = vehicle.constants, vehicle.effector_mix
+    fastest = vehicle.actuators[0, RATE_LIMIT]
     for e in range(mix.shape[0]):
         if constants.driven > 0.0:
             fail_driven_effector(Z, A, width, e, time)
@@ -218,7 +214,7 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
                 mixed += mix[e, i] * (Z[s.EFFECT + i, lane] * Z[X + s.AILERON + i, lane])
             stuck, lost, slow = has_failed(Z, lane, times, time)
             factor = Z[modes + 2, lane]
-            farthest = constants.surface_rate_limit * Z[s.K_RATE, lane] * factor * reach * tick
+            farthest = fastest * Z[s.K_RATE, lane] * factor * reach * tick
             last = Z[s.SLOW_EFFECTOR + e, lane]
             limited = mixed if last == NEVER else clamp(mixed, last - farthest, last + farthest)
             Z[s.SLOW_EFFECTOR + e, lane] = limited if slow else NEVER
@@ -243,10 +239,10 @@ def settle(value, target, lag, tick):
 
 
 @lanes
-def engine_lag(Z, lane, constants):
+def engine_lag(Z, lane, actuators):
     """Return the time constant of the engine's response, s."""
-    damping = constants.engine_damping * Z[s.K_ENGINE_DAMPING, lane]
-    return 2.0 * damping / (constants.engine_bandwidth * Z[s.K_ENGINE_BANDWIDTH, lane])
+    damping = actuators[ENGINE, DAMPING] * Z[s.K_ENGINE_DAMPING, lane]
+    return 2.0 * damping / (actuators[ENGINE, BANDWIDTH] * Z[s.K_ENGINE_BANDWIDTH, lane])
 
 
 @lanes
@@ -257,14 +253,15 @@ def fails_now(Z, lane, time, begin, duration):
 
 
 @lanes
-def fail_engine(Z, width, constants, time, tick):
+def fail_engine(Z, width, vehicle, time, tick):
     """Compute thrust, drag and pitching moment of an engine that has failed or unstarted.
 
     Its thrust decays with the lag of the engine; it relights after a delay, with a time constant.
     """
-    inlet = constants.inlet
+    constants, inlet = vehicle.constants, vehicle.constants.inlet
+    ideal = vehicle.actuators[ENGINE, KIND] == IDEAL
     for lane in range(width):
-        lag, unstarted = engine_lag(Z, lane, constants), Z[s.UNSTARTED, lane] > 0.0
+        lag, unstarted = engine_lag(Z, lane, vehicle.actuators), Z[s.UNSTARTED, lane] > 0.0
         failed = fails_now(Z, lane, time, _ENGINE_TIME, _DURATION) or unstarted
         last = time if failed else Z[s.FAILED_TIME, lane]
         is_off = time - last < constants.relight_delay - _SAME_TIME
@@ -274,7 +271,7 @@ def fail_engine(Z, width, constants, time, tick):
             if aim > before and constants.relight_time_constant > 0.0
             else lag
         )
-        is_immediate = constants.ideal_engine > 0.0 and slow == lag
+        is_immediate = ideal and slow == lag
         Z[s.ENGINE_WHOLE, lane], Z[s.ENGINE_THRUST, lane] = settle(
             before, aim, 0.0 if is_immediate else slow, tick
         )
@@ -294,9 +291,9 @@ def fail_engines(Z, width, vehicle, engine_fails, time, tick):
     Each thrust decays and recovers with the lag of the engine. ``engine_fails`` means that
     :func:`fail_engine` has been called.
     """
-    constants = vehicle.constants
+    ideal = vehicle.actuators[ENGINE, KIND] == IDEAL
     for lane in range(width):
-        lag = 0.0 if constants.ideal_engine > 0.0 else engine_lag(Z, lane, constants)
+        lag = 0.0 if ideal else engine_lag(Z, lane, vehicle.actuators)
         remaining, x, y, z, any_failed = 1.0, 0.0, 0.0, 0.0, False
         for i in range(vehicle.engines.shape[0]):
             failed = fails_now(Z, lane, time, _ENGINE_TIMES + i, _ENGINE_DURATION + i)

@@ -124,6 +124,13 @@ PARAMETER_NAMES: tuple[str, ...] = (
         for error in ("bias", "noise", "lag", "interval", "scale")
         for name in ACCELERATIONS
     ),
+    *(
+        f"{device}.{slack}"
+        for device in ("actuator", "engine")
+        for slack in ("dead_zone", "backlash")
+    ),
+    *("thrust.inclination", "thrust.azimuth"),
+    "atmosphere.temperature",
 )
 FAILURE_TIMES = tuple(
     name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time")

@@ -79,13 +79,15 @@ COUNTED = MEASURED + N_SEEN  # 1 if the sample of this tick counts
 COMMANDS = COUNTED + 1  # commands of the guidance to the attitude loop
 GUST = (
     COMMANDS + 3
-)  # gust and turbulence of the tick in body axes, and the density factor of the profile
-TURBULENCE = GUST + 7  # random numbers, then the forming filters
+)  # gust and turbulence of the tick in body axes, and the profile's density and temperature factors
+TURBULENCE = GUST + 8  # random numbers, then the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, by flight
 ACTUATORS = PER_MASS_FACTOR + 1  # coefficients of the actuators of surfaces and engine, by flight
-LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS  # of the current actuator: lowest, highest, rate
-FAILURE = LIMITS + 3  # failures at the tick, and their memory
+# Of the current actuator: lowest, highest, rate, dead zone, half of the backlash, bandwidth.
+LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS
+AHEAD = LIMITS + 6  # of axes and engine: actuator minus position, within its backlash
+FAILURE = AHEAD + 4  # failures at the tick, and their memory
 FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
 )  # arguments and results of custom functions of the vehicle
@@ -143,7 +145,9 @@ M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = ra
 M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 5, COUNTED - 4
 M_ACCELERATION = COUNTED - 3  # along x, y, z
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
-GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R = range(GUST, TURBULENCE)
+GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
+    GUST, TURBULENCE
+)
 # Commands of the actuators; factors on rate and effectiveness of the three surfaces; engine: factor on
 # thrust, increments of drag and pitching moment, whether it has failed; deflections of stuck surfaces;
 # inlet: whether it is unstarted and the last time outside its range; last time of a failed engine;
@@ -207,6 +211,7 @@ K_MASS, K_XX, K_YY, K_ZZ, K_13, K_CG_X, K_CG_Y, K_CG_Z = parameter_rows("mass.to
 K_THRUST, K_ISP = parameter_rows("propulsion.thrust", 2)
 K_BANDWIDTH, K_DAMPING, K_LIMIT, K_RATE = parameter_rows("actuator.bandwidth", 4)
 K_ENGINE_BANDWIDTH, K_ENGINE_DAMPING, K_ENGINE_RATE = parameter_rows("engine.bandwidth", 3)
+K_DEAD_ZONE, _, K_ENGINE_DEAD_ZONE, _ = parameter_rows("actuator.dead_zone", 4)
 K_DENSITY, K_WIND_NORTH, K_WIND_EAST, K_SHEAR_NORTH, K_SHEAR_EAST = parameter_rows(
     "atmosphere.density", 5
 )

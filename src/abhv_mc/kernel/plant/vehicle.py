@@ -159,15 +159,9 @@ class Constants(NamedTuple):
     mass_start: float  # kg
     mass_empty: float  # kg: no fuel below it
     burns_fuel: float  # 1, or 0 without an empty mass: the mass is constant and the engine runs
-    surface_bandwidth: float  # rad/s, of all three axis deflections
-    surface_damping: float
-    surface_limit: float  # rad
-    surface_rate_limit: float  # rad/s
-    engine_bandwidth: float  # rad/s
-    engine_damping: float
-    equivalence_ratio_min: float
+    surface_limit: float  # rad, greatest axis deflection that a law commands
+    equivalence_ratio_min: float  # least and greatest throttle
     equivalence_ratio_max: float
-    engine_rate_limit: float  # 1/s
     angle_of_attack_min: float  # rad, a flight ends outside
     angle_of_attack_max: float
     sideslip_max: float
@@ -179,13 +173,7 @@ class Constants(NamedTuple):
     relight_delay: float = 0.0  # s from the end of an engine's failure until it starts to recover
     relight_time_constant: float = 0.0  # s, of the recovery; 0: the lag of the engine
     sensing: Sensing = Sensing()  # reference of measured angles and speed
-    ideal_surfaces: float = 0.0  # 1: deflections equal their commands
-    ideal_engine: float = 0.0
     driven: float = 0.0  # 1: effectors have actuators; 0: the three axes have, and effectors follow
-
-
-# Columns of ``Effectors.actuator``: rad, rad, rad/s, rad/s, -, and 1 without dynamics, else 0.
-LOW, HIGH, RATE, BANDWIDTH, DAMPING, IDEAL = range(6)
 
 
 class Effectors(NamedTuple):
@@ -193,7 +181,6 @@ class Effectors(NamedTuple):
 
     variable: Ints  # [effector] index into VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    actuator: Floats  # [effector, 6] the columns above, by default those of the surfaces
     share: Floats  # [axis, effector, effector] projection of deflections onto an axis, within a set
     axes: Floats  # [axis, effector] pseudo-inverse of the mix, from effectors to axes
 
@@ -207,8 +194,9 @@ class Vehicle(NamedTuple):
     # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
     effector_mix: Floats
     effectors: Effectors
+    # [actuator, column of actuator_step] aileron, rudder, elevator, engine, then the effectors
+    actuators: Floats
     effector_names: Ints  # [effector, letter] code points, padded with zeros
-    engines: (
-        Floats  # [engine, 4] share of the thrust; x, y, z from the thrust line, m; none: one engine
-    )
+    # [engine, 4] share of the thrust; x, y, z from the thrust line, m; none: one engine
+    engines: Floats
     foreign: Foreign = no_functions()

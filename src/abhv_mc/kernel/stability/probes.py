@@ -19,10 +19,9 @@ from abhv_mc.kernel.flight.memory import has_width
 from abhv_mc.kernel.flight.navigation import navigate
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuators import pass_commands
+from abhv_mc.kernel.plant.actuators import N_EFFECTOR_ROWS, STAGE, pass_commands
 from abhv_mc.kernel.plant.air_data import nominal_density
 from abhv_mc.kernel.plant.disturbance import calm, density_profile
-from abhv_mc.kernel.plant.effectors import N_EFFECTOR_ROWS, STAGE
 from abhv_mc.kernel.plant.equations import Stage
 from abhv_mc.kernel.plant.failures import Failures, fail_plant, fail_sensors
 from abhv_mc.kernel.plant.parameter_names import NEVER
@@ -132,7 +131,14 @@ def _answer(plan, memory, width, active, centred, tick, answer, start, n):
         failures = Failures(
             possible.surfaces, True, possible.engine, possible.engines, possible.sensors
         )
-        forced = Active(active.disturbances, active.sensor_errors, failures, True)
+        forced = Active(
+            active.disturbances,
+            active.sensor_errors,
+            failures,
+            True,
+            active.misaligned,
+            active.warm,
+        )
         evaluate(plan, memory, width, Stage(1.0, 0.0), forced)
         navigate(Z, width, tick_length, tick == 0)
         instruments(plan, Z, width, active, 1)
