@@ -29,9 +29,9 @@ __version__ = "0.1.0"
 _MODULES = ("extend", "plots", "statistics", "topics")
 _ADDED = ("tune",)  # functions of other packages, entry points of the group abhv_mc.functions
 __all__ = [
-    "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__", "compare", "extend",
-    "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare", "simulate", "statistics", "topics",
-    "trim", "tune", "worst",
+    "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__",
+    "compare", "extend", "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare",
+    "simulate", "statistics", "topics", "trim", "tune", "worst",
 ]  # fmt: skip
 
 

@@ -269,7 +269,8 @@ def rare(request: RareRequest) -> "RareFound":
     -------
     RareFound
         ``.numbers()`` returns the content of ``--json``. The probability is None if repetitions
-        contradict each other or the surrogate does not converge; ``.estimate.refusal`` is the reason.
+        contradict each other or the surrogate does not converge; ``.estimate.refusal`` is the
+        reason.
 
     Raises
     ------

@@ -1,16 +1,16 @@
 """Entry points of installed packages in the groups ``abhv_mc.*``.
 
-=========================== =================================================== ===============================
-group                       object                                              name
-=========================== =================================================== ===============================
-``abhv_mc.commands``        a function for typer, or a ``typer.Typer``          of the command, ``verify.nesc``
-``abhv_mc.functions``       a function of ``import abhv_mc``                    of the function
-``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None``          of the block
-``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``                   scheme of ``--scheduler``
-``abhv_mc.law_backends``    a ``user_code.native_loop.LawBackend``              ``law`` of the controller file
-``abhv_mc.stores``          a class made of an address, an ``interfaces.Store`` scheme of the address
-``abhv_mc.topics``          an ``abhv_mc.topics.Topic``                         any
-=========================== =================================================== ===============================
+=========================== ========================================== ===========================
+group                       object                                     name
+=========================== ========================================== ===========================
+``abhv_mc.commands``        a function for typer, or a ``typer.Typer`` command: ``verify.nesc``
+``abhv_mc.functions``       a function of ``import abhv_mc``           function
+``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None`` block
+``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``          scheme of ``--scheduler``
+``abhv_mc.law_backends``    a ``user_code.native_loop.LawBackend``     ``law`` of controller files
+``abhv_mc.stores``          an ``interfaces.Store`` made of an address scheme of the address
+``abhv_mc.topics``          an ``abhv_mc.topics.Topic``                any
+=========================== ========================================== ===========================
 """
 
 import functools
@@ -51,7 +51,10 @@ def load_entry_point(group: str, name: str) -> Any:
 
 
 def find_packages() -> list[str]:
-    """Return the packages that register more than commands, functions and topics: they may shape rows."""
+    """Return the packages that may change results.
+
+    These are the packages that register more than commands, functions and topics.
+    """
     entries = (
         entry
         for group, names in _read().items()

@@ -165,20 +165,21 @@ class Executor(Protocol):
 
     An executor must promise:
 
-    - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's ``Engine.fly``
-      computes it, or raises. Each process that computes signs its block with
-      :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is rejected by name;
-      :func:`abhv_mc.execution.worker.compute` does both.
-    - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one block each. Blocks
-      may finish in any order: no result depends on it.
-    - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise ``FlightLostError``.
-      The run then computes the block again in smaller pieces, and records a flight that is lost alone as
-      ``failed_to_run``. A lost worker is replaced by the executor.
-    - **Failure of the machine.** ``UnusableError`` if no flight can be computed at all: the run stops, and completed
-      flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
-    - **Interrupts.** :meth:`close` waits for no flight, leaves no process behind, and may be called while other threads
-      are in :meth:`fly`, which then raises.
-    - **Memory.** A block belongs to the caller once it is returned; the run has at most two for each worker.
+    - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's
+      ``Engine.fly`` computes it, or raises. Each process that computes signs its block with
+      :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is rejected by
+      name; :func:`abhv_mc.execution.worker.compute` does both.
+    - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one
+      block each. Blocks may finish in any order: no result depends on it.
+    - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise
+      ``FlightLostError``. The run then computes the block again in smaller pieces, and records a
+      flight that is lost alone as ``failed_to_run``. A lost worker is replaced by the executor.
+    - **Failure of the machine.** ``UnusableError`` if no flight can be computed at all: the run
+      stops, and completed flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
+    - **Interrupts.** :meth:`close` waits for no flight, leaves no process behind, and may be called
+      while other threads are in :meth:`fly`, which then raises.
+    - **Memory.** A block belongs to the caller once it is returned; the run has at most two for
+      each worker.
 
     Retries, checks, the time between blocks and everything on disk are the run's.
     """
@@ -207,15 +208,19 @@ class Store(Protocol):
     Every command works in a local folder, which the store fills and copies back. A store must
     promise:
 
-    - **Whole files.** A reader gets each file as it was written, or not at all. ``manifest.json`` names the SHA-256 of
-      the others and is copied after them, so that a reader never misses a file that it names.
-    - **One writer.** While one process is in :meth:`writing`, another one gets an InputError that names the first, on
-      any host. The claim of a process that died ends by itself, by the store's clock if it has one. A process whose
-      claim was taken over is interrupted and writes nothing more.
-    - **Nothing lost.** :meth:`writing` begins with the content of the store, so that a run resumes. What is in the
-      local folder when it ends, by an error or an interrupt too, is in the store, or is kept in a local folder that
-      ``StorageFullError`` names. During a run new files are copied every few seconds.
-    - **Safety.** Names that lead out of the folder are rejected. No content of a folder is executed or unpickled.
+    - **Whole files.** A reader gets each file as it was written, or not at all. ``manifest.json``
+      names the SHA-256 of the others and is copied after them, so that a reader never misses a file
+      that it names.
+    - **One writer.** While one process is in :meth:`writing`, another one gets an InputError that
+      names the first, on any host. The claim of a process that died ends by itself, by the store's
+      clock if it has one. A process whose claim was taken over is interrupted and writes nothing
+      more.
+    - **Nothing lost.** :meth:`writing` begins with the content of the store, so that a run resumes.
+      What is in the local folder when it ends, by an error or an interrupt too, is in the store, or
+      is kept in a local folder that ``StorageFullError`` names. During a run new files are copied
+      every few seconds.
+    - **Safety.** Names that lead out of the folder are rejected. No content of a folder is executed
+      or unpickled.
 
     The package adds the following to each store: readers check every hash and name a damaged file;
     flights are evidence and are never replaced by those of other code or inputs; all other files

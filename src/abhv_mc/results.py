@@ -86,8 +86,11 @@ class Results:
         """Table with one row per flight and controller: outcome, dispersions, metrics."""
         table = self._read("flights")
         order = {name: i for i, name in enumerate(self.controllers)}
-        return table.sort_values(["controller", "flight"], key=lambda c: c.map(order) if c.name == "controller" else c,
-                                 ignore_index=True)  # fmt: skip
+        return table.sort_values(
+            ["controller", "flight"],
+            key=lambda c: c.map(order) if c.name == "controller" else c,
+            ignore_index=True,
+        )
 
     @cached_property
     def samples(self) -> "pd.DataFrame":
@@ -136,7 +139,8 @@ class Results:
         Parameters
         ----------
         requirements : path, mapping or list of mappings
-            A campaign file, a YAML file with ``requirements``, a CSV file of them, or the entries themselves.
+            A campaign file, a YAML file with ``requirements``, a CSV file of them, or the entries
+            themselves.
 
         Returns
         -------
@@ -397,7 +401,10 @@ class Results:
 
     def __repr__(self) -> str:
         facts = self.manifest
-        return f"<Results {facts.name}: {facts.runs_done} of {facts.runs_planned} flights, {facts.state}>"
+        return (
+            f"<Results {facts.name}: {facts.runs_done} of {facts.runs_planned} flights, "
+            f"{facts.state}>"
+        )
 
     def _repr_html_(self) -> str:
         """Return the outcomes and verdicts of the manifest as HTML for notebooks."""
@@ -421,7 +428,7 @@ class Results:
 
 
 def _on_white(figure: "Figure", dpi: float) -> "Figure":
-    """Return a figure with a white background, so that notebooks with a dark theme show its text."""
+    """Return the figure on white, so that notebooks with a dark theme show its text."""
     figure.set_dpi(dpi)
     figure.set_facecolor("white")
     return figure
@@ -433,7 +440,10 @@ def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
         "".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows
     )
     body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f"<table><caption style='text-align: left'>{escape(head)}</caption><tbody>{body}</tbody></table>"
+    return (
+        f"<table><caption style='text-align: left'>{escape(head)}</caption>"
+        f"<tbody>{body}</tbody></table>"
+    )
 
 
 def open_results(folder: str | Path) -> Results:

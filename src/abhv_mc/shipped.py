@@ -36,9 +36,10 @@ def shipped_campaigns() -> Path:
 
 
 def shipped_files(kind: str) -> dict[str, Path]:
-    """Return the shipped files of a kind by name: ``campaign``, ``vehicle``, ``mission`` or ``control``.
+    """Return the shipped files of a kind by name.
 
-    Controllers made for one vehicle are in a folder with its name.
+    The kind is ``campaign``, ``vehicle``, ``mission`` or ``control``. Controllers made for one
+    vehicle are in a folder with its name.
     """
     folder = shipped_campaigns() if kind == "campaign" else shipped_configs() / kind
     folders = [folder]

@@ -18,8 +18,8 @@ Answer = (
 
 _AIR = {
     name: f"air.{name}"
-    for name in ("altitude", "mach", "density", "pressure", "sound_speed", "dynamic_pressure", "airspeed", "sideslip",
-                 "angle_of_attack")
+    for name in ("altitude", "mach", "density", "pressure", "sound_speed", "dynamic_pressure",
+                 "airspeed", "sideslip", "angle_of_attack")
 }  # fmt: skip
 _RATES = {
     "roll_rate": "rates.roll_rate * 2.0 * air.airspeed / SPAN",
@@ -29,8 +29,9 @@ _RATES = {
 _CONTROLS = {name: f"controls.{name}" for name in ("aileron", "rudder", "elevator", "throttle")}
 _MEASURED = {
     name: f"measured.{name}"
-    for name in ("altitude", "airspeed", "equivalent_airspeed", "mach", "angle_of_attack", "sideslip", "roll", "pitch",
-                 "yaw", "roll_rate", "pitch_rate", "yaw_rate", "latitude", "longitude")
+    for name in ("altitude", "airspeed", "equivalent_airspeed", "mach", "angle_of_attack",
+                 "sideslip", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate",
+                 "latitude", "longitude")
 }  # fmt: skip
 SOURCES: dict[str, dict[str, str]] = {
     "aerodynamics": {**_AIR, **_RATES, **_CONTROLS},

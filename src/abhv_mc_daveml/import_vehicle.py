@@ -55,8 +55,14 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
     questions = {model.path.name: find_questions(model) for model in models}
     values, effectors, is_given = _read_answers(folder / ANSWERS, models, questions)
     lines = [
-        "# Inputs that no signal of the program gives: numbers in the units of the file, or sums of signals, such as",
-        "# elevator + aileron. Surfaces of its own: effectors: {left_flap: {elevator: 1, aileron: 1}}.",
+        (
+            "# Inputs that no signal of the program gives: numbers in the units of the file, or "
+            "sums of signals, such as"
+        ),
+        (
+            "# elevator + aileron. Surfaces of its own: effectors: {left_flap: {elevator: 1, "
+            "aileron: 1}}."
+        ),
     ]
     if effectors:
         lines.append(f"{EFFECTORS}: {json.dumps(effectors)}")
@@ -64,7 +70,10 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
         lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if variables else []
         for variable in variables:
             value = values[name][variable.identifier]
-            line = f"  {json.dumps(variable.identifier, ensure_ascii=False)}: {'' if value is None else value}"
+            line = (
+                f"  {json.dumps(variable.identifier, ensure_ascii=False)}: "
+                f"{'' if value is None else value}"
+            )
             lines += [f"  # {variable.words}", line.rstrip()]
     texts = {} if is_given or not any(questions.values()) else {ANSWERS: "\n".join(lines) + "\n"}
     left = [
@@ -176,8 +185,9 @@ def _write_parts(
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
     """Return reference lengths and mass properties, SI, from the first file that has them."""
-    expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_zx", "inertia_xy",
-              "inertia_yz", "center_of_gravity_x", "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
+    expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz",
+                "inertia_zx", "inertia_xy", "inertia_yz", "center_of_gravity_x",
+                "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
     constants: dict[str, float] = {}
     for model in models:
         outputs = {
@@ -214,7 +224,10 @@ def _vehicle(
             problem = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
             raise InputError(models[0].path, problem, "one that is symmetric about its x-z plane")
     lines = [
-        f"# Imported from {', '.join(fold(model.path.name) for model in models)} (DAVE-ML, ANSI/AIAA S-119).",
+        (
+            f"# Imported from {', '.join(fold(model.path.name) for model in models)} (DAVE-ML, "
+            "ANSI/AIAA S-119)."
+        ),
         f"name: {_plain(models[0].path.stem.split('_')[0])}",
         "",
         "reference:",
@@ -230,7 +243,10 @@ def _vehicle(
             f"      inertia_{axis}: {values[f'inertia_{axis}']!r} kg m2"
             for axis in ("xx", "yy", "zz")
         ),
-        f"      inertia_matrix_element_13: {-values.get('inertia_zx', 0.0)!r} kg m2 # minus the product of inertia",
+        (
+            f"      inertia_matrix_element_13: {-values.get('inertia_zx', 0.0)!r} kg m2 # minus "
+            "the product of inertia"
+        ),
         *(
             f"      center_of_gravity_{axis}: {values.get(f'center_of_gravity_{axis}', 0.0)!r} m"
             for axis in ("x", "z")
@@ -267,7 +283,8 @@ def _limits(models: Sequence[Model]) -> list[str]:
     lines = []
     if ends["angle_of_attack"]:
         lines.append(
-            f"  angle_of_attack: [{min(ends['angle_of_attack']):g} deg, {max(ends['angle_of_attack']):g} deg]"
+            f"  angle_of_attack: [{min(ends['angle_of_attack']):g} deg, "
+            f"{max(ends['angle_of_attack']):g} deg]"
         )
     if min(ends["sideslip"], default=0.0) < 0.0:
         lines.append(f"  sideslip: {max(map(abs, ends['sideslip'])):g} deg")
@@ -276,7 +293,10 @@ def _limits(models: Sequence[Model]) -> list[str]:
 
 def _controller(model: Model, module: str) -> str:
     lines = [
-        f"# The control law of {fold(model.path.name)}; commands change at times: {{0 s: ..., 5 s: ...}}.",
+        (
+            f"# The control law of {fold(model.path.name)}; commands change at times: {{0 s: ..., "
+            "5 s: ...}."
+        ),
         "law: python",
         f"file: {module}",
         "rate: 200 Hz",

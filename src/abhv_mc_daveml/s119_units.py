@@ -17,8 +17,8 @@ _SPELLINGS = {
     "knot": "kt",
 }
 _SYMBOLS = (
-    "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm", "mm", "ft", "in",
-    "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
+    "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm",
+    "mm", "ft", "in", "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
 )  # fmt: skip  # longest first
 _TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
 _ANY_CASE = re.compile(

@@ -91,8 +91,8 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
         )  # thrice as fast, in the campaign's order
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, "
-            "replace(outcome::varchar, '_', ' ') as outcome, "
-            f"ranks.* exclude (controller, flight), {listed} from flights join ranks using (controller, flight)"
+            "replace(outcome::varchar, '_', ' ') as outcome, ranks.* exclude (controller, flight), "
+            f"{listed} from flights join ranks using (controller, flight)"
         )
         connection.unregister("ranks")
         extremes = (
@@ -178,8 +178,8 @@ def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
     counts: dict[str, Any] = {"count": count, "ends": ends, "cells": [], "points": []}
     if count <= MOST_POINTS:
         rows = cursor.execute(
-            f"select controller, {_quoted(selection.x)}, {_quoted(selection.y)}, flight, outcome <> 'ok' from shown "
-            f"where {both}",
+            f"select controller, {_quoted(selection.x)}, {_quoted(selection.y)}, flight, outcome "
+            f"<> 'ok' from shown where {both}",
             values,
         ).fetchall()
         counts["points"] = [[order[name], *fields] for name, *fields in rows]
@@ -223,8 +223,9 @@ def find_nearest(
     nearest = (
         table.cursor()
         .execute(
-            f"select controller, flight from shown where {where} and isfinite({x_column}) and isfinite({y_column}) "
-            f"order by (({x_column} - ?) / ?)^2 + (({y_column} - ?) / ?)^2, {_RANK} limit 1",
+            f"select controller, flight from shown where {where} and isfinite({x_column}) and "
+            f"isfinite({y_column}) order by (({x_column} - ?) / ?)^2 + (({y_column} - ?) / ?)^2, "
+            f"{_RANK} limit 1",
             [*values, x, sizes[0], y, sizes[1]],
         )
         .fetchone()
@@ -234,7 +235,10 @@ def find_nearest(
 
 def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, Any]:
     """Return all values of one flight. Raise InputError if it does not exist."""
-    query = f"select * replace ({_ended(table)} as outcome) from shown where controller::varchar = ? and flight = ?"
+    query = (
+        f"select * replace ({_ended(table)} as outcome) from shown where controller::varchar = ? "
+        "and flight = ?"
+    )
     cursor = table.cursor().execute(query, [controller, flight])
     names = [column[0] for column in cursor.description or ()]
     row = cursor.fetchone()
@@ -259,7 +263,10 @@ def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], I
     where, values = _condition(table, selection)
     columns = table.view["columns"]
     named = ", ".join(_finite(column["name"]) for column in columns)
-    query = f"select controller::varchar, flight, outcome, {named} from shown where {where} {_order(selection)}"
+    query = (
+        f"select controller::varchar, flight, outcome, {named} from shown where {where} "
+        f"{_order(selection)}"
+    )
     cursor = table.cursor().execute(query, values)
     heads = ["controller", "flight", "outcome", *(column["head"] for column in columns)]
     return heads, iter(lambda: cursor.fetchmany(_ROWS), [])

@@ -38,8 +38,8 @@ _HOST = "127.0.0.1"
 _MOST_BYTES = 100_000  # of a request
 _MOST_TIMES = 1000  # of a history that is drawn
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; img-src data: blob:; "
-    "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
+    "img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
 
 

@@ -196,7 +196,8 @@ reset, setup, enter, leave = context[0], context[1], context[2], context[3]
 put, step, get = context[4], context[5], context[6]
 params, inputs, outputs, states = context[7], context[8], context[9], context[10]
 place, instances = context[11], context[12]
-value, out, flags = floats_at(place + {8 * n_params}), floats_at(place + {at_outputs}), place + {at_flags}
+value, out, flags = floats_at(place + {8 * n_params}), floats_at(place + {at_outputs}), \
+place + {at_flags}
 numbers, kept = floats_at(instances), floats_at(place + {at_states})
 slots, typed_references = floats_at(place + {at_typed}), context[{15 + len(typed)}]
 time, r, k = tick * dt, tick * {len(REFERENCE)}, tick * {len(gains)}"""

@@ -29,7 +29,8 @@ from abhv_mc_jsbsim.properties import (
 # Names of force axes -> frame, and sign and coefficient of each axis.
 _FRAMES = {
     ("LIFT", "DRAG"): ("wind", {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CC")}),
-    ("AXIAL", "NORMAL"): ("body", {"AXIAL": ("-", "CX"), "NORMAL": ("-", "CZ"), "SIDE": ("", "CY")}),
+    ("AXIAL", "NORMAL"): (
+        "body", {"AXIAL": ("-", "CX"), "NORMAL": ("-", "CZ"), "SIDE": ("", "CY")}),
     ("X", "Y", "Z"): ("body", {"X": ("", "CX"), "Y": ("", "CY"), "Z": ("", "CZ")}),
 }  # fmt: skip
 _STABILITY = {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CY")}

@@ -19,7 +19,8 @@ _WORDS = ("description", "documentation", "title")
 _JOINED = {"sum": "+", "difference": "-", "product": "*", "quotient": "/"}
 _FOLDED = {"max": "larger({}, {})", "min": "smaller({}, {})"}
 _ONE = {
-    **{name: f"{name}({{}})" for name in ("abs", "exp", "sin", "cos", "tan", "asin", "acos", "sqrt", "floor", "ceil")},
+    **{name: f"{name}({{}})"
+       for name in ("abs", "exp", "sin", "cos", "tan", "asin", "acos", "sqrt", "floor", "ceil")},
     "ln": "log({})",
     "log10": "(log({}) / log(10.0))",
     "log2": "(log({}) / log(2.0))",
@@ -35,11 +36,13 @@ _TWO = {
     "atan2": "atan2({}, {})",
     "fmod": "fmod({}, {})",
     **{name: f"(1.0 if {{}} {sign} {{}} else 0.0)"
-       for name, sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("nq", "!="))},
+       for name, sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="),
+                          ("nq", "!="))},
 }  # fmt: skip
 _TRUTHS = {"and": " and ", "or": " or "}
 _OPERATORS = (
-    *_JOINED, *_FOLDED, *_ONE, *_TWO, *_TRUTHS, "pow", "avg", "ifthen", "pi", "property", "value", "table",
+    *_JOINED, *_FOLDED, *_ONE, *_TWO, *_TRUTHS, "pow", "avg", "ifthen", "pi", "property", "value",
+    "table",
 )  # fmt: skip
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 Resolve = Callable[[str, Node], str]

@@ -81,7 +81,10 @@ NORMS = {  # deflections as fractions of the full one
     "fcs/rudder-pos-norm": ("fcs/rudder-pos-rad", "controls.rudder"),
 }
 REDUCED = (  # pairs of factors whose product is a reduced rate
-    *((("aero/bi2vel", f"velocities/p{end}"), "rates.roll_rate") for end in ("-aero-rad_sec", "-rad_sec")),
-    *((("aero/ci2vel", f"velocities/q{end}"), "rates.pitch_rate") for end in ("-aero-rad_sec", "-rad_sec")),
-    *((("aero/bi2vel", f"velocities/r{end}"), "rates.yaw_rate") for end in ("-aero-rad_sec", "-rad_sec")),
+    *((("aero/bi2vel", f"velocities/p{end}"), "rates.roll_rate")
+      for end in ("-aero-rad_sec", "-rad_sec")),
+    *((("aero/ci2vel", f"velocities/q{end}"), "rates.pitch_rate")
+      for end in ("-aero-rad_sec", "-rad_sec")),
+    *((("aero/bi2vel", f"velocities/r{end}"), "rates.yaw_rate")
+      for end in ("-aero-rad_sec", "-rad_sec")),
 )  # fmt: skip

@@ -124,7 +124,8 @@ def _print_rows(rows: "list[Row]") -> None:
     alone = sum(not row.judged for row in rows)
     if alone:
         say(
-            f"{alone} not judged: their tolerance is what two simulators differ by, and there is a file of one alone"
+            f"{alone} not judged: their tolerance is what two simulators differ by, and there is a "
+            "file of one alone"
         )
 
 

@@ -186,8 +186,9 @@ class TlcController(ControllerModel):
             )
             if outer_bandwidth >= inner_bandwidth:
                 warnings.append(
-                    f"the bandwidth of {outer} ({outer_bandwidth:g} rad/s) is not below that of {inner} "
-                    f"({inner_bandwidth:g} rad/s): the time scales of the loops are not separated"
+                    f"the bandwidth of {outer} ({outer_bandwidth:g} rad/s) is not below that of "
+                    f"{inner} ({inner_bandwidth:g} rad/s): the time scales of the loops are not "
+                    "separated"
                 )
         return warnings
 

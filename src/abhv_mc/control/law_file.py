@@ -50,7 +50,8 @@ class PythonController(ControllerModel):
     )
     around: File | None = Field(
         None,
-        description="controller file of TLC or LQR whose measurement the function filters, at its rate",
+        description="controller file of TLC or LQR whose measurement the function filters, at its "
+        "rate",
     )
 
     @model_validator(mode="after")
@@ -84,7 +85,8 @@ class CController(ControllerModel):
     )
     units: dict[str, str] = Field(
         {},
-        description="SI units of settings, such as {bank_limit: rad}, which require a unit of this dimension",
+        description="SI units of settings, such as {bank_limit: rad}, which require a unit of this "
+        "dimension",
     )
     effectors: tuple[str, ...] = Field(
         (),
@@ -137,11 +139,12 @@ class FmuController(ControllerModel):
     law: Literal["fmu"] = Field(description="the control law")
     file: File = Field(description="the FMU, of FMI 2.0 or 3.0")
     inputs: dict[str, bool | float | str] = Field(
-        description="source of each input: measured.NAME, reference.NAME, onboard.NAME, gains.NAME, time, or a "
-        "constant such as true, 3 or 20 deg"
+        description="source of each input: measured.NAME, reference.NAME, onboard.NAME, "
+        "gains.NAME, time, or a constant such as true, 3 or 20 deg"
     )
     outputs: dict[str, str] = Field(
-        description="output for each field of the command, such as elevator, or effector of the vehicle"
+        description="output for each field of the command, such as elevator, or effector of the "
+        "vehicle"
     )
     params: dict[str, Any] = Field(
         {}, description="start values of its parameters, with units if they have units"

@@ -115,7 +115,8 @@ class SManoeuvre(Phase):
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
     offset: Length = Field(
-        description="displacement, positive to the left of the initial heading (north if flying east)"
+        description="displacement, positive to the left of the initial heading (north if flying "
+        "east)"
     )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
@@ -124,7 +125,8 @@ class SManoeuvre(Phase):
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
-        description="exponent of the acceleration; a larger one makes the flight straight for longer between the turns",
+        description="exponent of the acceleration; a larger one makes the flight straight for "
+        "longer between the turns",
     )
 
     @model_validator(mode="after")

@@ -139,7 +139,8 @@ def make_kernel_plan(
     rows = min(len(kernel_plan.reference), len(kernel_plan.gains))
     if rows <= plan.timing.ticks:
         raise ValueError(
-            f"plan.reference or plan.gains has {rows} rows for control ticks 0 to {plan.timing.ticks}"
+            f"plan.reference or plan.gains has {rows} rows for control ticks 0 to "
+            f"{plan.timing.ticks}"
         )
     return kernel_plan
 

@@ -159,13 +159,21 @@ def _error(
 ) -> tuple[Metric, ...]:
     end = name_end(unit)
     return tuple(
-        _count(f"{name}_{kind}_{end}", unit, f"{quantity}, {doc}", f"{label}, {kind}", "tracking", of=of,
-               statistic=statistic, leads=kind == leads)
+        _count(
+            f"{name}_{kind}_{end}",
+            unit,
+            f"{quantity}, {doc}",
+            f"{label}, {kind}",
+            "tracking",
+            of=of,
+            statistic=statistic,
+            leads=kind == leads,
+        )
         for kind, doc, statistic in (
             ("rms", "rms over the control ticks", Statistic.RMS),
             ("max", "largest absolute value", Statistic.MAX_ABS),
         )
-    )  # fmt: skip
+    )
 
 
 def _settled(name: str, label: str) -> Metric:
@@ -186,60 +194,68 @@ def _settled(name: str, label: str) -> Metric:
 def _surface(name: str) -> tuple[Metric, ...]:
     label = name.capitalize()
     return (
-        _count(f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms", f"{label}, rms", "usage",
-               of=f"{name}_from_trim_deg", statistic=Statistic.RMS),
-        _count(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max", "usage",
-               of=f"{name}_deg", statistic=Statistic.MAX_ABS),
-        _count(f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection", f"{label} travel",
-               "usage", of=f"{name}_moved_deg", statistic=Statistic.SUM, nonnegative=True),
+        _count(f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms",
+               f"{label}, rms", "usage", of=f"{name}_from_trim_deg", statistic=Statistic.RMS),
+        _count(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max",
+               "usage", of=f"{name}_deg", statistic=Statistic.MAX_ABS),
+        _count(f"{name}_travel_deg", "deg", f"sum of the absolute changes of the {name} deflection",
+               f"{label} travel", "usage", of=f"{name}_moved_deg", statistic=Statistic.SUM,
+               nonnegative=True),
     )  # fmt: skip
 
 
 METRICS: tuple[Metric, ...] = (
-    *_error("altitude_error", "m", "altitude error", "Altitude error", "altitude_error_m", leads="max"),
+    *_error("altitude_error", "m", "altitude error", "Altitude error", "altitude_error_m",
+            leads="max"),
     *_error("speed_error", "m/s", "speed error", "Speed error", "speed_error_mps", leads="max"),
     *_error("heading_error", "deg", "heading error", "Heading error", "heading_error_deg"),
     *_error("cross_track_error", "m", "cross-track error", "Cross-track error", "cross_track_m"),
     _count("cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference",
-           "Cross-track error at the end", "tracking", of="cross_track_m", statistic=Statistic.FINAL, bad="size"),
-    *_error("angle_of_attack_error", "deg", "angle of attack minus its command, error", "Angle of attack error",
-            "angle_of_attack_error_deg", leads="rms"),
+           "Cross-track error at the end", "tracking", of="cross_track_m",
+           statistic=Statistic.FINAL, bad="size"),
+    *_error("angle_of_attack_error", "deg", "angle of attack minus its command, error",
+            "Angle of attack error", "angle_of_attack_error_deg", leads="rms"),
     _settled("angle_of_attack_error", "Angle of attack error"),
-    *_error("bank_error", "deg", "bank minus its command, error", "Bank error", "bank_error_deg", leads="rms"),
+    *_error("bank_error", "deg", "bank minus its command, error", "Bank error", "bank_error_deg",
+            leads="rms"),
     _settled("bank_error", "Bank error"),
     *_error("sideslip", "deg", "sideslip", "Sideslip", "sideslip_deg", leads="rms"),
-    _count("angle_of_attack_min_deg", "deg", "smallest angle of attack", "Angle of attack, min", "loads",
-           of="angle_of_attack_deg", statistic=Statistic.MIN),
-    _count("angle_of_attack_max_deg", "deg", "largest angle of attack", "Angle of attack, max", "loads",
-           of="angle_of_attack_deg", statistic=Statistic.MAX),
+    _count("angle_of_attack_min_deg", "deg", "smallest angle of attack", "Angle of attack, min",
+           "loads", of="angle_of_attack_deg", statistic=Statistic.MIN),
+    _count("angle_of_attack_max_deg", "deg", "largest angle of attack", "Angle of attack, max",
+           "loads", of="angle_of_attack_deg", statistic=Statistic.MAX),
     *(metric for name in SURFACES for metric in _surface(name)),
-    _count("equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage", of="equivalence_ratio",
-           statistic=Statistic.MIN),
-    _count("equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage", of="equivalence_ratio",
-           statistic=Statistic.MAX),
-    _count("fuel_used_kg", "kg", "fuel burnt", "Fuel used", "usage", of="fuel_used_kg", statistic=Statistic.FINAL),
-    _count("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", "Dynamic pressure, max", "loads",
-           of="dynamic_pressure_pa", statistic=Statistic.MAX, nonnegative=True),
-    _count("load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max", "loads",
-           of="load_factor_g", statistic=Statistic.MAX, nonnegative=True),
-    _count("surface_saturation_s", "s", "time with a surface at its deflection limit", "Surface saturation", "usage",
-           of="surface_saturated", statistic=Statistic.TIME_OUTSIDE, finding="saturates"),
+    _count("equivalence_ratio_min", "-", "smallest throttle", "Throttle, min", "usage",
+           of="equivalence_ratio", statistic=Statistic.MIN),
+    _count("equivalence_ratio_max", "-", "largest throttle", "Throttle, max", "usage",
+           of="equivalence_ratio", statistic=Statistic.MAX),
+    _count("fuel_used_kg", "kg", "fuel burnt", "Fuel used", "usage", of="fuel_used_kg",
+           statistic=Statistic.FINAL),
+    _count("dynamic_pressure_max_pa", "Pa", "largest dynamic pressure", "Dynamic pressure, max",
+           "loads", of="dynamic_pressure_pa", statistic=Statistic.MAX, nonnegative=True),
+    _count("load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max",
+           "loads", of="load_factor_g", statistic=Statistic.MAX, nonnegative=True),
+    _count("surface_saturation_s", "s", "time with a surface at its deflection limit",
+           "Surface saturation", "usage", of="surface_saturated", statistic=Statistic.TIME_OUTSIDE,
+           finding="saturates"),
     *(
-        _count(f"{name}_ripple_deg", "deg", f"largest cycle of the {phrase} in settled stretches, from side to side",
-               f"{label_of(name, '-')} ripple", "tracking", of=f"{name}_ripple_deg", statistic=Statistic.MAX,
-               nonnegative=True, finding="cycles")
+        _count(f"{name}_ripple_deg", "deg",
+               f"largest cycle of the {phrase} in settled stretches, from side to side",
+               f"{label_of(name, '-')} ripple", "tracking", of=f"{name}_ripple_deg",
+               statistic=Statistic.MAX, nonnegative=True, finding="cycles")
         for name, phrase in SWINGS.items()
     ),
     *(
-        _count(f"{name}_cycle_hz", "Hz", f"frequency of the largest cycle of the {phrase}, zero without one",
-               f"{label_of(name, '-')} cycle frequency", "tracking", of=f"{name}_cycle_hz", statistic=Statistic.FINAL,
-               nonnegative=True)
+        _count(f"{name}_cycle_hz", "Hz",
+               f"frequency of the largest cycle of the {phrase}, zero without one",
+               f"{label_of(name, '-')} cycle frequency", "tracking", of=f"{name}_cycle_hz",
+               statistic=Statistic.FINAL, nonnegative=True)
         for name, phrase in SWINGS.items()
     ),
-    _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed", "loads",
-           of="engine_failed", statistic=Statistic.TIME_OUTSIDE),
-    _count("outside_tables_s", "s", "time outside the tables (clamped)", "Outside tables", "loads", of="outside_tables",
-           statistic=Statistic.TIME_OUTSIDE, finding="leaves_tables"),
+    _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed",
+           "loads", of="engine_failed", statistic=Statistic.TIME_OUTSIDE),
+    _count("outside_tables_s", "s", "time outside the tables (clamped)", "Outside tables", "loads",
+           of="outside_tables", statistic=Statistic.TIME_OUTSIDE, finding="leaves_tables"),
 )  # fmt: skip
 
 
@@ -252,19 +268,32 @@ def _margin(
     *,
     customary: float = 0.0,
 ) -> Metric:
-    return Metric(name, unit, doc, label, "low", "stability", "", Statistic.MIN, never_negative=True,
-                  plateaus=plateaus, customary=customary)  # fmt: skip
+    return Metric(
+        name,
+        unit,
+        doc,
+        label,
+        "low",
+        "stability",
+        "",
+        Statistic.MIN,
+        never_negative=True,
+        plateaus=plateaus,
+        customary=customary,
+    )
 
 
 # The least over loops and points; NaN for flights whose margins are not computed.
 MARGINS: tuple[Metric, ...] = (
-    _margin("gain_margin_min_db", "dB", "least gain margin, the smaller of both sides, over loops and points",
+    _margin("gain_margin_min_db", "dB",
+            "least gain margin, the smaller of both sides, over loops and points",
             "Gain margin, min", (0.0, 60.0), customary=6.0),
-    _margin("phase_margin_min_deg", "deg", "least phase margin over loops and points", "Phase margin, min",
-            (0.0, 180.0), customary=30.0),
-    _margin("delay_margin_min_ms", "ms", "least delay margin over loops and points", "Delay margin, min",
-            (0.0, 1000.0)),
-    _margin("disk_margin_min", "-", "least disk margin over the points, for simultaneous perturbation of all loops",
+    _margin("phase_margin_min_deg", "deg", "least phase margin over loops and points",
+            "Phase margin, min", (0.0, 180.0), customary=30.0),
+    _margin("delay_margin_min_ms", "ms", "least delay margin over loops and points",
+            "Delay margin, min", (0.0, 1000.0)),
+    _margin("disk_margin_min", "-",
+            "least disk margin over the points, for simultaneous perturbation of all loops",
             "Disk margin, min", (0.0,)),
 )  # fmt: skip
 GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
@@ -284,14 +313,16 @@ MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
     """Return the metrics of effectors with actuators, as a campaign declares metrics."""
     return tuple(
-        _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {phrase}", f"{label_of(name, '-')}{after}",
-               "usage", of=f"{name}{of}", statistic=statistic)
+        _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {phrase}",
+               f"{label_of(name, '-')}{after}", "usage", of=f"{name}{of}", statistic=statistic)
         for name in name_effector_signals(list(names))
         for end, unit, phrase, after, of, statistic in (
             ("rms_deg", "deg", "deflection, rms", ", rms", "_deg", Statistic.RMS),
             ("max_deg", "deg", "largest absolute deflection", ", max", "_deg", Statistic.MAX_ABS),
-            ("travel_deg", "deg", "sum of the absolute changes of the deflection", " travel", "_deg", Statistic.TRAVEL),
-            ("saturation_s", "s", "time at its limit", " saturation", "_saturated", Statistic.TIME_OUTSIDE),
+            ("travel_deg", "deg", "sum of the absolute changes of the deflection", " travel",
+             "_deg", Statistic.TRAVEL),
+            ("saturation_s", "s", "time at its limit", " saturation", "_saturated",
+             Statistic.TIME_OUTSIDE),
         )
     )  # fmt: skip
 

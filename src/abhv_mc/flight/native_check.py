@@ -44,8 +44,9 @@ def check_native(plan: FlightPlan) -> None:
     if not is_independent:
         problem = "a control law with hidden memory: a flight depends on other flights"
         expected = (
-            "all memory in the flight's state; for generated code with global structures three lines around its step: "
-            "'model_DW = saved->dw; model_step(); saved->dw = model_DW;' (docs/how-to/c-law.md)"
+            "all memory in the flight's state; for generated code with global structures three "
+            "lines around its step: 'model_DW = saved->dw; model_step(); saved->dw = model_DW;' "
+            "(docs/how-to/c-law.md)"
         )
         raise InputError(file, problem, expected)
 

@@ -81,15 +81,21 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.ANGLE_OF_ATTACK_LIMIT: "The angle of attack left the vehicle's limits.",
     Outcome.SIDESLIP_LIMIT: "The sideslip left the vehicle's limits.",
     Outcome.NOT_FINITE: "A state or a command was no longer a finite number.",
-    Outcome.FAILED_TO_RUN: "The flight could not be computed on this machine (crash or time limit).",
-    Outcome.DYNAMIC_PRESSURE_LIMIT: "The dynamic pressure exceeded the limit of the mission or the vehicle.",
+    Outcome.FAILED_TO_RUN: "The flight could not be computed on this machine (crash or time "
+    "limit).",
+    Outcome.DYNAMIC_PRESSURE_LIMIT: "The dynamic pressure exceeded the limit of the mission or the "
+    "vehicle.",
     Outcome.LOAD_FACTOR_LIMIT: "The load factor exceeded the limit of the mission or the vehicle.",
-    Outcome.HEAT_FLUX_LIMIT: "The stagnation heat flux exceeded the limit of the mission or the vehicle.",
+    Outcome.HEAT_FLUX_LIMIT: "The stagnation heat flux exceeded the limit of the mission or the "
+    "vehicle.",
     Outcome.BANK_LIMIT: "The bank exceeded the limit of the mission or the vehicle.",
-    Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the vehicle.",
+    Outcome.OSCILLATION_LIMIT: "An angle oscillated by more than the limit of the mission or the "
+    "vehicle.",
     Outcome.FUEL_OUT: "The fuel was burnt before the end of the mission.",
-    Outcome.POLE_LIMIT: "The flight came too close to a pole for the model's longitude and heading to be accurate.",
-    Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest reference speed.",
+    Outcome.POLE_LIMIT: "The flight came too close to a pole for the model's longitude and heading "
+    "to be accurate.",
+    Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest "
+    "reference speed.",
     Outcome.STATE_LIMIT: "A state of the vehicle's custom dynamics exceeded its limit.",
     Outcome.LAW_FAILED: "The custom control law raised an exception or returned an error.",
     Outcome.LAW_CRASHED: "The custom control law crashed its process twice.",
@@ -99,7 +105,8 @@ SENTENCES: dict[Outcome, str] = {
 
 _OF_A_SIMULATOR = {
     Outcome.OK: "The flight reached its end.",
-    Outcome.FAILED_TO_RUN: "The flight could not be computed (crash, time limit, or invalid output).",
+    Outcome.FAILED_TO_RUN: "The flight could not be computed (crash, time limit, or invalid "
+    "output).",
 }
 _FIRST_DECLARED = 100  # number of the first outcome that a custom simulator declares
 OUTCOMES = Outcomes(

@@ -329,7 +329,8 @@ def limit_faults(controller: TlcController | LqrController, reference: Floats) -
             worst = np.rad2deg(nominal[ticks][np.argmax(np.abs(nominal[ticks]))])
             first = reference[ticks[0], TIME]
             faults.append(
-                f"the mission needs {worst:.1f} deg of {quantity} at {first:.2f} s, beyond the controller's limit"
+                f"the mission needs {worst:.1f} deg of {quantity} at {first:.2f} s, beyond the "
+                "controller's limit"
             )
     return faults
 
@@ -351,7 +352,8 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
             first = reference[np.flatnonzero(outside)[0], TIME]
             faults.append(
                 f"the reference leaves the vehicle's tables in {name.replace('_', ' ')} for "
-                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s: values at the edge are used there"
+                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s: values at the edge are "
+                "used there"
             )
     return faults
 

@@ -119,10 +119,16 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
             damaged.add(path)
         _check_content(first, shard, list(manifests[0].controllers))
     flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
-    merged = replace(manifests[0], shard=None, state=INTERRUPTED, merged_from=digests, flown_by=flyers,
-                     wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
-                     repeatable=weakest(manifest.repeatable for manifest in manifests),
-                     simulator_events=add_events(manifest.simulator_events for manifest in manifests))  # fmt: skip
+    merged = replace(
+        manifests[0],
+        shard=None,
+        state=INTERRUPTED,
+        merged_from=digests,
+        flown_by=flyers,
+        wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
+        repeatable=weakest(manifest.repeatable for manifest in manifests),
+        simulator_events=add_events(manifest.simulator_events for manifest in manifests),
+    )
     with begin_merged(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):

@@ -170,10 +170,17 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
             entry for source, start in sources for entry in shift_flyers(source.flown_by, start)
         )
         merged = replace(
-            manifests[0], state=INTERRUPTED, merged_from=digests, pooled=tuple(pooled), runs_planned=starts[-1],
-            campaign_hash=inputs.identity, flown_by=flyers, files=files.listed(), stopped_at=None,
+            manifests[0],
+            state=INTERRUPTED,
+            merged_from=digests,
+            pooled=tuple(pooled),
+            runs_planned=starts[-1],
+            campaign_hash=inputs.identity,
+            flown_by=flyers,
+            files=files.listed(),
+            stopped_at=None,
             wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
             repeatable=weakest(manifest.repeatable for manifest in manifests),
             simulator_events=add_events(manifest.simulator_events for manifest in manifests),
-        )  # fmt: skip
+        )
         write_manifest(target.manifest, merged)

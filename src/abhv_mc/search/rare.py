@@ -78,9 +78,15 @@ class RareFound:
         if high is None:
             return ""
         if self.includes_unwarned and self.estimate.high <= high:
-            return f"; the upper end is the bound on failures without warning, by the {flights:,} plain flights alone"
+            return (
+                f"; the upper end is the bound on failures without warning, by the {flights:,} "
+                "plain flights alone"
+            )
         if self.includes_unwarned:
-            return f"; the upper end is that of the levels, as failures without warning are below {high:.1e}"
+            return (
+                "; the upper end is that of the levels, as failures without warning are below "
+                f"{high:.1e}"
+            )
         if len(self.space.names) <= MOST_LOOKED:
             return ""
         return (
@@ -188,8 +194,9 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
                 print(
-                    f"warning: {100.0 * noise:.0f} % of the severity's variance is noise, by {_PILOT} points with two "
-                    "seeds each: an estimate is unlikely if the probability is below 1e-4",
+                    f"warning: {100.0 * noise:.0f} % of the severity's variance is noise, by "
+                    f"{_PILOT} points with two seeds each: an estimate is unlikely if the "
+                    "probability is below 1e-4",
                     file=sys.stderr,
                     flush=True,
                 )
@@ -270,7 +277,10 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
         values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
         problem = f"'{metric}', of which many flights share the value {values}"
-        remedy = "a metric that grows from flight to flight: on a plateau no flight is nearer to failing than another"
+        remedy = (
+            "a metric that grows from flight to flight: on a plateau no flight is nearer to "
+            "failing than another"
+        )
         raise campaign.document.error(where if own else (), problem, remedy)
     if len(own) == 1:
         return own[0]

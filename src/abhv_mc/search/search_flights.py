@@ -382,7 +382,10 @@ def _check_same(
         if before.get(key) != value
     ]
     if len(changes) == 1 and changes[0].startswith("flights:"):
-        expected = "another folder (-o DIR): where a search goes depends on how many flights it has from its beginning"
+        expected = (
+            "another folder (-o DIR): where a search goes depends on how many flights it has from "
+            "its beginning"
+        )
     if changes:
         raise InputError(
             root, "a folder that holds another search: " + ", ".join(changes), expected

@@ -46,7 +46,7 @@ class Space:
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """Probability by name of parameters, such as failures, that do not occur in every flight."""
+        """Probability, by name, of parameters that occur in some flights only, such as failures."""
         marginals = zip(self.names, self.marginals, strict=True)
         return {
             name: marginal.probability
@@ -97,7 +97,10 @@ class Space:
         return np.array(limits)
 
     def from_box(self, points: Floats, bounds: Floats) -> Floats:
-        """Return SI values [flight, dimension] of points of the box -1 .. 1, rounded if discrete."""
+        """Return SI values [flight, dimension] of points of the box -1 .. 1.
+
+        Values of discrete parameters are rounded.
+        """
         values = bounds[:, 0] + 0.5 * (points + 1.0) * (bounds[:, 1] - bounds[:, 0])
         values = np.where(points == 1.0, bounds[:, 1], values)
         for i, marginal in enumerate(self.marginals):
@@ -161,7 +164,10 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
         )
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
-        remedy = "a campaign without: this search is over dispersions (`run` finds the unknowns' worst values)"
+        remedy = (
+            "a campaign without: this search is over dispersions (`run` finds the unknowns' worst "
+            "values)"
+        )
         raise document.key_error(("unknowns",), "unknowns", remedy)
     ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
     marginals = campaign.marginals | {

@@ -55,9 +55,11 @@ def _make_header(
     columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
     rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
     return (
-        f"/* Gains of {controller} along its mission, SI and radians: gain[tick][GAIN_...] at gain_time_s[tick]. */\n"
+        f"/* Gains of {controller} along its mission, SI and radians: "
+        "gain[tick][GAIN_...] at gain_time_s[tick]. */\n"
         f"enum gain {{\n{columns}    GAINS\n}};\n"
         f"#define GAIN_TICKS {len(times)}\n"
-        f"static const double gain_time_s[GAIN_TICKS] = {{{', '.join(map(repr, times.tolist()))}}};\n"
+        "static const double gain_time_s[GAIN_TICKS] = "
+        f"{{{', '.join(map(repr, times.tolist()))}}};\n"
         f"static const double gain[GAIN_TICKS][GAINS] = {{\n{rows}}};\n"
     )

@@ -22,8 +22,10 @@ LAWS = ("python", "c")
 SIMULATORS = ("python", "command")
 _SCHEMAS = "schemas"
 _MAKEFILE = """\
-# The library by hand: 'library: libmy_law.so' in my_law.yaml, in place of 'sources: [my_law.c]', flies it.
-# The headers are written by abhv-mc: again with `make headers`, after an edit of the settings in my_law.yaml.
+# The library by hand: 'library: libmy_law.so' in my_law.yaml, in place of \
+'sources: [my_law.c]', flies it.
+# The headers are written by abhv-mc: again with `make headers`, after an edit of the settings \
+in my_law.yaml.
 libmy_law.so: my_law.c abhv_law.h abhv_settings.h
 \tcc -shared -fPIC -O2 -Wall -ffp-contract=off -I. -o $@ my_law.c -lm
 
@@ -36,7 +38,8 @@ _QUESTION = (
 
 
 _TUNE = """
-# `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` searches these numbers of control/tlc.yaml.
+# `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` searches these numbers \
+of control/tlc.yaml.
 tune:
   free: # a fifth to five times the number in the file, or the factor given
     - altitude.damping
@@ -222,7 +225,10 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     written = [folder / "campaign.yaml"]
     text = (source / "campaign.yaml").read_text(encoding="utf-8")
     if kind == "command":
-        called = "  command: [./rocket] # it reads flights as lines of JSON and answers each by a line; built of:\n"
+        called = (
+            "  command: [./rocket] # it reads flights as lines of JSON and answers each by a line; "
+            "built of:\n"
+        )
         text = re.sub(r"(?m)^  python:.*\n", f"{called}  files: [rocket.c, Makefile]\n", text)
     written[0].write_text(text, encoding="utf-8")
     files = sorted(filter(Path.is_file, (source / kind).iterdir()))

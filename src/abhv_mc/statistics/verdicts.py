@@ -172,9 +172,15 @@ def tolerance_limit(
 
 def verdict_words(verdict: Verdict, flies: bool = True) -> str:
     """Return a verdict as text: 'NOT SHOWN: 1 failure in 1000 flights; extend to ...'."""
-    counts = f"{verdict.status}: {_count(verdict.failures, 'failure')} in {_count(verdict.flights, 'flight')}"
+    counts = (
+        f"{verdict.status}: {_count(verdict.failures, 'failure')} in "
+        f"{_count(verdict.flights, 'flight')}"
+    )
     if verdict.uncomputed:
-        counts += f", {verdict.uncomputed} of them not computed (failures for a PASS, successes for a FAIL)"
+        counts += (
+            f", {verdict.uncomputed} of them not computed (failures for a PASS, successes for a "
+            "FAIL)"
+        )
     phrases = [counts, verdict.note]
     if verdict.status == "NOT SHOWN":
         phrases.append(advice_words(verdict, flies))
@@ -197,7 +203,8 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
     return (
         f"at least {least} flights are needed (PASS with a chance of {chance})"
         if least > most
-        else f"no number of flights up to {most} is likely to show it; at least {least} are needed ({chance})"
+        else f"no number of flights up to {most} is likely to show it; at least {least} are needed "
+        f"({chance})"
     )
 
 

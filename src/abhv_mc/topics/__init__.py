@@ -35,8 +35,8 @@ _HOMES = {
 }
 
 __all__ = [
-    "Bullets", "Cell", "FigureText", "FlownCampaign", "Fold", "Heading", "Names", "Picture", "Section",
-    "Table", "Text", "Topic", "register",
+    "Bullets", "Cell", "FigureText", "FlownCampaign", "Fold", "Heading", "Names", "Picture",
+    "Section", "Table", "Text", "Topic", "register",
 ]  # fmt: skip
 
 

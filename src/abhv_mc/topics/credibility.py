@@ -7,8 +7,8 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
 _TEXT = (
-    "Credibility factors of NASA-STD-7009. The middle column is the evidence in this folder; the empty column is for "
-    "the user's assessment and further evidence."
+    "Credibility factors of NASA-STD-7009. The middle column is the evidence in this folder; the "
+    "empty column is for the user's assessment and further evidence."
 )
 
 
@@ -42,8 +42,8 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
         pedigree += f", {unknown} unknown, judged at {len(campaign.unknowns.points)} points"
     yield (
         "Input pedigree",
-        f"{pedigree}; {len(manifest.inputs)} input files with their SHA-256. Sources of the distributions are not "
-        "recorded.",
+        f"{pedigree}; {len(manifest.inputs)} input files with their SHA-256. Sources of the "
+        "distributions are not recorded.",
     )
     required = names.requirements
     sampled = f"{fixed(manifest.runs_done, 0)} flights ({campaign.sampling})"

@@ -122,7 +122,8 @@ def _rule(
         description = _difference_words(rule, names, parameters, failed, column)
     return FailureRule(
         description,
-        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have {description}",
+        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have "
+        f"{description}",
         tuple(
             FailureCondition(
                 names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
@@ -153,7 +154,9 @@ def _parameter_words(rule: Rule, names: list[str], parameters: Parameters) -> st
     description = f"{spoken_name(names[first.input])} {side(first)}"
     for condition in further:
         same = f"or {side(condition)}"
-        description += f" {same if rule.either else f'and {spoken_name(names[condition.input])} {side(condition)}'}"
+        description += f""" {
+            same if rule.either else f"and {spoken_name(names[condition.input])} {side(condition)}"
+        }"""
     return description
 
 
@@ -175,7 +178,8 @@ def _difference_words(
     region = failed & rule_mask(rule, column)
     side = failed & rule_mask(replace(rule, conditions=(condition,)), column)
     example = ", ".join(
-        f"{spoken_name(names[i])} {shown_value(names[i], float(np.median(column(i)[side])), parameters)}"
+        f"{spoken_name(names[i])} "
+        f"{shown_value(names[i], float(np.median(column(i)[side])), parameters)}"
         for i in inputs
         if side.any()
     )
@@ -200,9 +204,9 @@ def failure_section(failures: Failures, names: Names) -> Section:
     if failures.map is None:
         return _rules_section(failures, names)
     text = Text(
-        "Smallest sets, of at most three dispersions, with which a flight still fails while all others are nominal. A "
-        "flight with several sets is counted with the set that explains most flights. Values: median (smallest to "
-        "largest). Re-run a flight with "
+        "Smallest sets, of at most three dispersions, with which a flight still fails while all "
+        "others are nominal. A flight with several sets is counted with the set that explains most "
+        "flights. Values: median (smallest to largest). Re-run a flight with "
         + ", ".join(
             f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
             for name in failures.map
@@ -298,13 +302,13 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     if not items:
         return Section(TITLE, (Text("No flight failed."),))
     command = (
-        f"`abhv-mc explain {names.folder} --all` finds the smallest sets of dispersions with which the flights still "
-        "fail; this page then shows them."
+        f"`abhv-mc explain {names.folder} --all` finds the smallest sets of dispersions with which "
+        "the flights still fail; this page then shows them."
     )
     rate = percent(failures.false_discovery_rate, 1)
     note = (
-        f"Rules have one or two parameters with thresholds at deciles of the samples, and pass an exact test at a "
-        f"false-discovery rate of {rate}"
+        "Rules have one or two parameters with thresholds at deciles of the samples, and pass an "
+        f"exact test at a false-discovery rate of {rate}"
     )
     return Section(
         TITLE, (*items, *([Text(command)] if names.campaign.can_rerun else []), Text(f"{note}."))

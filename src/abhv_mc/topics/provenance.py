@@ -43,8 +43,8 @@ def compute_provenance(results: FlownCampaign) -> Provenance:
 
 
 _TOLD_ELSEWHERE = (
-    "controllers", "requirements", "requirements_shown", "files", "inputs", "campaign_hash", "source_hash", "question",
-    "digests",
+    "controllers", "requirements", "requirements_shown", "files", "inputs", "campaign_hash",
+    "source_hash", "question", "digests",
 )  # fmt: skip
 
 
@@ -76,12 +76,15 @@ def _words(value: object) -> str:
 def _section(_found: Provenance, names: Names) -> Section:
     rerun, manifest = "", names.results.manifest
     if names.campaign.can_rerun:
-        rerun = f"Reproduce this campaign with `abhv-mc run {names.folder}/campaign.yaml -o ANOTHER_FOLDER`; "
+        rerun = (
+            f"Reproduce this campaign with `abhv-mc run {names.folder}/campaign.yaml -o "
+            "ANOTHER_FOLDER`; "
+        )
         rerun += "the digest must match. "
     text = (
-        f"{rerun}Remake this page with `abhv-mc report {names.folder}`. "
-        f"Check its numbers against the data with `abhv-mc verify campaign {names.folder}`. `report.json` next to "
-        "this page has every number unrounded and the SHA-256 of every source file."
+        f"{rerun}Remake this page with `abhv-mc report {names.folder}`. Check its numbers against "
+        f"the data with `abhv-mc verify campaign {names.folder}`. `report.json` next to this page "
+        "has every number unrounded and the SHA-256 of every source file."
     )
     manifest_rows = tuple(
         (Cell(key, head=True), Cell(value)) for key, value in _rows(manifest.as_entries())

@@ -95,7 +95,8 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
     if facts.files:
         items.append(
             Text(
-                f"The simulator consists of these files, with stored hashes: {', '.join(facts.files)}."
+                "The simulator consists of these files, with stored hashes: "
+                f"{', '.join(facts.files)}."
             )
         )
     if facts.reasons:

@@ -188,7 +188,8 @@ def compile_adapter(
     before = f"""\
 init, step, get, put = context[0], context[1], context[2], context[3]
 states, stride, places, buffer = context[4], context[5], context[6], context[9]
-seen, out, numbers = floats_at(buffer), floats_at(buffer + {_COMMAND}), floats_at(buffer + {_NUMBERS})
+seen, out, numbers = floats_at(buffer), floats_at(buffer + {_COMMAND}), \
+floats_at(buffer + {_NUMBERS})
 first, reference = address_of(row), address_of(row) + {8 * len(REFERENCE)} * tick
 gains, settings, time = address_of(column) + 8 * context[8] * tick, address_of(given), tick * dt"""
     lines = f"""\
@@ -213,7 +214,8 @@ if {"tick == 0" if memory is None else "True"}:
 for i in range(4, {len(commanded)}):
     out[i] = inf
 if failed == 0 and total - total == 0.0:
-    failed = call_c(step, (buffer, reference, gains, settings, time, dt, state, buffer + {_COMMAND}))
+    failed = call_c(step, (buffer, reference, gains, settings, time, dt, state, \
+buffer + {_COMMAND}))
 """.splitlines()
     if rows:
         lines += ["if failed == 0:", f"    call_c(get, (state, buffer + {_NUMBERS}))"]

@@ -81,7 +81,10 @@ def _struct(kind: Any) -> str:
     fields = "\n".join(
         f"    {types.get(hint, 'double')} {name};" for name, hint in kind.__annotations__.items()
     )
-    return f"{''.join(map(_struct, inner))}typedef struct {{\n{fields}\n}} abhv_{kind.__name__.lower()};\n\n"
+    return (
+        f"{''.join(map(_struct, inner))}typedef struct {{\n{fields}\n}} "
+        f"abhv_{kind.__name__.lower()};\n\n"
+    )
 
 
 def interface(onboard: bool = False) -> str:

@@ -19,7 +19,10 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 _ROOT = Path(__file__).parents[2]
-_START = "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; serve(int(sys.argv[1]))"
+_START = (
+    "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; "
+    "serve(int(sys.argv[1]))"
+)
 _may_run = False  # whether this process may crash
 _lock = threading.RLock()
 _child: "_Child | None" = None

@@ -27,8 +27,8 @@ from abhv_mc.user_code.vehicle_functions import find_code, load_functions
 from abhv_mc.user_code.watch import watching
 from abhv_mc.vehicle.vehicle_code import VehicleCode
 
-STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank", "roll_rate",
-          "pitch_rate", "yaw_rate")  # fmt: skip
+STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip",
+          "bank", "roll_rate", "pitch_rate", "yaw_rate")  # fmt: skip
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 

@@ -196,7 +196,10 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     if construct is not None:
         return (
             construct,
-            f"numbers, named tuples and functions of them: {construct} are not allowed in compiled code",
+            (
+                f"numbers, named tuples and functions of them: {construct} are not allowed in "
+                "compiled code"
+            ),
         )
     if isinstance(node, ast.Global | ast.Nonlocal):
         return (

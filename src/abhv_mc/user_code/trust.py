@@ -48,7 +48,10 @@ def check_trusted(source: UserSource, trusted: bool = False) -> None:
     if trusted:
         _trusted_now.add(source.hash)
     if source.hash not in _trusted_now and not is_trusted(source):
-        problem = "Python code that you have not flown from a file of your own: it would run with your rights"
+        problem = (
+            "Python code that you have not flown from a file of your own: it would run with your "
+            "rights"
+        )
         raise InputError(source.file, problem, "a look at it, then --trust-code")
 
 

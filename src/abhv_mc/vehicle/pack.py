@@ -28,7 +28,10 @@ class Table:
     values: Floats  # [node of axis 0, node of axis 1, ...]
 
     def ordered(self) -> "Table":
-        """Return the table with axes in the order of VARIABLES, so that equal axes form one group."""
+        """Return the table with its axes in the order of VARIABLES.
+
+        Tables with equal axes then form one group.
+        """
         order = sorted(range(len(self.axes)), key=lambda d: self.axes[d].variable)
         return Table(tuple(self.axes[d] for d in order), np.transpose(self.values, order))
 

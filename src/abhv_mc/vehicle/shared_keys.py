@@ -60,7 +60,8 @@ class LoadLimits(StrictModel):
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
         default=None,
-        description="greatest flux at the stagnation point; needs the vehicle's reference.nose_radius",
+        description="greatest flux at the stagnation point; needs the vehicle's "
+        "reference.nose_radius",
     )
     bank: Annotated[Angle, Positive] | None = Field(
         default=None, description="greatest bank about the velocity, to either side"
@@ -72,7 +73,8 @@ class LoadLimits(StrictModel):
         | None
     ) = Field(
         default=None,
-        description="greatest ripple of bank, angle of attack and sideslip: one angle, or one for each",
+        description="greatest ripple of bank, angle of attack and sideslip: one angle, or one for "
+        "each",
     )
 
     def bounds(self) -> LoadBounds:
@@ -116,7 +118,8 @@ class SensingKeys(StrictModel):
     )
     airspeed: Against | None = Field(
         None,
-        description="reference of the measured speed: air, or inertial (default), which is relative to the Earth",
+        description="reference of the measured speed: air, or inertial (default), which is "
+        "relative to the Earth",
     )
 
 

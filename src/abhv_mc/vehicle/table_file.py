@@ -77,7 +77,10 @@ def _find_role(
     role = columns.get(head) or columns.get(split_head(head)[0])
     if role is None:
         if not name or (name == VALUE and unit):
-            expected = "mach, alpha_deg, value, ... (or its meaning under columns, and the unit of values, in the "
+            expected = (
+                "mach, alpha_deg, value, ... (or its meaning under columns, and the unit of "
+                "values, in the "
+            )
             raise rows.error(None, column, f"the column '{head}'", f"{expected}vehicle file)")
         return Role(ALIASES.get(name, name), unit or None)
     if role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):

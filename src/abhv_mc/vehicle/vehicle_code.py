@@ -79,7 +79,7 @@ class VehicleCode:
         yield from (function for _, function in self.named_functions() if function is not None)
 
     def named_functions(self) -> tuple[tuple[str, FunctionCode | None], ...]:
-        """Return keys of the vehicle file with functions or None, in the order of their settings."""
+        """Return the vehicle file's keys and their functions or None, in the order of settings."""
         return (
             ("aerodynamics", self.aerodynamics),
             ("propulsion", self.propulsion),

@@ -36,10 +36,12 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
     peak = figures["peak_gflops_per_core"]
     say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
     say(
-        f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in registers"
+        f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in "
+        "registers"
     )
     say(
-        f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} Hz"
+        f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} "
+        "Hz"
     )
     for name, speed in figures["controllers"].items():
         counts = ", ".join(
@@ -49,14 +51,17 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
         say(f"\n{name}")
         say(f"  {rate:.0f} flights per second and core, {speed['ms_per_flight']:.2f} ms each")
         say(
-            f"  {speed['one_at_a_time_ms']:.2f} ms one at a time: batched {speed['batched_over_one']:.2f} times as fast"
+            f"  {speed['one_at_a_time_ms']:.2f} ms one at a time: batched "
+            f"{speed['batched_over_one']:.2f} times as fast"
         )
         say(
-            f"  {speed['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: {counts}"
+            f"  {speed['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: "
+            f"{counts}"
         )
     say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
     say(
-        f"start to first flight {figures['cold_start_s']:.1f} s cold, {figures['warm_start_s']:.2f} s from the cache"
+        f"start to first flight {figures['cold_start_s']:.1f} s cold, "
+        f"{figures['warm_start_s']:.2f} s from the cache"
     )
     say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
     say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")

@@ -349,7 +349,10 @@ def _make_copula(
                     document.error(("correlations", i, "between", j), problem, one_of(names, name))
                 )
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
-                problem = f"'{name}', which is drawn with a probability: most flights share its nominal value"
+                problem = (
+                    f"'{name}', which is drawn with a probability: most flights share its nominal "
+                    "value"
+                )
                 errors.append(
                     document.error(
                         ("correlations", i, "between", j), problem, "one that every flight draws"
@@ -483,6 +486,9 @@ def _check_runs(
         )
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
-        expected = f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no 'runs')"
+        expected = (
+            f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no "
+            "'runs')"
+        )
         errors.append(document.error(("runs",), f"{model.runs}", expected))
     return model.runs or number

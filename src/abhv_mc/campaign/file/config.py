@@ -110,7 +110,8 @@ class RequirementEntry(StrictModel):
     )
     producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
         None,
-        description="largest chance that a system which just meets it ever fails; left out: the consumer's",
+        description="largest chance that a system which just meets it ever fails; left out: the "
+        "consumer's",
     )
     controllers: tuple[str, ...] | None = Field(
         None, description="controllers that have to meet it; left out: the campaign's first"
@@ -176,8 +177,9 @@ class Execution(StrictModel):
     )
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
         None,
-        description="processor time for every 16 flights of a block, after which they count as hanging (on a cluster "
-        "wall time); left out: 20 times what 16 nominal flights take one by one, margins included, and 30 s at least",
+        description="processor time for every 16 flights of a block, after which they count as "
+        "hanging (on a cluster wall time); left out: 20 times what 16 nominal flights take one by "
+        "one, margins included, and 30 s at least",
     )
 
 
@@ -227,13 +229,14 @@ class Campaign(StrictModel):
         | None
     ) = Field(
         None,
-        description="what the first sentence of the report answers: {compare: [controllers]}, drivers, margins or "
-        "worst; left out: whether the requirements are met",
+        description="what the first sentence of the report answers: {compare: [controllers]}, "
+        "drivers, margins or worst; left out: whether the requirements are met",
     )
     vehicle: File = Field(description="vehicle file, relative to this file")
     mission: File = Field(description="mission file, relative to this file")
     controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
-        description="controller files by name; all fly the same samples, and the first has to meet the requirements"
+        description="controller files by name; all fly the same samples, and the first has to meet "
+        "the requirements"
     )
     runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
         None, description="flights of each controller; left out where the design has its own number"
@@ -243,7 +246,8 @@ class Campaign(StrictModel):
     )
     pooled: tuple[PooledSeed, ...] = Field(
         (),
-        description="what `abhv-mc merge` joined of several seeds, in the order of the flights; left out: one seed",
+        description="what `abhv-mc merge` joined of several seeds, in the order of the flights; "
+        "left out: one seed",
     )
     sampling: Annotated[
         Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)
@@ -256,7 +260,8 @@ class Campaign(StrictModel):
     )
     unknowns: dict[str, Unknown] = Field(
         {},
-        description="bounds of parameters with one value for the whole programme: judged at points of their box",
+        description="bounds of parameters with one value for the whole programme: judged at points "
+        "of their box",
     )
     points: UnknownPoints | None = Field(
         None, description="where these are judged, as `run` found it; left out: search"
@@ -266,7 +271,8 @@ class Campaign(StrictModel):
     )
     derived: dict[str, str] = Field(
         {},
-        description="parameters that follow from others of their flight: expressions of parameters, in SI",
+        description="parameters that follow from others of their flight: expressions of "
+        "parameters, in SI",
     )
     channels: File | None = Field(
         None, description="Python file of user channels, relative to this file"
@@ -284,7 +290,8 @@ class Campaign(StrictModel):
     )
     margins: MarginsOfFlights | None = Field(
         None,
-        description="stability margins of dispersed flights, as metrics; left out: nominal and corners only",
+        description="stability margins of dispersed flights, as metrics; left out: nominal and "
+        "corners only",
     )
     stop: Literal["when proven"] | None = Field(
         None,
@@ -301,12 +308,13 @@ class Campaign(StrictModel):
     keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
     measured: dict[str, str | float] = Field(
         {},
-        description="standard deviation of the noise with which a test flight's channels are measured, by channel: "
-        "for `abhv-mc place`; left out: the campaign's sensors",
+        description="standard deviation of the noise with which a test flight's channels are "
+        "measured, by channel: for `abhv-mc place`; left out: the campaign's sensors",
     )
     figures: Literal["paper"] | None = Field(
         None,
-        description="'paper': the channels' figures are those of Zhu and Shen 2014, with their numbers beside them",
+        description="'paper': the channels' figures are those of Zhu and Shen 2014, with their "
+        "numbers beside them",
     )
     execution: Execution = Field(
         Execution(), description="how it is flown; no result depends on it"

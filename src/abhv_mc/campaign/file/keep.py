@@ -55,12 +55,13 @@ class KeepHistories(StrictModel):
         BeforeValidator(_as_list, json_schema_input_type=int | str | list[int | str]),
     ] = Field(
         ("worst 20",),
-        description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of these",
+        description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of "
+        "these",
     )
     by: str = Field(
         BY_REQUIREMENTS,
-        description="what 'worst' goes by: requirements (the largest distance beyond a limit, in units of it) or a "
-        "metric; flights that ended early come first",
+        description="what 'worst' goes by: requirements (the largest distance beyond a limit, in "
+        "units of it) or a metric; flights that ended early come first",
     )
     channels: Annotated[
         tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])

@@ -194,20 +194,23 @@ class SimulatorCampaign(Campaign):
     figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
         None,
-        description="what flies, in place of vehicle, mission and controllers; without it: `import flights`",
+        description="what flies, in place of vehicle, mission and controllers; without it: `import "
+        "flights`",
     )
     independent: YesNo = Field(
         False,
-        description="without a simulator: yes if flights are independent draws of the dispersions, which is tested",
+        description="without a simulator: yes if flights are independent draws of the dispersions, "
+        "which is tested",
     )
     columns: dict[str, str] = Field(
         {},
-        description="without a simulator: heads of the table by name of an input or metric, of system, outcome,"
-        " end_time and flight; left out: the names, with or without units",
+        description="without a simulator: heads of the table by name of an input or metric, of "
+        "system, outcome, end_time and flight; left out: the names, with or without units",
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
-        description="what is compared: settings of the simulator by name; the first has to meet it all",
+        description="what is compared: settings of the simulator by name; the first has to meet it "
+        "all",
     )
     inputs: dict[InputName, Input] = Field({}, description="what a flight is given, by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
@@ -215,7 +218,8 @@ class SimulatorCampaign(Campaign):
     )
     outcomes: dict[MetricName, str] = Field(
         {},
-        description="ways in which a flight ends early, by the code that it returns: a sentence for each",
+        description="ways in which a flight ends early, by the code that it returns: a sentence "
+        "for each",
     )
     histories: dict[MetricName, OwnChannel] = Field(
         {}, description="columns of the history that a flight returns beside its time (s), by name"

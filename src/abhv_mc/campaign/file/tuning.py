@@ -49,7 +49,8 @@ class Limit(StrictModel):
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,
-        description="whose stability margin: of the nominal vehicle (left out), or of it and all corners",
+        description="whose stability margin: of the nominal vehicle (left out), or of it and all "
+        "corners",
     )
 
     @property

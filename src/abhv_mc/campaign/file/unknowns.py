@@ -47,8 +47,9 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
         return ""
     tail = f" and {len(drawn) - _HINTED} more" if len(drawn) > _HINTED else ""
     return (
-        f"Each flight draws {', '.join(drawn[:_HINTED])}{tail} anew. If one value holds for the whole programme, list "
-        "it under `unknowns`: requirements are then judged at its worst value."
+        f"Each flight draws {', '.join(drawn[:_HINTED])}{tail} anew. If one value holds for the "
+        "whole programme, list it under `unknowns`: requirements are then judged at its worst "
+        "value."
     )
 
 
@@ -69,8 +70,8 @@ class UnknownPoints(StrictModel):
     tried: Count = Field(0, description="how many were tried to find them")
     shared: Count | None = Field(
         None,
-        description="how many of the first points judge all requirements; left out: all points. Each of the others "
-        "judges the requirements that name it in `most_failures`",
+        description="how many of the first points judge all requirements; left out: all points. "
+        "Each of the others judges the requirements that name it in `most_failures`",
     )
     most_failures: tuple[MostFailures, ...] = Field(
         (), description="where the search of each controller saw each requirement fail most often"
@@ -146,13 +147,16 @@ class Unknowns:
             text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
             text += f"none failed in {entry.flights} flights; nearest to the limit came "
-        text += f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights failed"
+        text += (
+            f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights "
+            "failed"
+        )
         factor = showing_factor(verdict.probability, entry.flights)
         if factor <= 1.0:
             return text
         return (
-            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often shows there in about half "
-            "of the campaigns"
+            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often shows there "
+            "in about half of the campaigns"
         )
 
 

@@ -86,7 +86,8 @@ class MetricEntry(StrictModel):
     )
     bad: Bad | None = Field(
         None,
-        description="which values are bad: high, low, or those of the largest size; left out: low for min, else high",
+        description="which values are bad: high, low, or those of the largest size; left out: low "
+        "for min, else high",
     )
     unit: str | None = Field(
         None, description="of the metric, where the channel and the name do not say it"

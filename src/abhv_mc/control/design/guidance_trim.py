@@ -104,6 +104,7 @@ def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
         points = np.flatnonzero(trim.status & flag)
         if points.size:
             faults.append(
-                f"{sentence} at {points.size} of {times.size} points, first at {times[points[0]]:.2f} s"
+                f"{sentence} at {points.size} of {times.size} points, first at "
+                f"{times[points[0]]:.2f} s"
             )
     return faults

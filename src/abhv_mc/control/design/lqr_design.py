@@ -162,7 +162,7 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
 
 
 def gains_at(controller: LqrController, models: LinearModels) -> Floats:
-    """Return all gains [..., gain] for models at one point or stacked, in the order of LQR_GAINS."""
+    """Return the gains [..., gain] for one or stacked models, in the order of LQR_GAINS."""
     gains = (
         _gain(controller.guidance, models.guidance, 1.0),
         _gain(controller.longitudinal, models.longitudinal, _DEGREE),

@@ -247,7 +247,10 @@ _PLANNED = (BLUE, VERMILION, GREEN)  # colours of the planned flights, twice and
 
 @styled
 def plot_planned(planned: Planned) -> Figure:
-    """Plot the chance of PASS over the true failure rate: a panel for each requirement and for all."""
+    """Plot the chance of PASS over the true failure rate.
+
+    The figure has a panel for each requirement and one for all of them.
+    """
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)
     figure, grid = new_panels(

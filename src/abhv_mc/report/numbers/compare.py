@@ -52,7 +52,10 @@ class Baseline(Compared):
 def require_same_samples(
     samples_a: Mapping[str, Floats], samples_b: Mapping[str, Floats], folder: Path, path: Path
 ) -> None:
-    """Raise InputError for ``path`` if its samples ``b`` differ from the samples ``a`` of ``folder``."""
+    """Raise InputError for ``path`` if its samples differ from those of ``folder``.
+
+    ``samples_a`` are those of ``folder``, ``samples_b`` those of ``path``.
+    """
     expected = f"the samples of {folder}"
     for name in samples_a:
         if name not in samples_b:
@@ -220,9 +223,9 @@ def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequen
     point = f"at {gate.at}, " if gate.at else ""
     text = (
         f"{point}{label} {'passes' if gate.shown else 'is rejected'}: "
-        f"{'' if gate.within_low > 0.5 else 'NOT '}shown to be at most {100.0 * gate.margin:g} % worse on more "
-        f"than half of the flights ({gate.within} of {gate.pairs} flights; at 95 % confidence at least "
-        f"{percent(gate.within_low, 2)} of all)"
+        f"{'' if gate.within_low > 0.5 else 'NOT '}shown to be at most {100.0 * gate.margin:g} % "
+        f"worse on more than half of the flights ({gate.within} of {gate.pairs} flights; at 95 % "
+        f"confidence at least {percent(gate.within_low, 2)} of all)"
     )
     reasons = [
         f"its {100.0 * level:.4g} % quantile is shown to be worse by more"
@@ -246,10 +249,11 @@ def _gate(
     *,
     unknowns: Unknowns,
 ) -> Gate:
-    """Return the gate of `b`, at the point of the unknowns that rejects it or comes closest to that.
+    """Return the gate of `b` at its worst point of the unknowns.
 
-    `b` must be shown not worse at every point, which needs no correction of the risk; the tests
-    that reject it share the risk.
+    The worst point is the one that rejects `b` or comes closest to that. `b` must
+    be shown not worse at every point, which needs no correction of the risk; the tests that reject
+    it share the risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)

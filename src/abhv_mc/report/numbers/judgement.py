@@ -100,7 +100,10 @@ def _worst_words(models: Models) -> str:
     name = next(iter(names.controllers))
     worst = models[FLIGHTS].worst[name][0]
     if worst.by is None:
-        text = f"terminated early ({ended_words(worst.outcome, worst.missed, len(names.requirements))})"
+        text = (
+            "terminated early "
+            f"({ended_words(worst.outcome, worst.missed, len(names.requirements))})"
+        )
     else:
         record = names.metrics[worst.by]
         value = record.with_unit(significant(worst.metrics[worst.by]))
@@ -294,7 +297,8 @@ def _error_words(pair: ControllerPair, names: Names) -> str:
     )
     if metrics_by_side["worse"]:
         parts.append(
-            f"{names.label(pair.b)} {'' if parts else 'has '}the smaller {metrics_by_side['worse']}{_usage_words(pair)}"
+            f"{names.label(pair.b)} {'' if parts else 'has '}the smaller "
+            f"{metrics_by_side['worse']}{_usage_words(pair)}"
         )
     return f"{', '.join(parts)}." if parts else ""
 

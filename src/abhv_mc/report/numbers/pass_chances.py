@@ -134,7 +134,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest number of judged points of the unknowns and the flights of their search."""
+    """Return the largest number of judged points of the unknowns, and their search's flights."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

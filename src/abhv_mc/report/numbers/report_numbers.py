@@ -63,16 +63,21 @@ def report_schema() -> Schema:
         "title": "abhv-mc: the numbers of a report",
         "type": "object",
         "properties": {
-            "format": {"type": "integer"}, "state": text, "digest": text, "key": {"type": "string"},
+            "format": {"type": "integer"},
+            "state": text,
+            "digest": text,
+            "key": {"type": "string"},
             "requirement_sets": {"type": "integer"},
-            "warnings": {"type": "array", "items": {"type": "string"}}, "baseline": {"type": "object"},
+            "warnings": {"type": "array", "items": {"type": "string"}},
+            "baseline": {"type": "object"},
             "topics": {"type": "object", "properties": users},
-            **dict.fromkeys(("files", "pages", "pictures"), _HASHES), **sections,
+            **dict.fromkeys(("files", "pages", "pictures"), _HASHES),
+            **sections,
         },
         "required": ["format", "state", "digest", "warnings", *sections],
         "additionalProperties": False,
         "$defs": defs,
-    }  # fmt: skip
+    }
 
 
 def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:

@@ -46,8 +46,8 @@ def _judged_words(unknowns: Unknowns) -> str:
     if shared is None or shared == len(unknowns.points):
         return "Each verdict covers all of these values"
     return (
-        f"Each verdict covers the first {shared} values and those at which the search found the most "
-        "failures of its requirement"
+        f"Each verdict covers the first {shared} values and those at which the search found the "
+        "most failures of its requirement"
     )
 
 
@@ -68,22 +68,24 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
     text += "; intervals are 95 %." if campaign.independent else "."
     if campaign.unknowns.names:
         text += (
-            f" These are {fixed(campaign.runs_at_point, 0)} flights at each of {len(campaign.unknowns.points)} values "
-            f"of the unknowns. {_judged_words(campaign.unknowns)}; values in between were searched, not proven. "
-            f"Quantiles, envelopes and differences combine all values; a {names.campaign.kind} is named better only "
-            "if it is better at every value."
+            f" These are {fixed(campaign.runs_at_point, 0)} flights at each of "
+            f"{len(campaign.unknowns.points)} values of the unknowns. "
+            f"{_judged_words(campaign.unknowns)}; values in between were searched, not proven. "
+            f"Quantiles, envelopes and differences combine all values; a {names.campaign.kind} is "
+            "named better only if it is better at every value."
         )
     elif not campaign.independent:
         text += (
-            f" {campaign.dependence[:1].upper()}{campaign.dependence[1:]}: exact binomial statistics do not apply, so "
-            "quantiles, differences and their intervals are estimates and no verdict is given."
+            f" {campaign.dependence[:1].upper()}{campaign.dependence[1:]}: exact binomial "
+            "statistics do not apply, so quantiles, differences and their intervals are estimates "
+            "and no verdict is given."
         )
     elif requirements:
         largest = max(entry.asked.consumer_risk for entry in requirements)
         text += (
-            f" A system that just misses a requirement gets a PASS with a probability of at most "
-            f"{percent(largest, 2)}, also if results are checked repeatedly or the campaign is extended; the intervals "
-            "hold for a single check."
+            " A system that just misses a requirement gets a PASS with a probability of at most "
+            f"{percent(largest, 2)}, also if results are checked repeatedly or the campaign is "
+            "extended; the intervals hold for a single check."
         )
         if campaign.model.stop:
             text += (

@@ -148,7 +148,10 @@ def compare_folders(
 def _write_numbers(
     a: FlownCampaign, b: FlownCampaign, comparison: Compared | Contrast, out: Path
 ) -> None:
-    """Write `comparison.json`: the numbers, and the digests with which `abhv-mc runs` finds them."""
+    """Write `comparison.json`.
+
+    It contains the numbers, and the digests with which `abhv-mc runs` finds them.
+    """
     digests = [results.manifest.digest for results in (a, b)]
     content = {"digests": digests, **json_data(comparison)}
     write_text(out / COMPARISON_FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
@@ -197,20 +200,20 @@ def _section(
         if not _is_identical(pair):
             tables += _tables(title, pair, names, comparison)
     answers.append(
-        "Differences are taken flight by flight, first minus second, with 95 % intervals; an early termination "
-        "counts as worse than any completed flight."
+        "Differences are taken flight by flight, first minus second, with 95 % intervals; an early "
+        "termination counts as worse than any completed flight."
     )
     if any(names.campaign.judged for _, _, names in pairs):
         answers[-1] += (
-            " The better side is found over all required metrics and the control effort, with a correction for "
-            "their number."
+            " The better side is found over all required metrics and the control effort, with a "
+            "correction for their number."
         )
     unknowns = a.campaign.unknowns
     if unknowns.names:
         count = len(unknowns.points)
         answers.append(
-            f"Compared at the {count} values of the unknowns that both campaigns ran; flight {count} k + p is "
-            "sample k at value p."
+            f"Compared at the {count} values of the unknowns that both campaigns ran; flight "
+            f"{count} k + p is sample k at value p."
         )
     folders = dict.fromkeys(str(results.folder) for results in (a, b) if results.campaign.can_rerun)
     commands = (
@@ -266,8 +269,12 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
             names.label(pair.a),
             names.label(pair.b),
         )
-        answer_of = {"better": f"{first} is better", "worse": f"{second} is better", "mixed": "mixed",
-                 "open": "no difference is shown"}  # fmt: skip
+        answer_of = {
+            "better": f"{first} is better",
+            "worse": f"{second} is better",
+            "mixed": "mixed",
+            "open": "no difference is shown",
+        }
         answer = "no winner is named, as the flights are not independent"
         if names.campaign.judged:
             answer = answer_of[verdict_of(pair, names)]
@@ -334,7 +341,8 @@ def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder
 def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> list[str]:
     a, b = names.label(pair.a), names.label(pair.b)
     sentences = [
-        f"{title}, {names.metrics[metric].phrase}: {gate_words(pair, metric, b, comparison.requirements)}."
+        f"{title}, {names.metrics[metric].phrase}: "
+        f"{gate_words(pair, metric, b, comparison.requirements)}."
         for metric in pair.not_worse
     ]
     if _is_identical(pair):
@@ -350,8 +358,9 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
     failed = pair.any_failure
     if failed.only_a or failed.only_b:
         sentences.append(
-            f"{title}: {fixed(failed.only_a, 0)} flights fail under {a} only, {fixed(failed.only_b, 0)} under "
-            f"{b} only, {fixed(failed.both, 0)} under both (McNemar's test, p {p_value(failed.p_value)})."
+            f"{title}: {fixed(failed.only_a, 0)} flights fail under {a} only, "
+            f"{fixed(failed.only_b, 0)} under {b} only, {fixed(failed.both, 0)} under both "
+            f"(McNemar's test, p {p_value(failed.p_value)})."
         )
     else:
         sentences.append(
@@ -393,9 +402,10 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
     if not panels:
         return []
     caption = (
-        "Share of flights at or below each difference; the mark is the median with its 95 % interval. Left of the line "
-        "the first campaign has the smaller value. If a curve begins above 0 % or ends below 100 %, the other flights "
-        "were lost in one of the two campaigns only; axes leave out the outermost 1 % of the flights."
+        "Share of flights at or below each difference; the mark is the median with its 95 % "
+        "interval. Left of the line the first campaign has the smaller value. If a curve begins "
+        "above 0 % or ends below 100 %, the other flights were lost in one of the two campaigns "
+        "only; axes leave out the outermost 1 % of the flights."
     )
     caption += f" Equal in every flight: {joined(equal)}." if equal else ""
     figure = plot_differences(

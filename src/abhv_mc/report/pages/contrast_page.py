@@ -60,8 +60,9 @@ def contrast_section(
         changes = [*changes[:_MOST_CHANGES], f"{len(changes) - _MOST_CHANGES} more"]
     sentences = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
     sentences.append(
-        "The samples differ, so flights are not paired. Differences are second minus first with 95 % intervals: "
-        "Newcombe's for shares, bootstrap for quantiles. An interval that excludes 0 shows a difference."
+        "The samples differ, so flights are not paired. Differences are second minus first with "
+        "95 % intervals: Newcombe's for shares, bootstrap for quantiles. An interval that excludes "
+        "0 shows a difference."
     )
     tables = [
         _verdict_table(a, contrast, labels, titles),
@@ -136,8 +137,8 @@ def _verdict_table(
             f"{item.words} in {percent(item.probability)}",
             label,
             *map(_side, (item.before, item.after)),
-            f"{percent(item.share_difference.value, 2)} ({percent(item.share_difference.low, 2)} to "
-            f"{percent(item.share_difference.high, 2)})",
+            f"{percent(item.share_difference.value, 2)} ({percent(item.share_difference.low, 2)} "
+            f"to {percent(item.share_difference.high, 2)})",
         )
         for i in range(len(contrast.contrasted[0].requirements))
         for label, controller in zip(labels, contrast.contrasted, strict=True)
@@ -193,8 +194,8 @@ def _quantile_table(
     ]
     heads = ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference")
     caption = (
-        "Required metrics, and other metrics with a shown difference. A dash: fewer than five flights lie "
-        "beyond the quantile, or lost flights reach it"
+        "Required metrics, and other metrics with a shown difference. A dash: fewer than five "
+        "flights lie beyond the quantile, or lost flights reach it"
     )
     return make_table("Quantiles", caption, heads, rows)
 
@@ -207,7 +208,10 @@ def _with_unit(description: Mapping[str, str]) -> str:
 def contrast_figures(
     a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Iterator[Drawn]:
-    """Yield the distributions of the required metrics, or of the tracking errors, of both campaigns."""
+    """Yield the distributions of both campaigns.
+
+    Without requirements they are those of the leading metrics, else of the required ones.
+    """
     metrics = [name for name in a.asked if name in contrast.words][:_MOST_PANELS]
     if not metrics:
         return

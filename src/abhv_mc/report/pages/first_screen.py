@@ -80,13 +80,18 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
     )
     ends = sorted(value for value in (low, high) if value is not None)
     return Bar(
-        label, color, mark,
-        low=ends[0] if ends else None, high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
-        median=None if median == 100.0 else median, tolerance=None if tolerance == 100.0 else tolerance,
+        label,
+        color,
+        mark,
+        low=ends[0] if ends else None,
+        high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
+        median=None if median == 100.0 else median,
+        tolerance=None if tolerance == 100.0 else tolerance,
         beyond=not {None, 100.0}.isdisjoint((low, high)),
         edge=_edge(entry, cell) if math.isfinite(cell.median) else "lost",
-        words=_bar_words(entry, label, cell), status=cell.status,
-    )  # fmt: skip
+        words=_bar_words(entry, label, cell),
+        status=cell.status,
+    )
 
 
 def _is_required(entry: GlanceRow) -> bool:
@@ -157,7 +162,8 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
     notes = [
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
         f"{count_of(findings.saturated, findings.flown)} saturate" if findings.saturated else "",
-        f"{count_of(cycling, findings.flown)} {'oscillate' if findings.disturbed else 'limit-cycle'}"
+        f"{count_of(cycling, findings.flown)} "
+        f"{'oscillate' if findings.disturbed else 'limit-cycle'}"
         if cycling
         else "",
         f"{counts.not_computed} not computed" if counts.not_computed else "",
@@ -238,4 +244,7 @@ def baseline_line(baseline: Baseline | None, names: Names) -> str:
     unlisted = len(baseline.paired) - len(parts)
     folder = baseline.folder.rstrip("/").rpartition("/")[2]
     remainder = f"; and {unlisted} more" if unlisted > 0 else ""
-    return f"Against {folder} ({fixed(baseline.paired[0].pairs, 0)} flights paired): {'; '.join(parts)}{remainder}."
+    return (
+        f"Against {folder} ({fixed(baseline.paired[0].pairs, 0)} flights paired): "
+        f"{'; '.join(parts)}{remainder}."
+    )

@@ -87,20 +87,30 @@ def describe_flights(
         ],
         "columns": [*dispersions, *metrics],
         "requirements": [
-            {"words": requirement_words(item, records), "metric": item.metric, "low": item.limits.low,
-             "high": item.limits.high} for item in required
+            {
+                "words": requirement_words(item, records),
+                "metric": item.metric,
+                "low": item.limits.low,
+                "high": item.limits.high,
+            }
+            for item in required
         ],
-        "criteria": [_criterion(records[criterion.metric], channels) for criterion in results.campaign.criteria],
+        "criteria": [
+            _criterion(records[criterion.metric], channels)
+            for criterion in results.campaign.criteria
+        ],
         "headed": headed,
         "strips": list(results.dispersed[:_STRIPS]),
         "x": (results.dispersed or results.metrics)[0],
         "y": headed[0],
-        "channels": [describe_channel(name, channels, results.campaign.channels) for name in channels],
+        "channels": [
+            describe_channel(name, channels, results.campaign.channels) for name in channels
+        ],
         "bars": BARS,
         "cells": CELLS,
         "banded": results.campaign.has_bands,
         "listed": LISTED,
-    }  # fmt: skip
+    }
 
 
 def _dispersion(name: str, ends: Ends, moments: Ends, parameters: Parameters) -> dict[str, Any]:
@@ -127,8 +137,15 @@ def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, An
     if high - low > _FAR * (ends[1] - ends[0]):
         low, high = ends
     unit = "" if record.unit == "-" else record.unit
-    return {"name": record.name, "head": _head(record.name, unit), "label": record.label, "unit": unit,
-            "ends": (low, high), "limits": limits, "bad": record.bad}  # fmt: skip
+    return {
+        "name": record.name,
+        "head": _head(record.name, unit),
+        "label": record.label,
+        "unit": unit,
+        "ends": (low, high),
+        "limits": limits,
+        "bad": record.bad,
+    }
 
 
 def _head(name: str, unit: str) -> str:

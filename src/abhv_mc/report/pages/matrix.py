@@ -13,8 +13,8 @@ from abhv_mc.topics.metrics import Metrics
 from abhv_mc.topics.verdicts.model import Verdicts
 
 _COLUMNS = (
-    *TRACED, "metric", "above", "below", "unit", "probability", "controller", "binding", "verdict", "failures",
-    "flights", "tolerance_limit", "consumer_risk", "words",
+    *TRACED, "metric", "above", "below", "unit", "probability", "controller", "binding", "verdict",
+    "failures", "flights", "tolerance_limit", "consumer_risk", "words",
 )  # fmt: skip
 
 
@@ -23,8 +23,14 @@ def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
     rows: list[Sequence[object]] = [_COLUMNS]
     for entry in verdicts.requirements:
         item = entry.asked
-        fields = {**item.traced, **item.limits.as_entry(), "metric": item.metric, "probability": item.probability,
-                 "unit": metrics[item.metric].unit.removeprefix("-"), "consumer_risk": item.consumer_risk}  # fmt: skip
+        fields = {
+            **item.traced,
+            **item.limits.as_entry(),
+            "metric": item.metric,
+            "probability": item.probability,
+            "unit": metrics[item.metric].unit.removeprefix("-"),
+            "consumer_risk": item.consumer_risk,
+        }
         for name, verdict in entry.controllers.items():
             cells_of = {
                 key: getattr(verdict, key)

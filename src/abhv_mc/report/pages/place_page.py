@@ -56,13 +56,17 @@ def _sentences(placement: Placement) -> Iterator[str]:
     for flight in placement.flights:
         first = flight.metrics[0]
         text = (
-            f"{flight.name}: joint p-value of {len(flight.metrics)} metrics {p_value(flight.joint_p_value)}; the "
-            f"rarest is {first.metric}, rank {first.rank} of {placement.simulated + 1}"
+            f"{flight.name}: joint p-value of {len(flight.metrics)} metrics "
+            f"{p_value(flight.joint_p_value)}; the rarest is {first.metric}, rank {first.rank} of "
+            f"{placement.simulated + 1}"
         )
         if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
             text += "; only the combination of the metrics is unusual"
         if flight.leaves:
-            text += f"; {flight.leaves.channel} leaves the simultaneous band first, at {flight.leaves.time_s:g} s"
+            text += (
+                f"; {flight.leaves.channel} leaves the simultaneous band first, at "
+                f"{flight.leaves.time_s:g} s"
+            )
         elif flight.band_p_value is not None:
             text += "; its history stays within the simultaneous band"
         if flight.band_p_value is not None:
@@ -72,16 +76,21 @@ def _sentences(placement: Placement) -> Iterator[str]:
 
 def _remarks(placement: Placement) -> Iterator[str]:
     yield (
-        f"Compared with {fixed(placement.simulated, 0)} random flights. If a test flight is a draw of the model, "
-        f"each p-value is at most {percent(1.0 - CONFIDENCE)} in that share of such flights, and its whole history "
-        f"stays within the simultaneous band in {percent(CONFIDENCE)}."
+        f"Compared with {fixed(placement.simulated, 0)} random flights. If a test flight is a draw "
+        f"of the model, each p-value is at most {percent(1.0 - CONFIDENCE)} in that share of such "
+        "flights, and its whole history stays within the simultaneous band in "
+        f"{percent(CONFIDENCE)}."
     )
     if placement.sensed:
-        yield f"Bias, scale and noise of the campaign's sensors were added: {joined(placement.sensed)}."
+        yield (
+            "Bias, scale and noise of the campaign's sensors were added: "
+            f"{joined(placement.sensed)}."
+        )
     if placement.bands and not (placement.noise or placement.sensed):
         yield (
-            "No measurement noise is declared; the noise of an instrument alone can put a test flight outside. Declare "
-            "it with `measured: {CHANNEL: SIGMA}` in the campaign or with `--measured CHANNEL=SIGMA`."
+            "No measurement noise is declared; the noise of an instrument alone can put a test "
+            "flight outside. Declare it with `measured: {CHANNEL: SIGMA}` in the campaign or with "
+            "`--measured CHANNEL=SIGMA`."
         )
     elif placement.noise:
         noise = joined([f"{sigma:g} in {channel}" for channel, sigma in placement.noise.items()])
@@ -109,8 +118,8 @@ def _draw(placement: Placement) -> Iterator[Drawn]:
     if not placement.bands:
         return
     caption = (
-        f"Wide band: simultaneous, contains {percent(CONFIDENCE)} of whole histories. Dark band: pointwise, contains "
-        "that share of the flights at each time. Lines: test flights."
+        f"Wide band: simultaneous, contains {percent(CONFIDENCE)} of whole histories. Dark band: "
+        "pointwise, contains that share of the flights at each time. Lines: test flights."
     )
     yield (
         FigureText("placement", "Test flights and time-history envelopes", caption),

@@ -51,9 +51,9 @@ def _draw(result: RareFound) -> Iterator[Drawn]:
     failures = result.estimate.failures
     if len(failures):
         caption = (
-            "Standard normal number of each parameter among failures, compared with all flights of a campaign. A "
-            "parameter with equal distributions has no effect on its own. The numbers are those before correlations "
-            "are applied."
+            "Standard normal number of each parameter among failures, compared with all flights of "
+            "a campaign. A parameter with equal distributions has no effect on its own. The "
+            "numbers are those before correlations are applied."
         )
         yield (
             FigureText("failures", "Parameters of the failures", caption),
@@ -71,9 +71,9 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         if isinstance(estimate, SurrogateEstimate):
             repeated = f" ({result.failures} failed) and two Gaussian processes fitted to them"
         answers = [
-            f"P({controller_label(result.controller)} violates '{requirement}') is about {estimate.probability:.1e}, "
-            f"95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, from {estimate.flights} flights"
-            f"{repeated}{result.unwarned}.",
+            f"P({controller_label(result.controller)} violates '{requirement}') is about "
+            f"{estimate.probability:.1e}, 95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, "
+            f"from {estimate.flights} flights{repeated}{result.unwarned}.",
         ]
         if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
             plain = f"{_plain_flights(result):,}"
@@ -90,18 +90,22 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
     answers.append(f"Second opinion: {result.second_opinion}.")
     if result.noise_share is not None:
         answers.append(
-            f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, according to points "
-            "that were simulated with two seeds."
+            f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, "
+            "according to points that were simulated with two seeds."
         )
     if isinstance(estimate, SurrogateEstimate):
         answers.append(
-            "The estimate assumes that the metric is a smooth function of the dispersions. It leaves "
-            "out failures in regions that no flight came near."
+            "The estimate assumes that the metric is a smooth function of the dispersions. It "
+            "leaves out failures in regions that no flight came near."
         )
     looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
-    remark = " Separate failure regions were searched for in random directions; some may remain undetected."
+    remark = (
+        " Separate failure regions were searched for in random directions; some may remain "
+        "undetected."
+    )
     answers.append(
-        f"This estimate is no verdict: verdicts require a random campaign.{remark if looked else ''}"
+        "This estimate is no verdict: verdicts require a random "
+        f"campaign.{remark if looked else ''}"
     )
     if result.failed_to_run:
         answers.append(
@@ -122,8 +126,9 @@ def _combinations(result: RareFound) -> Table:
         for stratum in result.strata
     ]
     caption = (
-        "Combinations of events with a probability, such as failures: probability of the combination, probability of "
-        "a violation given the combination with its 95 % interval, and their product"
+        "Combinations of events with a probability, such as failures: probability of the "
+        "combination, probability of a violation given the combination with its 95 % interval, and "
+        "their product"
     )
     heads = ("Combination", "Probability", "P(violation)", "Contribution", "Flights")
     return make_table("Combinations", caption, heads, rows)
@@ -141,11 +146,14 @@ def _levels(result: RareFound) -> Drawn:
             )
         )
     caption = (
-        "Thresholds of each repetition and the estimated probability of exceeding them. Lines that lie apart are "
-        "repetitions that contradict each other."
+        "Thresholds of each repetition and the estimated probability of exceeding them. Lines that "
+        "lie apart are repetitions that contradict each other."
     )
     if any(np.isnan(limits).any() for limits, _ in curves):
-        caption += " A line ends if the next threshold is an early termination, which has no value of the metric."
+        caption += (
+            " A line ends if the next threshold is an early termination, which has no value of the "
+            "metric."
+        )
     label = (
         f"{'distance outside the limits of ' if bounds.both else ''}{result.metric.label_with_unit}"
     )
@@ -156,8 +164,9 @@ def _levels(result: RareFound) -> Drawn:
 
 def _mixing(result: RareFound) -> Drawn:
     caption = (
-        f"Share of accepted moves (target {ACCEPTANCE:g}, dashed) and size of the moves at each level, one line for "
-        "each repetition as above. Chains with a very low acceptance or very small moves explore little."
+        f"Share of accepted moves (target {ACCEPTANCE:g}, dashed) and size of the moves at each "
+        "level, one line for each repetition as above. Chains with a very low acceptance or very "
+        "small moves explore little."
     )
     rates, sizes = (
         [
@@ -173,8 +182,9 @@ def _mixing(result: RareFound) -> Drawn:
 
 def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
     caption = (
-        "Left: probability by each of the two processes after each batch of flights, and its interval. "
-        "Right: metric of each flight; after the first design they are where failure is least certain."
+        "Left: probability by each of the two processes after each batch of flights, and its "
+        "interval. Right: metric of each flight; after the first design they are where failure is "
+        "least certain."
     )
     values = result.flights.column(result.metric.name)
     figure = plot_learning(

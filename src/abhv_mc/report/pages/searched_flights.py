@@ -25,8 +25,8 @@ from abhv_mc.topics.topic import Drawn
 _LISTED = 10
 _PANELS = 6
 _DISTINCT = (
-    f"The worst flight, and the worst flights at other points: at least {100 * DRAWN_APART:g} % of the range (rms over "
-    "the parameters) away from every worse one"
+    f"The worst flight, and the worst flights at other points: at least {100 * DRAWN_APART:g} % of "
+    "the range (rms over the parameters) away from every worse one"
 )
 
 
@@ -108,7 +108,19 @@ def flights_table(
                     flights.names[:dimensions], flights.samples[k].tolist(), strict=False
                 )
             ),
-            f"`{shlex.join(['abhv-mc', 'replay', str(folder), '--flight', str(k), '--controller', controller])}`",
+            f"""`{
+                shlex.join(
+                    [
+                        "abhv-mc",
+                        "replay",
+                        str(folder),
+                        "--flight",
+                        str(k),
+                        "--controller",
+                        controller,
+                    ]
+                )
+            }`""",
         ]
         for k in numbers
     ]

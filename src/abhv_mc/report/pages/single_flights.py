@@ -60,13 +60,15 @@ def explanation_words(explanation: Explanation) -> list[str]:
     """Return the explanation of a failed flight as lines of text."""
     total, number = len(explanation.samples), len(explanation.causes)
     lines = [
-        f"flight {explanation.flight} of {explanation.controller} {explanation.failure.words}. {explanation.ended}"
+        f"flight {explanation.flight} of {explanation.controller} {explanation.failure.words}. "
+        f"{explanation.ended}"
     ]
     if not number:
         return [*lines, "The nominal flight also fails: no dispersion is needed."]
     proof = "no smaller set does" if explanation.smallest else "none of them can be left out"
     lines.append(
-        f"It fails with {number} of its {total} dispersions alone ({proof}; {explanation.tried} flights tried):"
+        f"It fails with {number} of its {total} dispersions alone ({proof}; {explanation.tried} "
+        "flights tried):"
     )
     lines += [
         f"  {name:<36} {shown_value(name, explanation.samples[name], explanation.known):>12}"
@@ -101,7 +103,10 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     ]
     unlisted = len(explanation.causes) - len(names)
     listed = ", ".join(names) + (f" and {unlisted} more" if unlisted else "") or "no dispersions"
-    heading = f"Flight {explanation.flight} of {controller_label(explanation.controller)} {explanation.failure.words}"
+    heading = (
+        f"Flight {explanation.flight} of {controller_label(explanation.controller)} "
+        f"{explanation.failure.words}"
+    )
     title = f"{heading}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
     ends = explanation.block.end_time[1:]
     early = bool((explanation.block.outcome[1:] != Outcome.OK).all())

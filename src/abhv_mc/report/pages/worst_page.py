@@ -47,7 +47,10 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
     worst, random = (_words(result, flight) for flight in (result.worst, result.random_worst))
     counted = f"{result.searched} flights of the search"
     if _ended_early(result, result.worst):
-        first = f"The worst of {counted} {worst}. An early termination is worse than any value of {metric.phrase}."
+        first = (
+            f"The worst of {counted} {worst}. An early termination is worse than any value of "
+            f"{metric.phrase}."
+        )
     else:
         first = f"The {result.side} value of {metric.phrase} in {counted} is {worst}."
     for item in result.requirements:
@@ -57,24 +60,26 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
     how_many = "As many" if result.random == result.searched else f"{result.random}"
     answers = [
         first,
-        f"{how_many} random flights in the same box, drawn from the campaign's distributions: the worst "
-        f"{random if _ended_early(result, result.random_worst) else f'has {random}'}.",
+        f"{how_many} random flights in the same box, drawn from the campaign's distributions: the "
+        f"worst {random if _ended_early(result, result.random_worst) else f'has {random}'}.",
         f"Parameters at an end of their range: {', '.join(result.at_bounds) or 'none'}."
         + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
-        "A search shows what can happen in the box, not how often: all points of the box count alike, correlations "
-        "are ignored, and a worse case far from all flights remains undetected.",
+        "A search shows what can happen in the box, not how often: all points of the box count "
+        "alike, correlations are ignored, and a worse case far from all flights remains "
+        "undetected.",
     ]
     if result.probabilities:
         occurrences = ", ".join(
             f"{name} ({percent(share, 3)})" for name, share in result.probabilities.items()
         )
         answers.append(
-            f"Events in every flight of the search, but with a probability in a campaign and in the random flights: "
-            f"{occurrences}. The worst case without them was not searched."
+            "Events in every flight of the search, but with a probability in a campaign and in the "
+            f"random flights: {occurrences}. The worst case without them was not searched."
         )
     if result.flights.names != result.names:
         answers.append(
-            "All flights of the search have the same turbulence and noise, so that they differ in parameters only."
+            "All flights of the search have the same turbulence and noise, so that they differ in "
+            "parameters only."
         )
         answers += _other_seeds(result)
     if result.failed_to_run:
@@ -91,7 +96,10 @@ def _other_seeds(result: WorstFound) -> Iterator[str]:
     if ends is not None:
         low, median, high = (result.metric.with_unit(f"{value:.5g}") for value in ends)
         outcomes.append(f"{result.metric.phrase} from {low} to {high}, median {median}")
-    yield f"The worst point in {flights} flights with other turbulence and noise: {'; '.join(outcomes)}."
+    yield (
+        f"The worst point in {flights} flights with other turbulence and noise: "
+        f"{'; '.join(outcomes)}."
+    )
 
 
 def _ended_early(result: WorstFound, flight: int) -> bool:
@@ -101,7 +109,10 @@ def _ended_early(result: WorstFound, flight: int) -> bool:
 def _words(result: WorstFound, flight: int) -> str:
     """Return '20.25 m', or 'terminated early, at 31.2 s (sideslip_limit)'."""
     if _ended_early(result, flight):
-        return f"terminated early, at {result.flights.end_time[flight]:.4g} s ({result.flights.outcome[flight]})"
+        return (
+            f"terminated early, at {result.flights.end_time[flight]:.4g} s "
+            f"({result.flights.outcome[flight]})"
+        )
     return result.metric.with_unit(f"{result.value(flight):.5g}")
 
 
@@ -116,8 +127,8 @@ def _convergence(result: WorstFound) -> Drawn:
         _so_far(values, result.sign) for values in np.split(result.severities, [result.searched])
     )
     caption = (
-        "Worst value so far over the flights of the search and over the random flights in the same box. A line "
-        "ends at the first early termination, which is worse than any value."
+        "Worst value so far over the flights of the search and over the random flights in the same "
+        "box. A line ends at the first early termination, which is worse than any value."
     )
     limits = [limit for item in result.requirements for limit in item.limits.as_entry().values()]
     if result.criterion.limits is not None:  # the distance outside the limits is plotted
@@ -142,9 +153,9 @@ def _place(result: WorstFound) -> Drawn:
         quantity, gap = result.metric.label_with_unit, "the flight then terminates early"
         change = result.sign * change
     caption = (
-        "Left: position of each parameter of the worst case in its range. Right: change of the value if one "
-        f"parameter is moved by a twentieth of its range and the others are kept; no bar if a bound prevents this or "
-        f"{gap}."
+        "Left: position of each parameter of the worst case in its range. Right: change of the "
+        "value if one parameter is moved by a twentieth of its range and the others are kept; no "
+        f"bar if a bound prevents this or {gap}."
     )
     text = FigureText("place", "Parameters of the worst case and their sensitivities", caption)
     return text, plot_worst_point(result.names, result.case.place, change, quantity)
@@ -158,5 +169,8 @@ def _range_table(result: WorstFound) -> Table:
             zip(result.names, result.bounds.tolist(), strict=True)
         )
     ]
-    caption = f"Range of bounded distributions, and plus or minus {result.request.box:g} standard deviations of others"
+    caption = (
+        f"Range of bounded distributions, and plus or minus {result.request.box:g} standard "
+        "deviations of others"
+    )
     return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)

@@ -144,7 +144,10 @@ def estimate_rare(
         elif contradicts and (
             log_ratio > 0.0 or check.effective >= EXPECTED
         ):  # a smaller value counts only with many effective failures
-            refusal = f"importance sampling gives {check.probability:.2g}, subset simulation {probability:.2g}"
+            refusal = (
+                f"importance sampling gives {check.probability:.2g}, subset simulation "
+                f"{probability:.2g}"
+            )
         high = max(high, min(1.0, check.probability * factor))
     return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
 
@@ -211,7 +214,10 @@ def _judge(repetitions: list[Repetition]) -> str | None:
         for repetition in repetitions
     )
     if any(repetition.cut_short for repetition in repetitions):
-        return f"the flights suffice for {number - missed} of {number} repetitions, down to {deepest:.1g}"
+        return (
+            f"the flights suffice for {number - missed} of {number} repetitions, down to "
+            f"{deepest:.1g}"
+        )
     if missed == number:
         return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
     if missed:

@@ -139,7 +139,10 @@ def estimate_by_surrogate(
     if not step.failures:
         refusal = f"none of {step.runs} flights failed"
     elif settled < 2:
-        refusal = f"not converged after {step.runs} flights: the last fits range from {step.low:.1g} to {step.high:.1g}"
+        refusal = (
+            f"not converged after {step.runs} flights: the last fits range from {step.low:.1g} to "
+            f"{step.high:.1g}"
+        )
     middle = float(np.mean(step.probabilities))
     cov = float(np.log(step.high / step.low) / (2.0 * _SIGMAS)) if step.low > 0.0 else np.inf
     failing = np.where(candidates.means.mean(axis=0) > 0.0, candidates.weights, 0.0)

@@ -194,7 +194,7 @@ class Process:
             self._read.extend(lines)
 
     def _describe_silence(self) -> str:
-        """Describe what it wrote on standard error, or else what may keep its answer from coming."""
+        """Return the process's last error line, or else a possible cause of its silence."""
         if error := self._quote_last_error():
             return f"; {error[0]} is its last line on standard error"
         if self._has_written:

@@ -30,9 +30,9 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 _DASH = "\N{EM DASH}"
 _BETTER = (
-    "Medians, and the median of the flight-by-flight difference with its 95 % interval. Better: significant after "
-    "correction for multiple comparisons (5 % over all rows and rivals, at any number of flights), and no worse in the "
-    "tails or in lost flights."
+    "Medians, and the median of the flight-by-flight difference with its 95 % interval. Better: "
+    "significant after correction for multiple comparisons (5 % over all rows and rivals, at any "
+    "number of flights), and no worse in the tails or in lost flights."
 )
 
 
@@ -131,8 +131,15 @@ def pair_tables(
         *table.heads[4:],
         "Better",
     )
-    yield replace(table, title="Differences", heads=heads, groups=(rows,), caption=table.caption.replace(
-        "Quantiles of", "Medians of the differences, and quantiles of", 1))  # fmt: skip
+    yield replace(
+        table,
+        title="Differences",
+        heads=heads,
+        groups=(rows,),
+        caption=table.caption.replace(
+            "Quantiles of", "Medians of the differences, and quantiles of", 1
+        ),
+    )
     yield _failure_table(pair, names, requirements)
 
 
@@ -153,9 +160,10 @@ def _difference_table(
         f"Quantile differences, {a} minus {b}",
         ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
         (rows,),
-        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open if there are too few flights for a bound; "
-        "not reached: more flights terminated early than lie beyond the quantile. "
-        "Pairing gain: an unpaired comparison of the means would need this many times the flights",
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open if there are too few "
+        "flights for a bound; not reached: more flights terminated early than lie beyond the "
+        "quantile. Pairing gain: an unpaired comparison of the means would need this many times "
+        "the flights",
     )
 
 

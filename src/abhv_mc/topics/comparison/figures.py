@@ -55,8 +55,9 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "Required metrics against control effort"
         if names.requirements
         else "Tracking error against control effort",
-        "Each small mark is one flight, each large one a controller's median. Usage is the root of the summed squares "
-        "of the rms deflections of aileron, rudder and elevator from their trim.",
+        "Each small mark is one flight, each large one a controller's median. Usage is the root of "
+        "the summed squares of the rms deflections of aileron, rudder and elevator from their "
+        "trim.",
     )
     colors = controller_colors(tuple(names.controllers))
     yield (

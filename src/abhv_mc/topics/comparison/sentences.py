@@ -76,8 +76,9 @@ def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
     phrases += [f"equal on {percent(entry.ties / pair.pairs, 2)}"] if entry.ties else []
     unit = names.metrics[metric].unit.removeprefix("-")
-    return f" ({', '.join(phrases)}; worst {' and '.join(map(significant, entry.worst))} {unit})".replace(
-        " )", ")"
+    return (
+        f" ({', '.join(phrases)}; worst {' and '.join(map(significant, entry.worst))} "
+        f"{unit})".replace(" )", ")")
     )
 
 
@@ -143,7 +144,8 @@ def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
         "open": "No difference is shown: ",
     }
     sentences = [
-        f"against {names.label(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, {pair_words(pair, names)}."
+        f"against {names.label(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, "
+        f"{pair_words(pair, names)}."
         for pair in pairs
     ]
     head = overall.get(verdicts.pop(), "Mixed: ") if len(verdicts) == 1 else "Mixed: "
@@ -208,13 +210,14 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
             continue
         lost = [fixed(failures.both + count, 0) for count in alone]
         counts_text = (
-            f"{lost[0]} of {fixed(pair.pairs, 0)} terminated early, compared with {lost[1]} ("
-            f"{fixed(alone[0], 0)} under {a} only, {fixed(alone[1], 0)} under {b} only; McNemar's test, p "
-            f"{p_value(failures.p_value)})."
+            f"{lost[0]} of {fixed(pair.pairs, 0)} terminated early, compared with {lost[1]} "
+            f"({fixed(alone[0], 0)} under {a} only, {fixed(alone[1], 0)} under {b} only; McNemar's "
+            f"test, p {p_value(failures.p_value)})."
         )
         if pair.losing:
             sentences.append(
-                f"{a} has {'more' if pair.losing == 'a' else 'fewer'} lost flights than {b}: {counts_text}"
+                f"{a} has {'more' if pair.losing == 'a' else 'fewer'} lost flights than {b}: "
+                f"{counts_text}"
             )
         else:
             open_[b] = f"No difference is shown between {a} and {b} in lost flights: {counts_text}"

@@ -102,7 +102,10 @@ def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
 
 
 def _section(convergence: Convergence, names: Names) -> Section:
-    text = "Convergence of each statistic. `report.json` has these curves for every metric and requirement."
+    text = (
+        "Convergence of each statistic. `report.json` has these curves for every metric and "
+        "requirement."
+    )
     if not convergence.is_drawn:
         text = f"A figure of the convergence needs {_FEWEST} flights; `report.json` has the curves."
     table = Table(

@@ -322,16 +322,17 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         )
     rate = percent(drivers.false_discovery_rate, 1)
     method = (
-        "Effects of the dispersed parameters on each error: standardized rank regression coefficients (SRRC), with "
-        'bootstrap 95 % intervals. "High or low" denotes a parameter\'s distance from its median on either side. "Not '
-        "monotonic\" denotes a parameter's share of the variance of ranks that the regression does not explain, alone "
-        "and with others (Gamboa et al. 2022; pairs by the variance between cells of both). Only significant effects "
-        f"are listed (false-discovery rate {rate} over all parameters and metrics), without parameters with an SRRC "
-        f"below {LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)}."
+        "Effects of the dispersed parameters on each error: standardized rank regression "
+        'coefficients (SRRC), with bootstrap 95 % intervals. "High or low" denotes a parameter\'s '
+        'distance from its median on either side. "Not monotonic" denotes a parameter\'s share of '
+        "the variance of ranks that the regression does not explain, alone and with others (Gamboa "
+        "et al. 2022; pairs by the variance between cells of both). Only significant effects are "
+        f"listed (false-discovery rate {rate} over all parameters and metrics), without parameters "
+        f"with an SRRC below {LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)}."
     )
     caption = (
-        "Drivers of the errors, largest first, and the share of the variance of ranks that no single parameter "
-        "explains"
+        "Drivers of the errors, largest first, and the share of the variance of ranks that no "
+        "single parameter explains"
     )
     heads = (names.campaign.kind.capitalize(), "Error", "Noise and interactions", "Driver", "SRRC")
     table = Fold(

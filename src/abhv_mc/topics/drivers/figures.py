@@ -50,10 +50,11 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         text = FigureText(
             "drivers",
             "Drivers of the errors",
-            "Median of each metric over the tenth of the flights in which a parameter is lowest (open mark) and over "
-            "the tenth in which it is highest (filled mark); the tick is the median over all flights. If both marks "
-            "are on one side of it, the metric changes in the same direction at both ends. Effects that are not "
-            "significant are left out; the vertical line is the limit.",
+            "Median of each metric over the tenth of the flights in which a parameter is lowest "
+            "(open mark) and over the tenth in which it is highest (filled mark); the tick is the "
+            "median over all flights. If both marks are on one side of it, the metric changes in "
+            "the same direction at both ends. Effects that are not significant are left out; the "
+            "vertical line is the limit.",
         )
         yield text, plot_tornado(charts, {name: names.label(name) for name in drivers.controllers})
 
@@ -86,7 +87,10 @@ def make_tornado(
 
 @styled
 def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure:
-    """Plot a panel for each metric, a group of bars for each parameter, a bar for each controller."""
+    """Plot the tornado charts of all metrics.
+
+    Each metric has a panel, each parameter a group of bars, and each controller a bar.
+    """
     most = max(len(chart.parameters) for chart in charts)
     longest = max(len(name) for chart in charts for name in chart.parameters)
     columns = min(len(charts), 3 if longest <= _SHORT else 2)

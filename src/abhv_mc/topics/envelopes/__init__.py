@@ -31,7 +31,13 @@ class Curve:
 
 
 CURVES = (
-    Curve("altitude_m", "altitude error (m)", "altitude_reference_m", off_reference=True, paper=(3, "within 50 m")),
+    Curve(
+        "altitude_m",
+        "altitude error (m)",
+        "altitude_reference_m",
+        off_reference=True,
+        paper=(3, "within 50 m"),
+    ),
     Curve("speed_mps", "speed (m/s)", "speed_reference_mps", paper=(3, "1400 ± 5 m/s")),
     Curve("heading_deg", "heading (deg)", "heading_reference_deg", paper=(4, "84 to 91 deg")),
     Curve("angle_of_attack_deg", "angle of attack (deg)", paper=(5, "2 to 6 deg")),
@@ -41,9 +47,12 @@ CURVES = (
     Curve("rudder_deg", "rudder (deg)", needles=True, paper=(9, f"−0.4 to 0.3 deg{_SIGN}")),
     Curve("elevator_deg", "elevator (deg)", needles=True, paper=(10, f"−0.5 to 2.5 deg{_SIGN}")),
     Curve(
-        "equivalence_ratio_command", "throttle (–)", "equivalence_ratio_reference", paper=(11, "0.8 to 1.25")
+        "equivalence_ratio_command",
+        "throttle (–)",
+        "equivalence_ratio_reference",
+        paper=(11, "0.8 to 1.25"),
     ),
-)  # fmt: skip
+)
 
 
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
@@ -98,7 +107,10 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
     if not campaign.channels:
         return None
     if not campaign.has_bands:
-        text = "No envelopes are stored; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file requests them."
+        text = (
+            "No envelopes are stored; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file "
+            "requests them."
+        )
         return Section("Time histories", (Text(text),))
     if model.step_s is not None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
@@ -111,17 +123,19 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
             spacing += ", linear between samples"
         items.append(
             Text(
-                f"Bands are pointwise quantiles over the {who}{flight_range}; single flights may cross them. "
-                f'"All flights" is the smallest and largest value {ends} {model.step_s:.4g}{spacing}.'
+                f"Bands are pointwise quantiles over the {who}{flight_range}; single flights may "
+                f'cross them. "All flights" is the smallest and largest value {ends} '
+                f"{model.step_s:.4g}{spacing}."
             )
         )
         points = len(campaign.unknowns.points)
         if points > 1:
             items.append(
                 Text(
-                    f"The unknowns have one value for the whole programme: each band extends from the smallest to the "
-                    f"largest quantile over their {points} points, with {model.flights // points:,} flights at each. "
-                    "The true median lies between the two median lines; commands are drawn midway."
+                    "The unknowns have one value for the whole programme: each band extends from "
+                    f"the smallest to the largest quantile over their {points} points, with "
+                    f"{model.flights // points:,} flights at each. The true median lies between "
+                    "the two median lines; commands are drawn midway."
                 )
             )
     of_paper = campaign.model.figures == "paper"

@@ -24,7 +24,10 @@ from abhv_mc.topics.section import FigureText
 Bands = tuple[Floats, Mapping[str, Floats]]  # time and bands of a channel
 Find = Callable[[str, str], Bands | None]  # by controller and channel
 
-_OURS = "; insets show the largest move. The altitude error has no band of all flights while the reference climbs"
+_OURS = (
+    "; insets show the largest move. The altitude error has no band of all flights while the "
+    "reference climbs"
+)
 
 _SIMULTANEOUS = (
     " With 95 % probability a whole flight stays between the dotted lines in all channels."

@@ -176,9 +176,10 @@ def failure_case_section(failure_cases: FailureCases, names: Names) -> Section |
         "Failures in flight",
         (
             Text(
-                "A flight survives if it completes the mission. A case is the set of failures before the end of the "
-                "mission, in the same flights for every controller. Each verdict uses the flights of its case only, "
-                "without a correction for the number of verdicts."
+                "A flight survives if it completes the mission. A case is the set of failures "
+                "before the end of the mission, in the same flights for every controller. Each "
+                "verdict uses the flights of its case only, without a correction for the number of "
+                "verdicts."
             ),
             Table(
                 "Survival by failure case",
@@ -209,7 +210,8 @@ def _row(label: str, cell: CaseFlights) -> Row:
     if cell.margins is not None:
         unstable = count_of(cell.margins.unstable, cell.margins.flights)
         clauses.append(
-            f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point {unstable}"
+            f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point "
+            f"{unstable}"
         )
     cells = (
         Cell(percent(share.value, 1), bounds),
@@ -221,6 +223,10 @@ def _row(label: str, cell: CaseFlights) -> Row:
 
 
 FAILURE_CASES = Topic(
-    "failure_cases", FailureCases, compute_failure_cases, failure_case_section, failure_case_sentences,
+    "failure_cases",
+    FailureCases,
+    compute_failure_cases,
+    failure_case_section,
+    failure_case_sentences,
     figures_of(__name__),
-)  # fmt: skip
+)

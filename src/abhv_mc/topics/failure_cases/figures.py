@@ -128,9 +128,9 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
     text = FigureText(
         "failure_survival",
         "Survival after a failure",
-        "Share of the flights of each case that still fly at a time after their first failure; flights whose mission "
-        "is over by then no longer count (Kaplan and Meier's estimate). Where two failures were drawn, the second "
-        "comes later.",
+        "Share of the flights of each case that still fly at a time after their first failure; "
+        "flights whose mission is over by then no longer count (Kaplan and Meier's estimate). "
+        "Where two failures were drawn, the second comes later.",
     )
     yield text, plot_survival(times, panels, names.controllers)
     yield from _draw_bands(
@@ -178,8 +178,9 @@ def _draw_bands(
                     )
     if bands:
         caption = (
-            "Median (line) and smallest to largest value (band) of the flights whose histories were kept, against the "
-            "time since the failure; a lost flight leaves the band at its end."
+            "Median (line) and smallest to largest value (band) of the flights whose histories "
+            "were kept, against the time since the failure; a lost flight leaves the band at its "
+            "end."
         )
         text = FigureText("failure_bands", "Time histories after a failure", caption)
         yield text, plot_case_bands(times, bands, selected, names.controllers)

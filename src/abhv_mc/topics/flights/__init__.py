@@ -35,7 +35,8 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
     With ``off_cards`` they omit what the cards show.
     """
     sentences = [
-        f"{name}: none of {count} flights could be computed, so it is not in this report and meets no requirement."
+        f"{name}: none of {count} flights could be computed, so it is not in this report and meets "
+        "no requirement."
         for name, count in flights.left_out.items()
     ]
     for name, entry in flights.findings.items():
@@ -45,13 +46,21 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
         )
         rows = [("beyond the vehicle's tables in", entry.outside_tables, entry.flown)]
         if not off_cards:
-            cycles = [(f"{swings} (> {entry.ripple_deg:g} deg) in {channel.replace('_', ' ')} in", count, entry.flown)
-                      for channel, count in entry.cycling.items()]  # fmt: skip
+            cycles = [
+                (
+                    f"{swings} (> {entry.ripple_deg:g} deg) in {channel.replace('_', ' ')} in",
+                    count,
+                    entry.flown,
+                )
+                for channel, count in entry.cycling.items()
+            ]
             rows = [
                 ("failed to run:", counts.not_computed, counts.flown + counts.not_computed),
                 ("terminated early:", counts.failed, counts.flown),
-                ("surface saturation (deflection or rate) in", entry.saturated, entry.flown), *cycles, *rows,
-            ]  # fmt: skip
+                ("surface saturation (deflection or rate) in", entry.saturated, entry.flown),
+                *cycles,
+                *rows,
+            ]
         clauses = [
             f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in rows if count
         ]
@@ -84,7 +93,8 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         )
     if flights_model.inputs:
         yield Table(
-            "Mean and spread (standard deviation) of the inputs, as stated and as found in the table",
+            "Mean and spread (standard deviation) of the inputs, as stated and as found in the "
+            "table",
             ("Input", "Unit", "Stated mean", "Found mean", "Stated spread", "Found spread"),
             (
                 tuple(
@@ -114,12 +124,15 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         else "Click a number to open the flight"
     )
     explanation = (
-        "Sorted by severity: early terminations first, the earliest before all others, then by exceedance of a limit "
-        "in percent of it (without requirements, of the median); negative values meet the limit. "
-        f"{history_text} above. The printed page lists the first five."
+        "Sorted by severity: early terminations first, the earliest before all others, then by "
+        "exceedance of a limit in percent of it (without requirements, of the median); negative "
+        f"values meet the limit. {history_text} above. The printed page lists the first five."
     )
     if campaign.can_rerun:
-        explanation += f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the smallest set of "
+        explanation += (
+            f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the "
+            "smallest set of "
+        )
         explanation += "dispersions that still makes a flight fail."
     yield Text(explanation + _kept_words(names))
     metric_labels = (names.metrics[metric].label_with_unit for metric in names.asked)
@@ -160,7 +173,10 @@ def _kept_words(names: Names) -> str:
     )
     if count_kept == total:
         return ""
-    return f" {count_kept} of the {total} worst flights by these limits have histories; `abhv-mc run` makes the rest."
+    return (
+        f" {count_kept} of the {total} worst flights by these limits have histories; `abhv-mc run` "
+        "makes the rest."
+    )
 
 
 def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
@@ -190,14 +206,18 @@ def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
             text += (
                 f"Each sample was run at each of {len(unknowns.points)} values of the unknowns. "
             )
-        text += f"Each flight has {count} dispersed parameter{'s' if count != 1 else ''}, listed here; all others are "
+        text += (
+            f"Each flight has {count} dispersed parameter{'s' if count != 1 else ''}, listed here; "
+            "all others are "
+        )
         text += "nominal. "
         hint = unknowns_hint(
             name for name in flights_model.dispersions if name not in unknowns.names
         )
         text += f"{hint} " if hint else ""
     return text + (
-        "Early terminations count as failures unless the requirement sets `ended_early: as_measured`."
+        "Early terminations count as failures unless the requirement sets `ended_early: "
+        "as_measured`."
     )
 
 

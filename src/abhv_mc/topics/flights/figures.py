@@ -54,9 +54,9 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         text = FigureText(
             "worst_flights",
             "The worst flights",
-            "The channels of the metrics in which the listed flights are worst: the worst flight of each "
-            f"{names.campaign.kind}, and thin the next worst. Bands of all flights are drawn if the campaign keeps "
-            "envelopes of the channel.",
+            "The channels of the metrics in which the listed flights are worst: the worst flight "
+            f"of each {names.campaign.kind}, and thin the next worst. Bands of all flights are "
+            "drawn if the campaign keeps envelopes of the channel.",
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))

@@ -42,7 +42,8 @@ def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
         clauses.append(
-            f"margins of {names.label(name)} could not be computed in {len(flights)} flights ({listed})"
+            f"margins of {names.label(name)} could not be computed in {len(flights)} flights "
+            f"({listed})"
         )
     return clauses
 
@@ -62,12 +63,18 @@ def margin_words(margins: Margins, controller: str) -> str:
     gain, phase = least.words
     text = " and ".join(filter(None, (gain or "no limit on the gain", phase)))
     if least.little:
-        text = f"little margin in steady, level flight: {text}, where 6 dB and 30 to 45 deg are customary"
+        text = (
+            f"little margin in steady, level flight: {text}, where 6 dB and 30 to 45 deg are "
+            "customary"
+        )
     else:
         text = f"least margins in steady, level flight {text}"
     if entry.corners_unstable:
         tried = "corners" if margins.steady.all_corners else "corners, drawn at random,"
-        text += f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the dispersions"
+        text += (
+            f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the "
+            "dispersions"
+        )
     return text
 
 
@@ -105,11 +112,12 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
     )
     items: list[Item] = [
         Text(
-            "The closed loop (plant, actuators, engine, the control law at its rate) is linearized in steady, level "
-            "flight at the mission's start. Each loop is broken at its actuator with the others closed. Values are "
-            f"nominal, then the smallest over {'all' if steady.all_corners else 'random'} {steady.corners} corners of "
-            'the dispersions. Gain margins are downwards / upwards in dB; "all at once" is the disk margin, the '
-            "permissible simultaneous gain or phase perturbation of all loops."
+            "The closed loop (plant, actuators, engine, the control law at its rate) is linearized "
+            "in steady, level flight at the mission's start. Each loop is broken at its actuator "
+            "with the others closed. Values are nominal, then the smallest over "
+            f"{'all' if steady.all_corners else 'random'} {steady.corners} corners of the "
+            'dispersions. Gain margins are downwards / upwards in dB; "all at once" is the disk '
+            "margin, the permissible simultaneous gain or phase perturbation of all loops."
         ),
         Fold(title, (table,)),
     ]
@@ -164,8 +172,8 @@ def _flight_items(margins: Margins, names: Names) -> Iterator[Item]:
     )
     yield Heading("Margins of the flights")
     yield Text(
-        f"Smallest margin over all loops {where}, with the dispersions of each flight. Unstable points and points with "
-        "a command at a limit count as zero. Values: median / smallest."
+        f"Smallest margin over all loops {where}, with the dispersions of each flight. Unstable "
+        "points and points with a command at a limit count as zero. Values: median / smallest."
     )
     yield Table(
         "Margins of the flights, median / least",

@@ -117,10 +117,11 @@ _HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
 def metric_section(metrics: Metrics, names: Names) -> Section:
     """Return required metrics, then groups; metrics outside transients if they differ."""
     text = (
-        "Quantiles over the flights with their exact 95 % intervals (order statistics), to the digits that the number "
-        "of flights allows, and the worst flight. If small values are bad, quantiles are counted from below. "
-        '"Not reached": more flights terminated early than lie beyond the quantile. `metrics.csv` has all metrics; '
-        "the printed page has the required ones."
+        "Quantiles over the flights with their exact 95 % intervals (order statistics), to the "
+        "digits that the number of flights allows, and the worst flight. If small values are bad, "
+        'quantiles are counted from below. "Not reached": more flights terminated early than lie '
+        "beyond the quantile. `metrics.csv` has all metrics; the printed page has the required "
+        "ones."
     )
     if not names.campaign.independent:
         text += " These intervals would be exact for independent flights, which these are not."

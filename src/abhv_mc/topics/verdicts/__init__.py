@@ -27,11 +27,12 @@ _HEADS = (
     "Flights needed",
 )
 _RULE = (
-    "PASS: if the true success probability were below the requirement, the chance of observing this few failures would "
-    "be at most the consumer's risk. FAIL: if it were met, the chance of this many failures would be at most the "
-    "producer's risk. NOT SHOWN: neither. The rule stays valid when results are checked repeatedly or the campaign is "
-    "extended. The tolerance limit contains the required share of flights with a confidence of 1 minus the consumer's "
-    "risk; for a PASS it lies within the requirement."
+    "PASS: if the true success probability were below the requirement, the chance of observing "
+    "this few failures would be at most the consumer's risk. FAIL: if it were met, the chance of "
+    "this many failures would be at most the producer's risk. NOT SHOWN: neither. The rule stays "
+    "valid when results are checked repeatedly or the campaign is extended. The tolerance limit "
+    "contains the required share of flights with a confidence of 1 minus the consumer's risk; for "
+    "a PASS it lies within the requirement."
 )
 _ESTIMATES = "Exact binomial statistics need independent flights: the counts below are estimates"
 _RANDOM = "; run the campaign with `sampling: random` for verdicts"
@@ -63,9 +64,15 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
     joint = verdicts.held_together
     if joint is None or joint.stand + len(joint.dropped) < 2:
         return ""
-    risk = f"at most {percent(joint.risk, 2)} chance of any false PASS among {joint.verdicts} verdicts (Holm)"
+    risk = (
+        f"at most {percent(joint.risk, 2)} chance of any false PASS among {joint.verdicts} "
+        "verdicts (Holm)"
+    )
     if verdicts.family_risk or not joint.dropped:
-        return f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} jointly, with {risk}."
+        return (
+            f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} jointly, with "
+            f"{risk}."
+        )
     dropped = [
         f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in joint.dropped
     ]
@@ -105,9 +112,9 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
         for name, verdict in entry.controllers.items()
     ]
     text = (
-        "These intervals are valid if the number of flights was fixed in advance and results are checked once: the "
-        "lower bound on the success probability at the consumer's risk (Clopper and Pearson), and the 95 % interval of "
-        "the failure probability from Jeffreys' prior."
+        "These intervals are valid if the number of flights was fixed in advance and results are "
+        "checked once: the lower bound on the success probability at the consumer's risk (Clopper "
+        "and Pearson), and the 95 % interval of the failure probability from Jeffreys' prior."
     )
     heads = (
         "Requirement",
@@ -121,7 +128,10 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
 
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
     item, traced = entry.asked, entry.asked.traced
-    note = f"in {percent(item.probability)} of the flights, consumer's risk {percent(item.consumer_risk)}"
+    note = (
+        f"in {percent(item.probability)} of the flights, consumer's risk "
+        f"{percent(item.consumer_risk)}"
+    )
     trace = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
     notes = "; ".join(filter(None, (note, trace)))
     rows = [
