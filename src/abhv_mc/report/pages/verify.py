@@ -1,7 +1,7 @@
 """Verification of a campaign's folder: hashes of its files, and numbers of its report."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,9 @@ def _report_differences(root: Path) -> Iterator[str]:
         problem = f"no valid numbers of a report ({error})"
         raise InputError(path, problem, f"abhv-mc report {root}") from None
     written.pop("key", None)
-    yield from find_differences(files, hash_files(root), "files")
-    yield from find_differences(pages, hash_pages(root, pages), "pages")
-    yield from find_differences(pictures, hash_pages(root, pictures), "pictures")
+    yield from _find_changed(files, hash_files(root))
+    yield from _find_changed(pages, hash_pages(root, pages))
+    yield from _find_changed(pictures, hash_pages(root, pictures))
     baseline = Path(written["baseline"]["folder"]) if "baseline" in written else None
     if baseline is not None and not baseline.is_dir():
         yield f"baseline: {baseline} does not exist any more"
@@ -66,6 +66,17 @@ def _report_differences(root: Path) -> Iterator[str]:
         {name: users[k][name] for name in users[0] if name in users[1]} for k in (0, 1)
     )
     yield from find_differences(written, remade, "topics")
+
+
+def _find_changed(
+    written: Mapping[str, str | None], current: Mapping[str, str | None]
+) -> Iterator[str]:
+    """Yield a sentence for each file whose hash is not the one in the report."""
+    for name in sorted({*written, *current}):
+        if current.get(name) is None:
+            yield f"{name}: missing, although the report was made with it"
+        elif written.get(name) != current[name]:
+            yield f"{name}: changed after the report was made"
 
 
 def skipped_topics(root: Path) -> list[str]:
