@@ -78,8 +78,13 @@ def main(target: Path, *options: str) -> None:
     with tempfile.TemporaryDirectory() as temporary:
 
         def abhv_mc(*arguments: str) -> str:
-            process = subprocess.run([sys.executable, "-m", "abhv_mc", *arguments], check=True, cwd=temporary,  # noqa: S603
-                                  stdout=subprocess.PIPE, text=True)  # fmt: skip
+            process = subprocess.run(  # noqa: S603
+                [sys.executable, "-m", "abhv_mc", *arguments],
+                check=True,
+                cwd=temporary,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
             return process.stdout
 
         results = Path("reports/s_manoeuvre")  # relative, as in the commands of the report
