@@ -85,7 +85,7 @@ def write_vehicle(
 ) -> Path:
     """Write the shipped vehicle with custom dynamics and return its path."""
     (folder / "own.py").write_text(function, encoding="utf-8")
-    start = "limits: # a flight ends outside\n"
+    start = "limits: # a flight terminates outside these\n"
     return change_vehicle(folder, (start, keys + start + limits), name="abhv")
 
 
