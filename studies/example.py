@@ -27,7 +27,7 @@ def in_words(numbers: dict[str, Any], outputs: dict[str, str]) -> str:
     """Return the page with the first screen and the output of ``show`` for each topic."""
     sections = [
         f"# {numbers['provenance']['question']}",
-        "![The first screen](../../docs/images/report.png)",
+        "![First screen of the report](../../docs/images/report.png)",
     ]
     for topic, printed in outputs.items():
         stripped = (line.rstrip() for line in printed.strip("\n").splitlines())
