@@ -26,7 +26,8 @@ from abhv_mc.flight.prepare import prepare
 from abhv_mc.kernel.jit import compiler
 from abhv_mc.shipped import shipped_configs
 configs = shipped_configs()
-plan = prepare(configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", configs / "control/tlc.yaml", "tlc")
+plan = prepare(configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", \
+configs / "control/tlc.yaml", "tlc")
 short = replace(plan, timing=plan.timing._replace(ticks=100))
 print(compiler(), hashlib.sha256(fly(short, nominal_parameters(4)).metrics.tobytes()).hexdigest())
 """
@@ -43,7 +44,7 @@ def fly(*folders: Path) -> list[str]:
 
 
 def try_newest(folder: Path) -> str:
-    """A sentence on the newest numba."""
+    """Return a sentence on the newest numba."""
     command = [
         sys.executable,
         "-m",
@@ -65,7 +66,10 @@ def try_newest(folder: Path) -> str:
     same = (
         "the same flights" if flown == fly()[1] else f"OTHER flights than with {version('numba')}"
     )
-    return f"{newest['numba']} with llvmlite {newest['llvmlite']}: {same}, its {compiler} interface compiles"
+    return (
+        f"{newest['numba']} with llvmlite {newest['llvmlite']}: {same}, its {compiler} "
+        "interface compiles"
+    )
 
 
 def main() -> None:

@@ -1,4 +1,6 @@
-"""Compile the kernels of a default campaign for each level of x86-64 that this processor has, for the wheel.
+"""Compile the kernels of a default campaign for each x86-64 level, for the wheel.
+
+Only the levels that this processor has are compiled.
 
     python .ci/prebuild.py SOURCE       writes SOURCE/src/abhv_mc/prebuilt
 

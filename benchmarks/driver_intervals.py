@@ -92,7 +92,8 @@ def main() -> None:
         for flights in FLIGHTS:
             missed = miss(case, truth, flights, campaigns)
             print(
-                f"{name}, {flights} flights: {missed.mean():.3f} together, {missed.max():.3f} worst",
+                f"{name}, {flights} flights: {missed.mean():.3f} together, {missed.max():.3f} "
+                "worst",
                 flush=True,
             )
 

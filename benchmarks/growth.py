@@ -228,8 +228,8 @@ def main() -> None:
     if not options.million:
         plot_growth(FIGURE, flights, medians, lines)
     note = (
-        f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores, load {load:.1f} before the start; "
-        f"controllers {options.controllers}; "
+        f"Flights of {seconds} s. {machine['processor']}, {machine['cores']} cores, load "
+        f"{load:.1f} before the start; controllers {options.controllers}; "
         + (
             "one campaign of each size."
             if options.repeats == 1

@@ -78,7 +78,8 @@ def differences(description, law, size, together, campaigns):
             truth = -float(law(LEVELS[k]))
             missed[:, k] += truth < interval.low, truth > interval.high
     print(
-        f"difference, {description}, {size} pairs, correlation {together:+.1f}: {missed.max(axis=1) / campaigns}"
+        f"difference, {description}, {size} pairs, correlation {together:+.1f}: "
+        f"{missed.max(axis=1) / campaigns}"
     )
 
 

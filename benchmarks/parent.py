@@ -110,7 +110,8 @@ def count_files(flights: int) -> None:
         size = (Path(folder) / "out" / "manifest.json").stat().st_size
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         print(
-            f"{flights} flights: {files} data files, a manifest of {size} bytes, {time.perf_counter() - start:.0f} s"
+            f"{flights} flights: {files} data files, a manifest of {size} bytes, "
+            f"{time.perf_counter() - start:.0f} s"
         )
         print(f"{1e3 * own:.4f} ms of processor time a flight, {memory:.0f} MB at most")
 
@@ -141,7 +142,8 @@ def main() -> None:
         _, seconds = run(_BLOCK // 2 * max(32, 8 * workers), workers, FLIGHT / faster)
         result["flights_per_second"][workers] = rate = 1.0 / (faster * seconds)
         print(
-            f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of their cores",
+            f"{workers:3d} workers: {rate:9.0f} flights/s, {rate * FLIGHT / workers:.2f} of "
+            "their cores",
             flush=True,
         )
     if options.json:

@@ -138,11 +138,12 @@ def main() -> None:
         "apart": distance,
     }
     print(
-        f"plain: {failures} of {len(values)} flights, {share:.3g}, 95 % interval {low:.3g} .. {high:.3g}"
+        f"plain: {failures} of {len(values)} flights, {share:.3g}, 95 % interval {low:.3g} .. "
+        f"{high:.3g}"
     )
     print(
-        f"rare:  {result['probability']:.3g}, 95 % interval {result['low']:.3g} .. {result['high']:.3g}, "
-        f"{result['flights']} flights"
+        f"rare:  {result['probability']:.3g}, 95 % interval {result['low']:.3g} .. "
+        f"{result['high']:.3g}, {result['flights']} flights"
     )
     print(f"apart by {distance:.2f} standard deviations")
     if arguments.json:

@@ -172,9 +172,10 @@ def main() -> None:
         row = study(case, arguments.first_seed, arguments.seeds)
         rows.append(row)
         print(
-            f"| {row['case']} | {row['probability']:.2e} | {row['refused']} | {row['right_of_given']:.3f} "
-            f"| {row['right_of_all']:.3f} | {row['mean_over_truth']:.3f} | {row['cov']:.2f} "
-            f"| {row['evaluations']:.0f} | {row['plain_over_these']:.3g} |",
+            f"| {row['case']} | {row['probability']:.2e} | {row['refused']} | "
+            f"{row['right_of_given']:.3f} | {row['right_of_all']:.3f} | "
+            f"{row['mean_over_truth']:.3f} | {row['cov']:.2f} | {row['evaluations']:.0f} | "
+            f"{row['plain_over_these']:.3g} |",
             flush=True,
         )
         print(f"{case.name}: {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)

@@ -68,7 +68,8 @@ def main() -> None:
             ratios.append(flight / median((before, between, after)))
             rates.append(1e9 / (flight * measure_peak()))
         print(
-            f"{label}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to {max(ratios):.3f}), ",
+            f"{label}: {median(ratios):.3f} x the kernel ({min(ratios):.3f} to "
+            f"{max(ratios):.3f}), ",
             end="",
         )
         print(

@@ -35,7 +35,8 @@ ATOMS = {
     "sometimes": SometimesMarginal(ContinuousMarginal("norm", (0.0, 0.1)), 0.05, 0.0),
     "levels": DiscreteMarginal(np.array([0.123456, 1.0, 2.0]), np.array([0.001, 0.501, 1.0])),
     "mixture": MixtureMarginal(
-        (ContinuousMarginal("norm", (10.0, 1.0)), DiscreteMarginal(np.array([9.0, 12.0]), np.array([0.5, 1.0]))),
+        (ContinuousMarginal("norm", (10.0, 1.0)),
+            DiscreteMarginal(np.array([9.0, 12.0]), np.array([0.5, 1.0]))),
         (0.8, 0.2),
     ),
 }  # fmt: skip

@@ -24,8 +24,9 @@ METRICS = {
     f"m{i}": {"of": source, "statistic": statistic}
     for i, (source, statistic) in enumerate(
         [
-            ("bank_error_deg", "peak_to_peak"), ("altitude_error_m", "mean"), ("mach", "max"), ("thrust_n", "integral"),
-            ("elevator_deg", "travel"), ("speed_error_mps", "rms"), ("load_factor_g", "max"), ("bank_deg", "min"),
+            ("bank_error_deg", "peak_to_peak"), ("altitude_error_m", "mean"), ("mach", "max"),
+            ("thrust_n", "integral"), ("elevator_deg", "travel"), ("speed_error_mps", "rms"),
+            ("load_factor_g", "max"), ("bank_deg", "min"),
             ("sideslip_deg", "max_abs"), ("pitch_rate_dps", "final"),
         ]
     )
@@ -67,5 +68,6 @@ ticks = FLIGHTS * (built_in.timing.ticks + 1)
 for name, taken in seconds.items():
     ratio = statistics.median(a / b for a, b in zip(taken, seconds["built-in LQR"], strict=True))
     print(
-        f"{name:20} {1e9 * min(taken) / ticks:7.1f} ns a flight and tick at best, {ratio:.3f} x built-in (median)"
+        f"{name:20} {1e9 * min(taken) / ticks:7.1f} ns a flight and tick at best, {ratio:.3f} x "
+        "built-in (median)"
     )

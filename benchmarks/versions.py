@@ -42,7 +42,8 @@ varied = {"atmosphere.density": 0.1, "aero.lift": 0.1, "aero.drag": 0.15}
 if hasattr(plan, "lean_for"):
     plan = plan.lean_for(varied)
 for name, width in varied.items():
-    parameters[:, [one.name for one in PARAMETERS].index(name)] = 1.0 + draw.uniform(-width, width, 64)
+    parameters[:, [one.name for one in PARAMETERS].index(name)] = 1.0 + draw.uniform(\
+-width, width, 64)
 fly(plan, parameters)
 times = []
 for _ in range(int(sys.argv[3])):
@@ -207,7 +208,8 @@ def main() -> None:
     head = [
         note,
         "",
-        f"| of {revision.stdout.strip() or 'the other version'}'s | ratio | lowest to highest | this, s or MB | that |",
+        f"| of {revision.stdout.strip() or 'the other version'}'s | ratio | lowest to highest | "
+        "this, s or MB | that |",
     ]
     table = "\n".join([*head, "|---|---|---|---|---|", *rows])
     replace_part(current_tree / "docs" / "explanation" / "performance.md", "versions", table)

@@ -44,7 +44,8 @@ def main() -> int:
                 break
         requirement = f"at least {limit:g} with {simd}" if limit else f"no limit with {simd}"
         print(
-            f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time ({requirement})"
+            f"{name}: {LANES} flights in a batch are {gain:.2f} times as fast as one at a time "
+            f"({requirement})"
         )
         slow += [name] if gain < limit else []
     if slow:

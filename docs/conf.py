@@ -93,7 +93,7 @@ mathjax3_config = {"options": {"enableMenu": False}}
 
 
 def _copy_files(app, error):
-    """The parts of MathJax that its loader reads, and a report to look at."""
+    """Copy the parts of MathJax that its loader reads, and an example report."""
     if error is not None or app.builder.format != "html":
         return
     shutil.copyfile(
@@ -110,5 +110,5 @@ def _copy_files(app, error):
 
 
 def setup(app):
-    """Called by Sphinx."""
+    """Register the extension with Sphinx."""
     app.connect("build-finished", _copy_files)

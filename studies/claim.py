@@ -30,44 +30,47 @@ HEAD = """# Does TLC track better with nearly the same control effort?
 
 ![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
 
-*Each point is a controller in the paper's S manoeuvre; lower left is better. Error: rms against the controller's own \
-command, median of 400 flights under the paper's dispersions. Control effort: mean of rms and travel of the three \
-surfaces. Both relative to TLC with Table 1 (star). Lines: best designs within the same margins, two searches for \
-each controller. Bars: 95 % intervals.*
+*Each point is a controller in the paper's S manoeuvre; lower left is better. Error: rms against \
+the controller's own command, median of 400 flights under the paper's dispersions. Control \
+effort: mean of rms and travel of the three surfaces. Both relative to TLC with Table 1 (star). \
+Lines: best designs within the same margins, two searches for each controller. Bars: 95 % \
+intervals.*
 
 {answer}
 
-Zhu and Shen (2014) conclude: "with nearly the same amount of control surface usage, TLC has a better performance \
-in tracking angle of attack, sideslip angle and bank angle commands". [The comparison with the paper's \
-figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles; here both \
-controllers are tuned alike on three of them, each with its own S.
+Zhu and Shen (2014) conclude: "with nearly the same amount of control surface usage, TLC has a \
+better performance in tracking angle of attack, sideslip angle and bank angle commands". [The \
+comparison with the paper's figures](paper.md#the-claim-with-the-printed-gains) uses the printed \
+gains on eight vehicles; here both controllers are tuned alike on three of them, each with its \
+own S.
 
 ## The fronts
 
-The table has the smallest root mean square of the three relative errors within a limit on control effort (exceeded \
-by at most 3 %), the rms of aileron, elevator and rudder of the best design, and in brackets the ratios in angle of \
-attack, sideslip and bank.
+The table has the smallest root mean square of the three relative errors within a limit on \
+control effort (exceeded by at most 3 %), the rms of aileron, elevator and rudder of the best \
+design, and in brackets the ratios in angle of attack, sideslip and bank.
 
 {fronts}
 
-Search 1 started from the printed gains and those tuned on `ghame_x`; search 2, twice as long, from random points. \
-{agreement}
+Search 1 started from the printed gains and those tuned on `ghame_x`; search 2, twice as long, \
+from random points. {agreement}
 
 ## The search
 
-Both controllers have 14 free numbers: bandwidths and dampings of TLC, weights of LQR. Every design on a line has at \
-least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and 30 ms at the corners of the paper's \
-box). In the *wide box* (also effectiveness ±20 %, and a delay of 0 to 40 ms: 128 corners and 200 new flights of \
-180 s) no flight terminates early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 \
-times the larger one of the printed designs (2 in the new flights).
+Both controllers have 14 free numbers: bandwidths and dampings of TLC, weights of LQR. Every \
+design on a line has at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 \
+deg and 30 ms at the corners of the paper's box). In the *wide box* (also effectiveness ±20 %, \
+and a delay of 0 to 40 ms: 128 corners and 200 new flights of 180 s) no flight terminates early \
+or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times the \
+larger one of the printed designs (2 in the new flights).
 
-`studies/fronts.py` ran CMA-ES for each limit: {effort}. `studies/fronts_results.py` simulates the results with new \
-seeds.
+`studies/fronts.py` ran CMA-ES for each limit: {effort}. `studies/fronts_results.py` simulates \
+the results with new seeds.
 
 ## Printed and shipped designs
 
-`abhv` in the paper's box, relative to Table 1. The last column counts early terminations and oscillations in the \
-328 flights of the wide box.
+`abhv` in the paper's box, relative to Table 1. The last column counts early terminations and \
+oscillations in the 328 flights of the wide box.
 
 {shipped}
 """
@@ -94,7 +97,10 @@ def used(design: dict[str, Any]) -> str:
 
 def front_table(results: dict[str, Any]) -> Iterator[str]:
     """Yield the table of the fronts at the budgets, for each search."""
-    yield "| vehicle, effort | TLC, both searches | LQR, both searches | rms of TLC, of LQR | best TLC / best LQR |"
+    yield (
+        "| vehicle, effort | TLC, both searches | LQR, both searches | rms of TLC, of LQR | "
+        "best TLC / best LQR |"
+    )
     yield "|---|---|---|---|---|"
     for vehicle, vehicle_results in results.items():
         for budget in sorted(BUDGETS):
@@ -114,12 +120,18 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
                     f"{a[0] / b[0]:.2f}" for a, b in zip(tlc["angles"], lqr["angles"], strict=True)
                 ]
                 ratio = f"{tlc['error'][0] / lqr['error'][0]:.2f} ({', '.join(parts)})"
-            yield f"| `{NAMES.get(vehicle, vehicle)}`, {budget:g} | {' | '.join(cells)} | {usages} | {ratio} |"
+            yield (
+                f"| `{NAMES.get(vehicle, vehicle)}`, {budget:g} | {' | '.join(cells)} | "
+                f"{usages} | {ratio} |"
+            )
 
 
 def shipped_table(results: dict[str, Any]) -> Iterator[str]:
     """Yield the table of Table 1, the printed weights and the shipped designs."""
-    yield f"| design | effort | all three | {' | '.join(ANGLES)} | least margins | early, oscillating |"
+    yield (
+        f"| design | effort | all three | {' | '.join(ANGLES)} | least margins | early, "
+        "oscillating |"
+    )
     yield "|---|---|---|---|---|---|---|---|"
     for name, design in results[VEHICLES[0]]["shipped"].items():
         errors = " | ".join(f"{error[0]:.2f}" for error in (design["error"], *design["angles"]))
@@ -132,12 +144,14 @@ def shipped_table(results: dict[str, Any]) -> Iterator[str]:
 def answer(results: dict[str, Any]) -> str:
     """Return the conclusion of the fronts on the paper's claim."""
     return (
-        "**Not decided: TLC has the smaller error in all nine comparisons, but by less than two searches for one "
-        "controller differ. With the mean control effort of Table 1 the error of TLC in the three angles together is "
-        f"{ratio_words(results, 1.0)} of LQR's; with 0.85 of it {ratio_words(results, 0.85)}, with 0.7 "
-        f"{ratio_words(results, 0.7)}.** With the whole effort the ratios are {ratio_words(results, 1.0, 0)} in angle "
-        f"of attack, {ratio_words(results, 1.0, 1)} in sideslip and {ratio_words(results, 1.0, 2)} in bank. With less "
-        "effort TLC is not better in every angle (table). A longer search may change these numbers and their order."
+        "**Not decided: TLC has the smaller error in all nine comparisons, but by less than two "
+        "searches for one controller differ. With the mean control effort of Table 1 the error "
+        f"of TLC in the three angles together is {ratio_words(results, 1.0)} of LQR's; with 0.85 "
+        f"of it {ratio_words(results, 0.85)}, with 0.7 {ratio_words(results, 0.7)}.** With the "
+        f"whole effort the ratios are {ratio_words(results, 1.0, 0)} in angle of attack, "
+        f"{ratio_words(results, 1.0, 1)} in sideslip and {ratio_words(results, 1.0, 2)} in bank. "
+        "With less effort TLC is not better in every angle (table). A longer search may change "
+        "these numbers and their order."
     )
 
 
@@ -183,8 +197,8 @@ def agreement(results: dict[str, Any]) -> str:
         for budget in BUDGETS
     ]
     return (
-        f"They differ by up to {listed}; for LQR search 1 is worse in nearly all rows. Search 2 alone gives "
-        f"ratios of {min(ratios):.2f} to {max(ratios):.2f} over the nine rows."
+        f"They differ by up to {listed}; for LQR search 1 is worse in nearly all rows. Search 2 "
+        f"alone gives ratios of {min(ratios):.2f} to {max(ratios):.2f} over the nine rows."
     )
 
 

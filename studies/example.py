@@ -27,7 +27,7 @@ def in_words(numbers: dict[str, Any], outputs: dict[str, str]) -> str:
     """Return the page with the first screen and the output of ``show`` for each topic."""
     sections = [
         f"# {numbers['provenance']['question']}",
-        "![The first screen](../../docs/images/report.png)",
+        "![First screen of the report](../../docs/images/report.png)",
     ]
     for topic, printed in outputs.items():
         stripped = (line.rstrip() for line in printed.strip("\n").splitlines())
@@ -78,8 +78,13 @@ def main(target: Path, *options: str) -> None:
     with tempfile.TemporaryDirectory() as temporary:
 
         def abhv_mc(*arguments: str) -> str:
-            process = subprocess.run([sys.executable, "-m", "abhv_mc", *arguments], check=True, cwd=temporary,  # noqa: S603
-                                  stdout=subprocess.PIPE, text=True)  # fmt: skip
+            process = subprocess.run(  # noqa: S603
+                [sys.executable, "-m", "abhv_mc", *arguments],
+                check=True,
+                cwd=temporary,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
             return process.stdout
 
         results = Path("reports/s_manoeuvre")  # relative, as in the commands of the report

@@ -1,6 +1,7 @@
 """Searches for small errors within budgets of control usage, for both laws and the same margins.
 
-    OPENBLAS_NUM_THREADS=1 python studies/fronts.py [--vehicle NAME ...] [--law LAW ...] [--rounds R]
+    OPENBLAS_NUM_THREADS=1 python studies/fronts.py
+        [--vehicle NAME ...] [--law LAW ...] [--rounds R]
         [--work DIR]
 
 The vehicles are three members of the paper's ensemble, each with its own S. Every candidate is
@@ -272,9 +273,10 @@ def run_step(trials: Trials, archive: Archive, search: int, step: tuple[int, str
     tried = tried_of(table)
     best = tried.rows(np.array([int(np.argmin(tried.within(aim).rank()))]))
     print(
-        f"{archive.vehicle} search {search} step {number} {law} {aim:g}: error {best.score[0]:.3f}, "
-        f"usage {best.mean_usage[0]:.3f}, beyond {best.within(aim).excess.max():.3f} "
-        f"{np.round(best.errors[0], 2)} {np.round(best.usage[0], 2)}",
+        f"{archive.vehicle} search {search} step {number} {law} {aim:g}: error "
+        f"{best.score[0]:.3f}, usage {best.mean_usage[0]:.3f}, beyond "
+        f"{best.within(aim).excess.max():.3f} {np.round(best.errors[0], 2)} "
+        f"{np.round(best.usage[0], 2)}",
         flush=True,
     )
 

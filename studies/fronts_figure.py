@@ -107,7 +107,8 @@ def label_laws(axes: Axes, fronts: dict[str, Any]) -> None:
             )
         position = end["mean_usage"][0], end["error"][0]
         axes.annotate(law.upper(), position, offset, size=8.5, weight="bold", color=COLORS[law],
-                      textcoords="offset points", ha=alignment[0], va=alignment[1], zorder=8)  # fmt: skip
+                      textcoords="offset points", ha=alignment[0], va=alignment[1],
+                      zorder=8)  # fmt: skip
 
 
 def panel_limits(results: dict[str, Any], column: int) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Validation of the designs of ``fronts.py`` with new seeds; writes studies/fronts/results.json.
 
-    OPENBLAS_NUM_THREADS=1 python studies/fronts_results.py [--vehicle NAME ...] [--work DIR] [--shipped]
+    OPENBLAS_NUM_THREADS=1 python studies/fronts_results.py
+        [--vehicle NAME ...] [--work DIR] [--shipped]
 
 From each search the best design within each of ``BUDGETS`` is selected that satisfies every limit:
 margins also at the corners of the paper's box, and no early termination or cycle at the 128 corners

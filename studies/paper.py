@@ -58,25 +58,34 @@ IMAGES = {
 TEXT = """
 # Comparison with the figures of Zhu and Shen (2014)
 
-The paper prints neither its tables nor the formula of its S manoeuvre, and shows its flights only as figures.
-`studies/paper_vehicle.py` therefore searched for vehicles that reproduce Figures 3 to 11 with Table 1 and the LQR
-weights as printed, and found {number}. A conclusion is supported if it holds for all of them. `studies/paper.py`
+The paper prints neither its tables nor the formula of its S manoeuvre, and shows its flights \
+only as figures.
+`studies/paper_vehicle.py` therefore searched for vehicles that reproduce Figures 3 to 11 with \
+Table 1 and the LQR
+weights as printed, and found {number}. A conclusion is supported if it holds for all of them. \
+`studies/paper.py`
 writes this page.
 
 - `configs/control/tlc.yaml` is Table 1, with the paper's differentiators of 0.3 and 1.5 rad/s;
   `configs/control/lqr.yaml` has the printed weights.
-- The end of an automatically chosen axis lies within one tick of the data, so each end gives an interval for the
-  data's end, with a reading error of 2 % of the axis. Figures 4, 6, 8, 9, 10 and 11 (both controllers together) and 5
+- The end of an automatically chosen axis lies within one tick of the data, so each end gives an \
+interval for the
+  data's end, with a reading error of 2 % of the axis. Figures 4, 6, 8, 9, 10 and 11 (both \
+controllers together) and 5
   and 7 (each controller) have 20 ends. Figure 3 and the insets of Figure 7 give limits only.
-- The S starts to the right. The paper does not state the signs of sideslip and deflections; 'mirrored' marks the
+- The S starts to the right. The paper does not state the signs of sideslip and deflections; \
+'mirrored' marks the
   opposite sign.
-- The bank is established over a bank time; the lateral acceleration follows a power of the cosine, the sharpness. The
+- The bank is established over a bank time; the lateral acceleration follows a power of the \
+cosine, the sharpness. The
   paper's time is ours plus 180 s.
 
 ## Figure by figure
 
-The default vehicle `abhv` is member {abhv} (`configs/vehicle/abhv.yaml`, with `configs/mission/paper_s.yaml`). The
-last column is the distance by which the farthest of {flights} flights under the paper's dispersions of 10, 10 and 15
+The default vehicle `abhv` is member {abhv} (`configs/vehicle/abhv.yaml`, with \
+`configs/mission/paper_s.yaml`). The
+last column is the distance by which the farthest of {flights} flights under the paper's \
+dispersions of 10, 10 and 15
 % exceeds the axis, in percent of its width. The flight in the paper may be a dispersed one.
 
 [FIGURES]
@@ -87,10 +96,14 @@ Figure 2: the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
-Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits
-below. They are the largest such set among the candidates of some {searches} searches that have at least 18 of the 20
-ends inside, no end outside by more than 20 % of its axis, and [plausible properties](paper-vehicles.md). Each member
-is a rigid body at both mass points, trims at least 0.1 deg from the nodes of the tables, and does not saturate.
+Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three \
+of the eight traits
+below. They are the largest such set among the candidates of some {searches} searches that have \
+at least 18 of the 20
+ends inside, no end outside by more than 20 % of its axis, and [plausible \
+properties](paper-vehicles.md). Each member
+is a rigid body at both mass points, trims at least 0.1 deg from the nodes of the tables, and \
+does not saturate.
 
 [VEHICLES]
 
@@ -100,29 +113,38 @@ is a rigid body at both mass points, trims at least 0.1 deg from the nodes of th
 
 ## The claim, with the printed gains
 
-"With nearly the same amount of control surface usage, TLC has a better performance in tracking angle of attack,
-sideslip angle and bank angle commands." The table has the percentage of {flights} dispersed flights of each member in
-which TLC has the smaller rms error (whole flight / outside the transients, which are the ramps of the bank and 5 s
+"With nearly the same amount of control surface usage, TLC has a better performance in tracking \
+angle of attack,
+sideslip angle and bank angle commands." The table has the percentage of {flights} dispersed \
+flights of each member in
+which TLC has the smaller rms error (whole flight / outside the transients, which are the ramps \
+of the bank and 5 s
 after each), and the control effort.
 
 [CLAIM]
 
 [CLAIM_WORDS]
 
-Both controllers are stable in level flight on every member (least disk margins {disk_tlc} for TLC, {disk_lqr} for
+Both controllers are stable in level flight on every member (least disk margins {disk_tlc} for \
+TLC, {disk_lqr} for
 LQR), and no flight terminates early.
 
-In bank the result depends on the window. In a ramp the faster attitude loop has the smaller error: 2 x 3.4 x 0.3 =
-2.0 rad/s for Table 1, sqrt(2.28e5 / 3.28e3) = 8.3 rad/s for the printed weights. Outside the transients the static
+In bank the result depends on the window. In a ramp the faster attitude loop has the smaller \
+error: 2 x 3.4 x 0.3 =
+2.0 rad/s for Table 1, sqrt(2.28e5 / 3.28e3) = 8.3 rad/s for the printed weights. Outside the \
+transients the static
 error counts, which is smaller for TLC, because it inverts the model and integrates.
 
-[The claim](claim.md) compares controllers that were tuned alike. On a vehicle that does not reproduce the figures
-(`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in bank) the printed LQR weights are unstable
+[The claim](claim.md) compares controllers that were tuned alike. On a vehicle that does not \
+reproduce the figures
+(`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in bank) the printed LQR \
+weights are unstable
 and Table 1 saturates, which the paper does not show.
 
 ## Prediction of one figure from the others
 
-Three random starts were each fitted to the other seven figures alone. In brackets: distance outside the intervals, in
+Three random starts were each fitted to the other seven figures alone. In brackets: distance \
+outside the intervals, in
 percent of the axis.
 
 [PREDICTIONS]
@@ -131,7 +153,8 @@ percent of the axis.
 
 ## The figures
 
-Grey: the range of the paper's axis. Lines: nominal flights of `abhv`; dotted: their commands. Shaded: all {flights}
+Grey: the range of the paper's axis. Lines: nominal flights of `abhv`; dotted: their commands. \
+Shaded: all {flights}
 dispersed flights.
 
 [IMAGES]
@@ -140,17 +163,24 @@ dispersed flights.
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
-(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of an X-51; the wing
-loading has no effect on the flights. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over
+The figures alone also admit vehicles that could not be built, so each member is within the \
+limits of this table
+(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of \
+an X-51; the wing
+loading has no effect on the flights. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with \
+GHAME's growth over
 the Mach number. The tables begin at Mach 2.
 
 [CLASS]
 
-GHAME itself is outside most of these limits: its trimmed L/D here is {ghame_lift_to_drag}, its thrust over weight
-{ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at
-50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use GHAME's drag. The X-43A
-had a wing loading of 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach 4.74 is an L/D of 6.5;
+GHAME itself is outside most of these limits: its trimmed L/D here is {ghame_lift_to_drag}, its \
+thrust over weight
+{ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight \
+flight to about 1.2 at
+50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use \
+GHAME's drag. The X-43A
+had a wing loading of 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach \
+4.74 is an L/D of 6.5;
 slender lifting bodies reach 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)).
 
 {sides}
@@ -198,11 +228,14 @@ def claim_words(judged: dict[str, Any]) -> Iterator[str]:
         ("settled", "Outside the transients"),
     ):
         phrases = [
-            f"{name.replace('_', ' ')} in {between(closer(judged, window, name))} % of the flights (its median error "
-            f"is {between(ratios(judged, window, name), 2)} of LQR's)"
+            f"{name.replace('_', ' ')} in {between(closer(judged, window, name))} % of the "
+            f"flights (its median error is {between(ratios(judged, window, name), 2)} of LQR's)"
             for name in ("angle_of_attack", "sideslip", "bank")
         ]
-        yield f"- {label} TLC has the smaller error in {phrases[0]}, in {phrases[1]} and in {phrases[2]}."
+        yield (
+            f"- {label} TLC has the smaller error in {phrases[0]}, in {phrases[1]} and in "
+            f"{phrases[2]}."
+        )
     uses = {
         surface: [
             member["use"][surface]["tlc"] / member["use"][surface]["lqr"]
@@ -230,8 +263,8 @@ def ends_words(judged: dict[str, Any]) -> str:
     )
     full = [name for name, member in judged.items() if all_in(member)]
     return (
-        f"Ends outside their interval, number of members and largest distance in percent of the axis: {listed}. "
-        f"All 20 ends are inside for {join(full) or 'no member'}."
+        "Ends outside their interval, number of members and largest distance in percent of the "
+        f"axis: {listed}. All 20 ends are inside for {join(full) or 'no member'}."
     )
 
 
@@ -248,9 +281,10 @@ def predicted_words(result: dict[str, Any]) -> str:
         for is_near in (True, False)
     )
     return (
-        f"The other figures predict {join(near)} within {100.0 * NEAR:.0f} % of the axis. They do not predict "
-        f"{join([f'{label} (outside by up to {100.0 * misses[label]:.0f} %)' for label in far])}, so the agreement "
-        "of a member with these figures is no test."
+        f"The other figures predict {join(near)} within {100.0 * NEAR:.0f} % of the axis. They do "
+        "not predict "
+        f"{join([f'{label} (outside by up to {100.0 * misses[label]:.0f} %)' for label in far])}, "
+        "so the agreement of a member with these figures is no test."
     )
 
 
@@ -268,7 +302,10 @@ def spread_words(members: list[dict[str, Any]]) -> str:
     listed = ", ".join(
         f"{name} {share:.1f}" for name, share in sorted(shares.items(), key=lambda item: item[1])
     )
-    return f"Largest over smallest magnitude of each trait: {listed}. The figures determine traits near 1."
+    return (
+        f"Largest over smallest magnitude of each trait: {listed}. The figures determine "
+        "traits near 1."
+    )
 
 
 def sides_words(members: list[dict[str, Any]]) -> str:

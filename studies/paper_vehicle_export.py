@@ -93,17 +93,20 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
     for name in (*TABLES, "capture_area_ratio"):
         body = re.sub(rf"(  {name}: {{file: )[^,}}]*", rf"\g<1>abhv/{name}.csv", body)
     head = (
-        f"A vehicle on which the paper's S comes out as its figures show it: {member['ends_in']} of the 20 ends of "
-        "Figures 4 to 11 within 2 % of their axes. The paper's tables are unpublished; the figures do not fix a "
-        "vehicle, and this is one of an ensemble (docs/explanation/paper.md)."
+        f"A vehicle on which the paper's S comes out as its figures show it: {member['ends_in']} "
+        "of the 20 ends of Figures 4 to 11 within 2 % of their axes. The paper's tables are "
+        "unpublished; the figures do not fix a vehicle, and this is one of an ensemble "
+        "(docs/explanation/paper.md)."
     )
     origin = (
         f"Identified by studies/paper_vehicle.py (member {member['name']}), written by "
-        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or with an offset, and a "
-        "drag polar, on a vehicle of the size of an X-51 and the wing loading of an X-43A, within sides that vehicles "
-        "of the class keep (studies/paper_vehicle_sides.py). The factors: "
+        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or "
+        "with an offset, and a drag polar, on a vehicle of the size of an X-51 and the wing "
+        "loading of an X-43A, within sides that vehicles of the class keep "
+        "(studies/paper_vehicle_sides.py). The factors: "
         + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
-        + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the aileron's roll."
+        + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the "
+        "aileron's roll."
     )
     source = (
         "Tables and numbers: CADAC++ GHAME6 (P. H. Zipfel), after NASA's Generic "
@@ -131,12 +134,17 @@ def mission_text(values: dict[str, float]) -> str:
         "  kind: s_manoeuvre\n"
         "  offset: -5 km         # to the right of the start's heading: south, flying east\n"
         f"  length: {values['length']:.2f} s\n"
-        f"  bank_time: {values['bank_time']:.2f} s     # in which the bank is established, and left at the end\n"
-        f"  sharpness: {values['sharpness']:.2f}       # exponent of the lateral acceleration\n\n"
+        f"  bank_time: {values['bank_time']:.2f} s     # in which the bank is established, and "
+        "left at the end\n"
+        f"  sharpness: {values['sharpness']:.2f}       # exponent of the lateral acceleration\n"
+        "\n"
     )
-    head = """# The S of the paper's figures (Zhu and Shen 2014, section 7): fly east at 20 km and 1400 m/s, move
-# the track 5 km aside, to the right first as Figure 7 shows it, and come back to the original heading, height and
-# speed. The paper prints no formula; length, bank_time and sharpness were identified with the vehicle abhv.
+    head = """# The S of the paper's figures (Zhu and Shen 2014, section 7): fly east at 20 km \
+and 1400 m/s, move
+# the track 5 km aside, to the right first as Figure 7 shows it, and come back to the original \
+heading, height and
+# speed. The paper prints no formula; length, bank_time and sharpness were identified with the \
+vehicle abhv.
 name: paper_s
 """
     return head + "\n" + text[text.index("start:") : start] + s + text[end:]

@@ -213,10 +213,13 @@ def main() -> None:
     before = study.fly_lqr(study.make_controller(np.zeros(len(VARIED))))
     unvaried = before[0] if before else np.full(len(ERRORS), np.nan)
     lines = [
-        f"LQR retuned for {arguments.vehicle.stem} on {arguments.mission.stem} by studies/retune_lqr.py,",
+        f"LQR retuned for {arguments.vehicle.stem} on {arguments.mission.stem} by "
+        "studies/retune_lqr.py,",
         f"made again by: python {shlex.join(sys.argv)}",
-        "The weights of Zhu and Shen 2014, section 7, varied for small errors at no more than 1.05 times TLC's usage.",
-        "Mean rms errors over nominal and four corners of the paper's dispersions: this LQR / the paper's / TLC:",
+        "The weights of Zhu and Shen 2014, section 7, varied for small errors at no more than "
+        "1.05 times TLC's usage.",
+        "Mean rms errors over nominal and four corners of the paper's dispersions: this LQR / "
+        "the paper's / TLC:",
         *(
             f"  {n}: {a:.4g} / {b:.4g} / {c:.4g}"
             for n, a, b, c in zip(ERRORS, errors, unvaried, study.errors, strict=True)

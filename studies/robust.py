@@ -142,7 +142,8 @@ class Search:
         if 100.0 * broken + score < self.lowest:
             self.lowest = 100.0 * broken + score
             print(
-                f"{self.tried}: score {score:.4f}, beyond limits {broken:.3f}, {np.round(margins[0], 2)}",
+                f"{self.tried}: score {score:.4f}, beyond limits {broken:.3f}, "
+                f"{np.round(margins[0], 2)}",
                 flush=True,
             )
         return score, excess, max(excess[-len(USAGE) :])
@@ -169,17 +170,19 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
     least = margins[1:].min(axis=0)
     lines = [
         f"Made by: {command}",
-        "Least margins of all loops in level flight, nominal: "
-        f"{margins[0, 0]:.2f} dB, {margins[0, 1]:.1f} deg, {margins[0, 2]:.0f} ms; at the corners of the paper's box: "
+        f"Least margins of all loops in level flight, nominal: {margins[0, 0]:.2f} dB, "
+        f"{margins[0, 1]:.1f} deg, {margins[0, 2]:.0f} ms; at the corners of the paper's box: "
         f"{least[0]:.2f} dB, {least[1]:.1f} deg, {least[2]:.0f} ms.",
         "1000 fresh flights of the paper's box with effectiveness +-20 % and delay 0 to 40 ms: "
         f"{fresh.lost} ended early, {fresh.cycling} cycle by more than {RIPPLE:g} deg",
-        f"(TLC with Table 1: {table_1.lost} and {table_1.cycling}). Errors, median / worst, and Table 1's:",
+        f"(TLC with Table 1: {table_1.lost} and {table_1.cycling}). Errors, median / worst, and "
+        "Table 1's:",
     ]
     for i, name in enumerate(ERRORS):
         ours, theirs = fresh.errors[:, i], table_1.errors[:, i]
         lines.append(
-            f"  {name}: {np.median(ours):.3g} / {ours.max():.3g}; {np.median(theirs):.3g} / {theirs.max():.3g}"
+            f"  {name}: {np.median(ours):.3g} / {ours.max():.3g}; {np.median(theirs):.3g} / "
+            f"{theirs.max():.3g}"
         )
     lines.append("Usage of the nominal flight, and Table 1's:")
     for name, ours_used, theirs_used in zip(

@@ -78,7 +78,8 @@ def main() -> None:
         for metric in LIMITS:
             failing, most = int((failures[metric] > 0).sum()), failures[metric].max()
             print(
-                f"{name} {metric}: fails at {failing} values, in at most {most} of {len(starts)} flights"
+                f"{name} {metric}: fails at {failing} values, in at most {most} of "
+                f"{len(starts)} flights"
             )
 
 

@@ -76,7 +76,10 @@ def engine():
 
 @pytest.fixture(scope="session")
 def flights_only(engine):
-    """Return the engine without margins at the corners, which take as long as hundreds of flights."""
+    """Return the engine without margins at the corners.
+
+    These take as long as hundreds of flights.
+    """
     return replace(engine, find_stability=None)
 
 
@@ -97,7 +100,10 @@ def fake_engine(monkeypatch, tmp_path):
 
 @pytest.fixture(scope="session")
 def failing_folder(tmp_path_factory):
-    """Write a synthetic campaign: 100 flights of three controllers, 12 lost of all but the first."""
+    """Write a synthetic campaign of 100 flights of three controllers.
+
+    Of all but the first, 12 flights terminate early.
+    """
     from report.synthetic import write_campaign
 
     return write_campaign(tmp_path_factory.mktemp("failing") / "campaign", runs=100, failing=12)

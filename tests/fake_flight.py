@@ -1,4 +1,4 @@
-"""A cheap flight in the place of the compiled one: the campaign engine is under test, not the vehicle.
+"""Cheap flight that replaces the compiled one, to test the campaign engine alone.
 
 Every number is a plain function of the flight's parameters, element by element, so that the bits
 depend on nothing else. Density below ``LOST_BELOW`` ends a flight early.

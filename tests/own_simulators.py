@@ -11,7 +11,8 @@ import json, math, os, sys, time
 def fly(inputs, settings):
     v, dive, pull = inputs["speed"], math.radians(inputs["dive"]), settings.get("pull", 5.0)
     radius = v * v / (32.174 * (pull - 1.0) * inputs["thrust"])
-    low = inputs["altitude"] - v * math.sin(dive) * inputs["delay"] - radius * (1.0 - math.cos(dive))
+    low = inputs["altitude"] - v * math.sin(dive) * inputs["delay"] - radius * (1.0 - \
+math.cos(dive))
     found = {"altitude_min": low, "load": pull * inputs["thrust"]}
     if low < -200.0:
         found |= {"outcome": "ground", "end_time": 12.5}
@@ -32,7 +33,8 @@ def scattered(inputs):
     for _ in range(draw.randrange(1, 30)):
         times.append(time)
         time += draw.choice((0.001, 0.02, 0.4, 1.3))
-    return {"time": times, **{name: [draw.gauss(0.0, 9.0) for _ in times] for name in ("altitude", "sink_rate")}}
+    return {"time": times, **{name: [draw.gauss(0.0, 9.0) for _ in times] for name in \
+("altitude", "sink_rate")}}
 
 def fly(inputs, settings):
     found, history = well(inputs, settings), scattered(inputs)

@@ -1,4 +1,4 @@
-"""Plans of shipped files cut short, rows of parameters by name, and when two blocks of flights are the same."""
+"""Plans of shortened shipped missions, rows of parameters and comparison of blocks."""
 
 import re
 from collections.abc import Mapping
@@ -21,7 +21,10 @@ def short_plan(
     mission: str | Path = "s_manoeuvre",
     vehicle: str | Path | Mapping[str, Any] = "ghame_x",
 ) -> FlightPlan:
-    """The first control ticks of a mission; inputs by shipped name or path, the vehicle also by what it changes."""
+    """Return a plan of the first control ticks of a mission.
+
+    Inputs are shipped names or paths; the vehicle can also be given by its changes.
+    """
     vehicle = vehicle if isinstance(vehicle, Mapping) else str(vehicle)
     return cut(make_flight_plan(str(mission), vehicle, str(controller)), ticks)
 

@@ -23,7 +23,8 @@ from short_flights import disperse, short_plan
 parts = {}
 for law in ("tlc", "lqr"):
     block = fly(short_plan(800, law), disperse(20), 10)
-    parts |= {f"{law} {part}": getattr(block, part) for part in ("outcome", "end_time", "metrics", "history")}
+    parts |= {f"{law} {part}": getattr(block, part) for part in ("outcome", "end_time", \
+"metrics", "history")}
 np.savez(sys.argv[1], compiler=jit.compiler(), **parts)
 """
 

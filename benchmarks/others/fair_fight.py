@@ -88,7 +88,8 @@ TOOLS = {
         + _POINTS
         + "if __name__ == '__main__':\n"
         + "    with Client(n_workers=2, threads_per_worker=1, dashboard_address=None) as client:\n"
-        + "        futures = client.map(evaluate, *points.T, steps=steps, pure=False, batch_size=500)\n"
+        + "        futures = client.map(evaluate, *points.T, steps=steps, pure=False, "
+        "batch_size=500)\n"
         + "        values = client.gather(futures)\n"
         + _FINISH.replace("\n", "\n    ").rstrip(" "),
         TABLE,
@@ -191,7 +192,8 @@ def make_table(rounds: list[dict[str, dict[str, dict[str, float]]]]) -> list[str
     """Return the medians as Markdown."""
     cases = list(CASES)
     lines = [
-        f"| tool | {' | '.join(f'{case}: processor (clock), s' for case in cases)} | stores | concludes |",
+        f"| tool | {' | '.join(f'{case}: processor (clock), s' for case in cases)} | stores | "
+        "concludes |",
         "|---|---|---|---|---|",
     ]
     verdict = "verdicts at a stated risk, drivers, failure rules"

@@ -1,6 +1,8 @@
 """Monte Carlo simulation of a sounding rocket by RocketPy, the source of the imported table.
 
-    python -m benchmarks.others.rocketpy_monte_carlo fly FILE [--flights 600]   # RocketPy[sensitivity]
+    python -m benchmarks.others.rocketpy_monte_carlo fly FILE [--flights 600]
+
+The command needs RocketPy[sensitivity].
     python -m benchmarks.others.rocketpy_monte_carlo numbers
 
 The first command writes FILE.inputs.txt and FILE.outputs.txt as lines of JSON, which

@@ -1,6 +1,8 @@
 """Import of RocketPy's Monte Carlo simulation by `abhv-mc import flights`, and comparison.
 
-    python -m benchmarks.others.rocketpy_table write FILE    # from FILE.inputs.txt, FILE.outputs.txt
+    python -m benchmarks.others.rocketpy_table write FILE
+
+The command reads FILE.inputs.txt and FILE.outputs.txt.
     python -m benchmarks.others.rocketpy_table adopt [--json FILE]
 
 The first command writes `tests/reference/rocketpy/monte_carlo.csv` with a row per flight; nested

@@ -195,11 +195,13 @@ def make_table(record: dict[str, Any]) -> str:
     ours = peers[YARDSTICK]
     lines = [
         f"{machine['processor']}, {machine['simd']}, {machine['cores']} cores, load "
-        f"{machine['load_before']:.1f} before the start; a core's measured peak {ours['peak_gflops']:.0f} GFLOP/s; "
+        f"{machine['load_before']:.1f} before the start; a core's measured peak "
+        f"{ours['peak_gflops']:.0f} GFLOP/s; "
         + ", ".join(f"{name} {version}" for name, version in record["versions"].items())
         + ".",
         "",
-        "| simulator | how | what it flies | ms per 60 s flight and core | lowest to highest | times ours |",
+        "| simulator | how | what it flies | ms per 60 s flight and core | lowest to highest | "
+        "times ours |",
         "|---|---|---|---|---|---|",
     ]
     for name, (how, what) in ROWS.items():
@@ -224,10 +226,10 @@ def make_table(record: dict[str, Any]) -> str:
     ]
     lines += [
         "",
-        f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor time of one core; "
-        f"times ours: against `{YARDSTICK}` in the same round. Altitude after 60 s differs from ours by at most "
-        + ", ".join(differences)
-        + ".",
+        f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor "
+        f"time of one core; times ours: against `{YARDSTICK}` in the same round. Altitude after "
+        "60 s differs from "
+        "ours by at most " + ", ".join(differences) + ".",
     ]
     return "\n".join(lines)
 

@@ -38,7 +38,10 @@ class Memory(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """What ``design`` computes before the campaign: an array [tick], or one number, for each name."""
+    """Values that ``design`` computes before the campaign.
+
+    Each is an array [tick] or one number.
+    """
 
     elevator_by_angle_of_attack: np.ndarray
     elevator_by_pitch_rate: np.ndarray

@@ -1,4 +1,7 @@
-"""Dynamic inversion: the moments that give the body rates wanted, by what the nominal vehicle does on board."""
+"""Dynamic inversion with the nominal vehicle as the on-board model.
+
+It computes the moments that give the desired body rates.
+"""
 
 from typing import NamedTuple
 

@@ -1,4 +1,7 @@
-"""After the build: every link inside the site has its page and anchor, and no page loads anything from elsewhere."""
+"""Check of the built site.
+
+Each internal link must have its page and anchor, and no page may load an external resource.
+"""
 
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -33,7 +36,7 @@ class _Page(HTMLParser):
 
 
 def find_faults(site: Path) -> Iterator[str]:
-    """What is wrong with the pages below a folder, one sentence each."""
+    """Return the errors of the pages below a folder, one sentence each."""
     pages = {
         path: _Page(path) for path in sorted(site.rglob("*.html")) if "_static" not in path.parts
     }
@@ -62,6 +65,6 @@ def check(app, error) -> None:
 
 
 def setup(app) -> dict[str, bool]:
-    """Called by Sphinx."""
+    """Register the extension with Sphinx."""
     app.connect("build-finished", check, priority=900)  # when everything else has been written
     return {"parallel_read_safe": True, "parallel_write_safe": True}

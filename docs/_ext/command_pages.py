@@ -1,4 +1,7 @@
-"""One page per command, from the command line itself; examples come from ``docs/reference/commands``."""
+"""Pages of the commands, one each, generated from the command line.
+
+Examples come from ``docs/reference/commands``.
+"""
 
 import re
 from pathlib import Path
@@ -31,8 +34,10 @@ def make(examples: Path) -> dict[str, str]:
     pages: dict[str, str] = {}
     contents = [
         "# Commands\n",
-        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or controller is a path or the",
-        "name of a shipped one. `--json FILE` writes the numbers that a command prints, `--json -` writes only them to",
+        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or "
+        "controller is a path or the",
+        "name of a shipped one. `--json FILE` writes the numbers that a command prints, `--json "
+        "-` writes only them to",
         "standard output. Their format is stable; printed text may change.\n",
     ]
     panels: dict[str, list[str]] = {}

@@ -12,7 +12,8 @@ from abhv_mc.io.units import DIMENSIONS, dimension_of
 _INTRODUCTIONS = {
     "campaign": "Vehicle, mission, controllers, dispersions, number of flights and requirements.",
     "vehicle": "The vehicle's numbers, its tables, and the terms of its coefficients. "
-    "[A custom vehicle](../../../tutorials/own-vehicle.md) has a complete example, the axes and the signs.",
+    "[A custom vehicle](../../../tutorials/own-vehicle.md) has a complete example, the axes and "
+    "the signs.",
     "mission": "The start, the reference trajectory and the end of a flight.",
     "controller": "A control law with its gains or weights. The defaults are those of the paper.",
 }
@@ -37,13 +38,13 @@ def _bounds(schema: Schema) -> str:
 
 
 def _number(bound: float) -> str:
-    """A bound in words: large powers of two as such."""
+    """Return a bound as text, large powers of two as such."""
     is_power = isinstance(bound, int) and bound > 2**20 and not bound & (bound - 1)
     return f"2^{bound.bit_length() - 1}" if is_power else str(bound)
 
 
 def _kind(schema: Schema) -> str:
-    """What may stand there, in words."""
+    """Describe the allowed values of a key."""
     if name := _reference(schema):
         return f"[{name}](#{name.lower()})"
     if choices := schema.get("enum"):
@@ -121,7 +122,7 @@ def _keys(schema: Schema) -> str:
 
 
 def _parts(schema: Schema) -> Iterator[tuple[str, Schema]]:
-    """The mappings inside, in the order in which they are met."""
+    """Return the nested mappings in the order of their appearance."""
     known, seen = schema.get("$defs", {}), []
 
     def walk(part: Any) -> None:
@@ -145,7 +146,8 @@ def _page(kind: str) -> str:
     schema = make_schema(kind)
     lines = [f"# {kind.capitalize()} file\n", _INTRODUCTIONS[kind] + "\n"]
     lines.append(
-        f"A quantity has its [unit](../units.md) in the text. `abhv-mc list schemas {kind}` prints this as JSON Schema,"
+        f"A quantity has its [unit](../units.md) in the text. `abhv-mc list schemas {kind}` "
+        "prints this as JSON Schema,"
     )
     lines.append("with which [an editor](../../../how-to/editors.md) completes and checks keys.\n")
     if "properties" in schema:
@@ -157,5 +159,5 @@ def _page(kind: str) -> str:
 
 
 def make() -> dict[str, str]:
-    """The pages by their path."""
+    """Return the pages by their path."""
     return {f"files/{kind}.md": _page(kind) for kind in MODELS}

@@ -1,4 +1,7 @@
-"""The pages of ``docs/reference/generated``: made from the code's own tables at every build, so they cannot drift."""
+"""Pages of ``docs/reference/generated``.
+
+They are generated from the code's tables at every build, so they stay up to date.
+"""
 
 from pathlib import Path
 from shutil import rmtree
@@ -9,7 +12,10 @@ import table_pages
 
 
 def make_pages(folder: Path, examples: Path) -> dict[Path, str]:
-    """Every generated page by its path below ``folder``; ``examples`` holds what is said of a command by hand."""
+    """Generate all reference pages by their path below ``folder``.
+
+    ``examples`` has the hand-written text of each command.
+    """
     pages = {**command_pages.make(examples), **key_pages.make(), **table_pages.make()}
     return {folder / name: text for name, text in pages.items()}
 
@@ -28,6 +34,6 @@ def write_pages(app) -> None:
 
 
 def setup(app) -> dict[str, bool]:
-    """Called by Sphinx."""
+    """Register the extension with Sphinx."""
     app.connect("builder-inited", write_pages)
     return {"parallel_read_safe": True}

@@ -13,11 +13,14 @@ from abhv_mc.plant.parameters import PARAMETERS
 
 _EXIT_CODES = {
     ExitCode.DONE: "done",
-    ExitCode.FAILED: "done, but a verification failed or a requirement got FAIL for one of its `controllers:` (by "
+    ExitCode.FAILED: "done, but a verification failed or a requirement got FAIL for one of its "
+    "`controllers:` (by "
     "default the first of the campaign)",
-    ExitCode.BAD_INPUT: "bad input: the message gives file, line, column, the value found and the value expected. No "
+    ExitCode.BAD_INPUT: "bad input: the message gives file, line, column, the value found and "
+    "the value expected. No "
     "files are created, and no flight is run",
-    ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights failed to run. Completed flights are kept; the "
+    ExitCode.INCOMPLETE: "interrupted or incomplete, or some flights failed to run. Completed "
+    "flights are kept; the "
     "same command resumes",
     ExitCode.DEFECT: "a defect of the program, with a traceback; please report it",
 }
@@ -35,34 +38,37 @@ def _metrics() -> str:
     others = [source for source in SOURCES.values() if source not in CHANNELS]
     return f"""# Metrics
 
-Each metric is a column of `flights/*.parquet`; requirements, `keep.histories.by` and the report use the same names.
-Metrics are evaluated at every control tick, from the start to the end of the flight. A flight that terminated early has
-its metrics up to that time. Its outcome states the reason, and it counts as a failure unless the requirement sets
-`ended_early: as_measured`. Errors of angle of attack and bank refer to the controller's own command.
+Each metric is a column of `flights/*.parquet`; requirements, `keep.histories.by` and the report use
+the same names. Metrics are evaluated at every control tick, from the start to the end of the
+flight. A flight that terminated early has its metrics up to that time. Its outcome states the
+reason, and it counts as a failure unless the requirement sets `ended_early: as_measured`. Errors of
+angle of attack and bank refer to the controller's own command.
 
 {table(("name", "unit", "meaning", "counted as", "bad", "group"), rows)}
-`abhv-mc list metrics` prints the same table, and with a campaign file also the metrics that it declares.
+`abhv-mc list metrics` prints the same table, and with a campaign file also the metrics that it
+declares.
 
 Besides the channels, metrics may use these sources:
 
 {_signals(others)}
 ## Stability margins
 
-Computed if the campaign has `margins:`, for the number of flights given there. A flight whose loop is unstable, or that
-ended before the time of the margins, has 0.
+Computed if the campaign has `margins:`, for the number of flights given there. A flight whose loop
+is unstable, or that ended before the time of the margins, has 0.
 
 {_signals(MARGIN_VALUES)}
 ## Custom metrics
 
-[Custom metrics](../user-laws.md#custom-metrics) are declared in the campaign and used like the built-in ones.
+[Custom metrics](../user-laws.md#custom-metrics) are declared in the campaign and used like the
+built-in ones.
 """
 
 
 def _channels() -> str:
     return f"""# Channels
 
-Quantities that histories, envelopes and replays record. Commands have `_command` before the unit. The heat flux
-is not-a-number if the vehicle file has no `reference.nose_radius`.
+Quantities that histories, envelopes and replays record. Commands have `_command` before the unit.
+The heat flux is not-a-number if the vehicle file has no `reference.nose_radius`.
 
 {_signals(CHANNELS)}
 ## Reference channels
@@ -75,10 +81,14 @@ The mission's reference, in `reference.parquet`. It is the same for every flight
 def _parameters() -> str:
     parts = [
         "# Parameters\n",
-        "Parameters that a campaign can disperse under `dispersions:`. A factor multiplies (nominal 1); an error is",
-        "added in its unit (nominal 0). Nominal values do not change the flight. Dispersions act on the plant;",
-        "controllers use the nominal model. `abhv-mc list parameters` prints this table. In a campaign the names",
-        "of the vehicle file replace `effector_0` to `effector_3`: `failure.right_elevon.stuck_time`.\n",
+        "Parameters that a campaign can disperse under `dispersions:`. A factor multiplies "
+        "(nominal 1); an error is",
+        "added in its unit (nominal 0). Nominal values do not change the flight. Dispersions "
+        "act on the plant;",
+        "controllers use the nominal model. `abhv-mc list parameters` prints this table. In a "
+        "campaign the names",
+        "of the vehicle file replace `effector_0` to `effector_3`: "
+        "`failure.right_elevon.stuck_time`.\n",
     ]
     groups: dict[str, list[tuple[str, ...]]] = {}
     for parameter in PARAMETERS:
@@ -96,8 +106,8 @@ def _outcomes() -> str:
 How a flight ended: the column `outcome` of `flights/*.parquet`.
 
 {table(("outcome", "meaning"), ((code(o.code), SENTENCES[o]) for o in Outcome))}
-Limits on altitude are in the mission file, those on angle of attack and sideslip in the vehicle file. Loads, heat, bank
-and oscillation may be limited in both; the tighter limit applies.
+Limits on altitude are in the mission file, those on angle of attack and sideslip in the vehicle
+file. Loads, heat, bank and oscillation may be limited in both; the tighter limit applies.
 """
 
 
@@ -116,9 +126,10 @@ def _units() -> str:
     symbols = ", ".join(code(symbol) for symbol in units._UNITS)
     return f"""# Units
 
-In a file a quantity with a dimension carries its unit in the text; a number without a unit is rejected, so that degrees
-are not mistaken for radians. A unit is a product of symbols with integer powers, such as `kg m2` or `ft/s2`; `/`
-divides by the next symbol only. Parquet columns are in SI, angles in degrees if the name ends in `deg`.
+In a file a quantity with a dimension carries its unit in the text; a number without a unit is
+rejected, so that degrees are not mistaken for radians. A unit is a product of symbols with integer
+powers, such as `kg m2` or `ft/s2`; `/` divides by the next symbol only. Parquet columns are in SI,
+angles in degrees if the name ends in `deg`.
 
 {table(("quantity", "SI unit", "example"), rows)}
 Symbols: {symbols}.
@@ -126,7 +137,7 @@ Symbols: {symbols}.
 
 
 def make() -> dict[str, str]:
-    """The pages by their path."""
+    """Return the pages by their path."""
     return {
         "metrics.md": _metrics(),
         "channels.md": _channels(),

@@ -9,7 +9,7 @@ def cell(text: object) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table with one line per row."""
+    """Format a table with one line per row."""
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     lines += [f"| {' | '.join(cell(part) for part in row)} |" for row in rows]
     return "\n".join(lines) + "\n"

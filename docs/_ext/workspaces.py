@@ -1,4 +1,7 @@
-"""Folders below ``_build/flown`` where the pages' commands and cells run, and the campaign that several pages show."""
+"""Folders below ``_build/flown`` in which the pages' commands and cells run.
+
+They contain the campaign that several pages show.
+"""
 
 import hashlib
 import re
@@ -39,7 +42,10 @@ def prepare(app) -> None:
 
 
 def _write_vehicle(page: Path, folder: Path) -> None:
-    """The files of the vehicle that a page shows in blocks whose first line is the file's name."""
+    """Return the vehicle files that a page shows in blocks.
+
+    The first line of such a block is the file's name.
+    """
     for name, text in re.findall(
         r"```\w+\n# (arrow[\w/]*\.(?:yaml|csv))(.*?)```", page.read_text("utf-8"), re.DOTALL
     ):
@@ -48,7 +54,10 @@ def _write_vehicle(page: Path, folder: Path) -> None:
 
 
 def _import_model(files: Path, folder: Path) -> None:
-    """The model of JSBSim that a page flies, from the installed package, with the engine that the page adds."""
+    """Import the JSBSim model that a page simulates.
+
+    It comes from the installed package, with the engine that the page adds.
+    """
     import jsbsim
 
     model = Path(jsbsim.get_default_root_dir()) / "aircraft" / "737" / "737.xml"
@@ -64,7 +73,10 @@ def _import_model(files: Path, folder: Path) -> None:
 
 
 def _fly_study(folder: Path) -> None:
-    """The campaign of ``abhv-mc new`` and the default campaign, flown once for each state of the program."""
+    """Run the campaign of ``abhv-mc new`` and the default campaign.
+
+    They run once for each state of the program.
+    """
     state = hashlib.sha256()
     for file in sorted(PROGRAM.rglob("*.py")):
         state.update(file.read_bytes())
@@ -88,6 +100,6 @@ def _fly_study(folder: Path) -> None:
 
 
 def setup(app) -> dict[str, bool]:
-    """Called by Sphinx."""
+    """Register the extension with Sphinx."""
     app.connect("builder-inited", prepare)
     return {"parallel_read_safe": True}

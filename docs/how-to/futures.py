@@ -10,7 +10,10 @@ from abhv_mc.io.input_error import InputError
 
 
 class PoolExecutor:
-    """Implementation of :class:`abhv_mc.interfaces.Executor` that does not end flights that hang."""
+    """Implementation of :class:`abhv_mc.interfaces.Executor` on futures.
+
+    It does not end flights that hang.
+    """
 
     def __init__(self, pool, workers, engine):
         self.pool, self.workers, self.engine = pool, workers, engine

@@ -26,7 +26,10 @@ LIMIT = 4.9
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explain")
-    requirements = f"[{{metric: altitude_error_max_m, below: {LIMIT}, probability: 0.9, ended_early: as_measured}}]"
+    requirements = (
+        f"[{{metric: altitude_error_max_m, below: {LIMIT}, probability: 0.9, "
+        f"ended_early: as_measured}}]"
+    )
     run(write_campaign(folder / "f", requirements=requirements), folder / "out")
     return folder / "out"
 

@@ -58,7 +58,10 @@ def test_large_sets_are_shrunk_until_every_member_is_needed(cause, order):
 
 
 def test_more_can_be_less():
-    """A failure that other inputs cure: the whole fails only because of what it has, not of what it lacks."""
+    """Test a failure that other inputs cure.
+
+    The whole set fails because of what it contains, not because of what it lacks.
+    """
 
     def test(keep):
         cured = keep[:, 5] & ~keep[:, 6]
@@ -126,7 +129,7 @@ def test_planted_causes_are_mapped_in_nearly_all_campaigns():
     assert sum(map(is_mapped, range(20))) >= 18
 
 
-def test_a_failure_goes_to_the_set_that_explains_most_and_too_much_is_another_cause_than_too_little():
+def test_a_failure_is_assigned_to_the_set_that_explains_most_and_causes_have_signs():
     sets = [((1, 2), (3, 4)), ((3, 4),), ((0,),), ((1, 2, 3, 4, 5),), ((0,),)]
     explanations = [None, *(Shrunk(members, True, 1) for members in sets)]
     high = np.zeros((6, 6), bool)

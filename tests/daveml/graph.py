@@ -1,4 +1,7 @@
-"""A second evaluation of a DAVE-ML file, written apart from the importer: recursive, by ElementTree and scipy."""
+"""Independent evaluation of a DAVE-ML file, to compare the importer with.
+
+It is recursive and uses ElementTree and scipy.
+"""
 
 import math
 from pathlib import Path

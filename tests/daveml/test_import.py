@@ -1,4 +1,7 @@
-"""DAVE-ML files: their check shots, and each against an evaluation of its graph written apart from the importer."""
+"""Tests of the DAVE-ML import.
+
+Files are compared with their check shots and with an independent evaluation of their graph.
+"""
 
 import ast
 import copy
@@ -118,14 +121,19 @@ def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
 
 SMALL = """<DAVEfunc><fileHeader name="small"/>
 <variableDef name="angleOfSideslip" varID="beta" units="deg" sign="anr"><isInput/></variableDef>
-<variableDef name="leftFlap" varID="DWFL" units="deg" sign="ted" initialValue="5"><isInput/></variableDef>
+<variableDef name="leftFlap" varID="DWFL" units="deg" sign="ted" initialValue="5"><isInput/>\
+</variableDef>
 <variableDef name="trueAirspeed" varID="v" units="f_s"><isInput/></variableDef>
-<variableDef name="referenceWingArea" varID="s" units="f2" initialValue="100"><isOutput/></variableDef>
-<variableDef name="totalCoefficientOfLift" varID="CL" units="nd" sign="down"><calculation><math><apply><plus/>
+<variableDef name="referenceWingArea" varID="s" units="f2" initialValue="100"><isOutput/>\
+</variableDef>
+<variableDef name="totalCoefficientOfLift" varID="CL" units="nd" sign="down"><calculation><math>\
+<apply><plus/>
 <cn>0.4</cn><ci>DWFL</ci></apply></math></calculation><isOutput/></variableDef>
-<variableDef name="pitchingMomentCoefficient" varID="CM" units="nd" sign="and"><calculation><math><ci>v</ci></math>
+<variableDef name="pitchingMomentCoefficient" varID="CM" units="nd" sign="and"><calculation><math>\
+<ci>v</ci></math>
 </calculation><isOutput/></variableDef>
-<variableDef name="yawingMomentCoefficient" varID="CN" units="nd" sign="anl"><calculation><math><ci>beta</ci></math>
+<variableDef name="yawingMomentCoefficient" varID="CN" units="nd" sign="anl"><calculation><math>\
+<ci>beta</ci></math>
 </calculation><isOutput/></variableDef></DAVEfunc>"""
 
 
@@ -207,7 +215,8 @@ def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> N
     def stated(effect: str, law: str) -> str:
         return f'<isOutput/><uncertainty effect="{effect}">{law}</uncertainty></variableDef>'
 
-    lift = """<normalPDF numSigmas="3"><bounds>15</bounds><correlation varID="CM" corrCoef="-0.5"/></normalPDF>"""
+    lift = """<normalPDF numSigmas="3"><bounds>15</bounds>\
+<correlation varID="CM" corrCoef="-0.5"/></normalPDF>"""
     laws = {
         "CL": stated("percentage", lift),
         "CM": stated("additive", '<normalPDF numSigmas="2"><bounds>0.01</bounds></normalPDF>'),
@@ -239,8 +248,10 @@ def test_variables_of_one_name_are_told_apart_by_units(tmp_path: Path) -> None:
     path = tmp_path / "two.dml"
     path.write_text(
         """<DAVEfunc><fileHeader name="two"/><variableDef name="altitude" varID="h_f" units="f"/>
-        <variableDef name="altitude" varID="h_m" units="m"><calculation><math><apply><times/><ci>h_f</ci>
-        <cn>0.3048</cn></apply></math></calculation><isOutput/></variableDef><checkData><staticShot name="s">
+        <variableDef name="altitude" varID="h_m" units="m"><calculation><math><apply><times/>\
+<ci>h_f</ci>
+        <cn>0.3048</cn></apply></math></calculation><isOutput/></variableDef><checkData>\
+<staticShot name="s">
         <checkInputs><signal><signalName>altitude</signalName><signalUnits>f</signalUnits><signalValue>10</signalValue>
         </signal></checkInputs><checkOutputs><signal><signalName>altitude</signalName><signalUnits>m</signalUnits>
         <signalValue>3.048</signalValue><tol>1e-9</tol></signal></checkOutputs></staticShot></checkData></DAVEfunc>""",
@@ -312,12 +323,16 @@ def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
         <variableDef name="g" varID="g" units="nd"><isOutput/></variableDef>
         <variableDef name="h" varID="h" units="nd"><isOutput/></variableDef>
         <breakpointDef bpID="X"><bpVals>0 1 3</bpVals></breakpointDef>
-        <function name="f"><independentVarRef varID="x"/><independentVarRef varID="y"/><dependentVarRef varID="f"/>
-          <functionDefn><ungriddedTableDef name="u" utID="u"><dataPoint>0 0 1</dataPoint><dataPoint>2 0 3</dataPoint>
-          <dataPoint>0 2 5</dataPoint><dataPoint>3 3 10</dataPoint></ungriddedTableDef></functionDefn></function>
+        <function name="f"><independentVarRef varID="x"/><independentVarRef varID="y"/>\
+<dependentVarRef varID="f"/>
+          <functionDefn><ungriddedTableDef name="u" utID="u"><dataPoint>0 0 1</dataPoint>\
+<dataPoint>2 0 3</dataPoint>
+          <dataPoint>0 2 5</dataPoint><dataPoint>3 3 10</dataPoint></ungriddedTableDef>\
+</functionDefn></function>
         <function name="g"><independentVarRef varID="x" min="0.5" max="3" extrapolate="max"/>
           <dependentVarRef varID="g"/><functionDefn><griddedTableDef name="t" gtID="t">
-          <breakpointRefs><bpRef bpID="X"/></breakpointRefs><dataTable>0 2 4</dataTable></griddedTableDef>
+          <breakpointRefs><bpRef bpID="X"/></breakpointRefs><dataTable>0 2 4</dataTable>\
+</griddedTableDef>
           </functionDefn></function>
         <function name="h"><independentVarPts varID="x">0 1</independentVarPts>
           <dependentVarPts varID="h">1 3</dependentVarPts></function></DAVEfunc>""",
@@ -334,7 +349,8 @@ def formula(tmp_path: Path, text: str):
     path = tmp_path / "formula.dml"
     path.write_text(
         f"""<DAVEfunc><fileHeader name="formula"/><variableDef name="x" varID="x" units="nd"/>
-        <variableDef name="y" varID="y" units="nd"/><variableDef name="f" varID="f" units="nd"><calculation><math>{text}
+        <variableDef name="y" varID="y" units="nd"/><variableDef name="f" varID="f" units="nd">\
+<calculation><math>{text}
         </math></calculation><isOutput/></variableDef></DAVEfunc>""",
         encoding="utf-8",
     )
@@ -381,14 +397,18 @@ def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, problem: s
 
 
 def test_tables_of_one_name_and_a_variable_of_theirs_keep_their_own_numbers(tmp_path: Path) -> None:
-    function = """<variableDef name="{0}" varID="{0}" units="nd"><isOutput/></variableDef><function name="{0}">
-        <independentVarRef varID="x"/><dependentVarRef varID="{0}"/><functionDefn><griddedTableDef name="same_table">
-        <breakpointRefs><bpRef bpID="X"/></breakpointRefs><dataTable>0 {1}</dataTable></griddedTableDef>
+    function = """<variableDef name="{0}" varID="{0}" units="nd"><isOutput/></variableDef>\
+<function name="{0}">
+        <independentVarRef varID="x"/><dependentVarRef varID="{0}"/><functionDefn>\
+<griddedTableDef name="same_table">
+        <breakpointRefs><bpRef bpID="X"/></breakpointRefs><dataTable>0 {1}</dataTable>\
+</griddedTableDef>
         </functionDefn></function>"""
     path = tmp_path / "same.dml"
     path.write_text(
         """<DAVEfunc><fileHeader name="same"/><variableDef name="x" varID="x" units="nd"/>
-        <variableDef name="c" varID="same_table" units="nd" initialValue="7"><isOutput/></variableDef>
+        <variableDef name="c" varID="same_table" units="nd" initialValue="7"><isOutput/>\
+</variableDef>
         <breakpointDef bpID="X"><bpVals>0 1</bpVals></breakpointDef>"""
         + "".join(function.format(name, i + 1) for i, name in enumerate("abcd"))
         + "</DAVEfunc>",
@@ -400,9 +420,12 @@ def test_tables_of_one_name_and_a_variable_of_theirs_keep_their_own_numbers(tmp_
 ODD = """<DAVEfunc xmlns="http://daveml.org/2010/DAVEML" xmlns:m="http://www.w3.org/1998/Math/MathML">
 <fileHeader name="odd"><provenance provID="p"><author name="a" org="b"/></provenance></fileHeader>
 <variableDef name="angleOfAttack" varID="class" units="DEG"/>
-<variableDef name="scale" varID="1k" units="nd" initialValue="2.5"><provenanceRef provID="p"/><uncertainty
- effect="additive"><normalPDF numSigmas="3"><bounds>0.1</bounds></normalPDF></uncertainty></variableDef>
-<variableDef name="between" varID="between" units="nd"><calculation><m:math><m:apply><m:times/><m:ci>1k</m:ci>
+<variableDef name="scale" varID="1k" units="nd" initialValue="2.5"><provenanceRef provID="p"/>\
+<uncertainty
+ effect="additive"><normalPDF numSigmas="3"><bounds>0.1</bounds></normalPDF></uncertainty>\
+</variableDef>
+<variableDef name="between" varID="between" units="nd"><calculation><m:math><m:apply><m:times/>\
+<m:ci>1k</m:ci>
  <m:cn type="e-notation">4<m:sep/>-1</m:cn></m:apply></m:math></calculation></variableDef>
 <variableDef name="angle" varID="angle" units="rad"><calculation><m:math><m:apply>
  <m:csymbol definitionURL="http://daveml.org/function_spaces.html#atan2"/><m:ci>class</m:ci>
@@ -457,7 +480,10 @@ KEYS = {  # of the files of YAML that are written, by what names them
 
 
 def attacked(tree: ElementTree.Element) -> Iterator[ElementTree.Element]:
-    """The file with hostile text in place of, and behind, the first attribute or text of each kind in each element."""
+    """Return the file with hostile text in place of, and behind, its attributes and texts.
+
+    Each kind is changed once, at its first occurrence in each element.
+    """
     seen = set()
     for index, element in enumerate(tree.iter()):
         for key in [*element.attrib, ""]:

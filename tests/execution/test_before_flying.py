@@ -40,7 +40,10 @@ def test_the_estimated_time_follows_the_number_of_flights(tmp_path):
 
 
 def test_a_dispersion_without_effect_is_rejected(tmp_path):
-    entry = "{aero.lift: {distribution: normal, sigma: 5 %}, mass.total: {distribution: uniform, half_width: 5 %}}"
+    entry = (
+        "{aero.lift: {distribution: normal, sigma: 5 %}, mass.total: {distribution: "
+        "uniform, half_width: 5 %}}"
+    )
     with pytest.raises(
         InputError, match=r"'mass\.total' from 0\.95 to 1\.05 changes no controller's flight"
     ):

@@ -12,7 +12,10 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
 
-KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
+KEEP = (
+    "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "
+    "[altitude_m, bank_deg]}}"
+)
 
 
 def flip_a_bit(path):

@@ -17,10 +17,12 @@ from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import Request
 
 ENTRIES = {
-    "dispersions": "{atmosphere.density: {distribution: mixture, parts: [{distribution: uniform, half_width: 9 %},"
+    "dispersions": "{atmosphere.density: {distribution: mixture, parts: [{distribution: "
+    "uniform, half_width: 9 %},"
     " {distribution: normal, mean: 1.05, sigma: 1 %}], weights: [1, 2]},"
     " aero.lift: {distribution: normal, sigma: 5 %}}",
-    "derived": "{aero.drag: 1 + 2 * (aero.lift - 1), atmosphere.density: atmosphere.density - 0.5 * (aero.lift - 1)}",
+    "derived": "{aero.drag: 1 + 2 * (aero.lift - 1), atmosphere.density: atmosphere.density - "
+    "0.5 * (aero.lift - 1)}",
 }
 
 

@@ -85,12 +85,14 @@ def test_the_first_flights_have_margins_in_any_blocks(flights_only, tmp_path):
 
 
 FACTORS = (
-    "mass.inertia_xx", "mass.inertia_zz", "aero.lift", "aero.pitching_moment", "aero.yawing_moment.sideslip",
-    "control.elevator_effectiveness", "atmosphere.density", "propulsion.thrust", "actuator.bandwidth",
+    "mass.inertia_xx", "mass.inertia_zz", "aero.lift", "aero.pitching_moment",
+    "aero.yawing_moment.sideslip", "control.elevator_effectiveness", "atmosphere.density",
+    "propulsion.thrust", "actuator.bandwidth",
 )  # fmt: skip
 LAWS = (
-    "lognormal, sigma: 80 %", "normal, sigma: 30 %", "uniform, half_width: 95 %", "scipy, law: expon, scale: 0.5",
-    "scipy, law: weibull_min, shapes: {c: 0.5}", "discrete, values: [1e-9, 1, 3]", "lognormal, sigma: 5 %",
+    "lognormal, sigma: 80 %", "normal, sigma: 30 %", "uniform, half_width: 95 %",
+    "scipy, law: expon, scale: 0.5", "scipy, law: weibull_min, shapes: {c: 0.5}",
+    "discrete, values: [1e-9, 1, 3]", "lognormal, sigma: 5 %",
 )  # fmt: skip
 
 

@@ -111,7 +111,10 @@ def test_incompatible_shards_are_rejected(shards, tmp_path, change, pattern):
 def test_a_flipped_bit_is_reported_or_its_flights_are_run_again(tmp_path, step):
     """A flipped bit is reported, or its flights are run again; shards have no margins."""
     engine = replace(ENGINE, find_stability=lambda campaign, plans: {"runs": campaign.runs})
-    keep = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m]}}"
+    keep = (
+        "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "
+        "[altitude_m]}}"
+    )
     campaign, parts = fly_shards(tmp_path, 2, runs="60", keep=keep, execution="{batch: 15}")
     reference = run(campaign, tmp_path / "whole", engine).manifest
     files = [

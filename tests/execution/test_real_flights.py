@@ -56,7 +56,8 @@ def test_stored_plans_replay_to_the_bit(flown, flights_only, controller):
     assert len(replay.block.times) == 6001
     configs = CAMPAIGN.parents[1] / "configs"
     fresh = flights_only.prepare(
-        configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml", configs / f"control/{controller}.yaml",
+        configs / "vehicle/ghame_x.yaml", configs / "mission/s_manoeuvre.yaml",
+        configs / f"control/{controller}.yaml",
         controller,
     )  # fmt: skip
     stored = flatten(read_plan(flown.folder / f"plans/{controller}.npz", load_vehicle(VEHICLE)))

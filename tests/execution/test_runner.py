@@ -331,7 +331,10 @@ def test_samples_from_a_file_are_used_unchanged(tmp_path):
 
 
 def test_envelopes_equal_numpys_quantiles(tmp_path):
-    keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, altitude_m]}}"
+    keep = (
+        "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: "
+        "[bank_deg, altitude_m]}}"
+    )
     run(write_campaign(tmp_path / "files", keep=keep), tmp_path / "out")
     files = sorted((tmp_path / "out/histories").glob("two-*"))
     tables = [pq.read_table(path).to_pandas() for path in files]

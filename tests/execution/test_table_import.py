@@ -556,8 +556,13 @@ def test_exported_flights_of_a_vehicle_have_the_same_verdicts(name: str, tmp_pat
     (tmp_path / "adopted.yaml").write_text(json.dumps(content))
     adopted = adopt_table(table, tmp_path / "adopted.yaml", tmp_path / "adopted").manifest
     for ours_or_shown in ("requirements", "requirements_shown"):
-        actual, expected = ([(each.verdict, each.failures, each.flights) for each in getattr(manifest, ours_or_shown)]
-                           for manifest in (adopted, ours))  # fmt: skip
+        actual, expected = (
+            [
+                (each.verdict, each.failures, each.flights)
+                for each in getattr(manifest, ours_or_shown)
+            ]
+            for manifest in (adopted, ours)
+        )
         assert actual == expected
     computed, imported = (
         json_data(Models(read_flown(tmp_path / folder))[FAILURES]) for folder in ("ours", "adopted")

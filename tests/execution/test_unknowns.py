@@ -93,7 +93,10 @@ def test_the_search_finds_the_worst_point(reference):
 
 def test_envelopes_span_the_quantiles_of_all_points(tmp_path):
     """Compare with numpy's quantiles of the histories at each point, not of all flights."""
-    keep = "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: [bank_deg, speed_mps]}}"
+    keep = (
+        "{histories: {flights: all, rate: 5 Hz}, envelopes: {rate: 5 Hz, channels: "
+        "[bank_deg, speed_mps]}}"
+    )
     points = "{at: {aero.lift: [0.9, 1.0, 1.1], aero.drag: [0.8, 1.15, 0.9]}}"
     out = run(make(tmp_path / "f", keep=keep, points=points, runs="20"), tmp_path / "out").folder
     envelope, histories = read_flown(out).envelopes["one", "speed_mps"], read_histories(out, "one")
@@ -136,7 +139,10 @@ def test_verdicts_hold_at_every_point(reference):
                 expected.failures,
                 80,
             )
-            note = f"worst of {number} values of the unknowns ({results.campaign.unknowns.words(worst)})"
+            note = (
+                f"worst of {number} values of the unknowns "
+                f"({results.campaign.unknowns.words(worst)})"
+            )
             assert (note if verdict.failures else f"each of {number} values") in verdict.note
             worse = np.where(flights.failed & entry.asked.early_is_failure, np.inf, values)
             limits = [tolerance_limit(worse[point == k], 0, 0.9, 0.1) for k in range(number)]
@@ -270,7 +276,8 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
         " {metric: altitude_error_max_m, below: 1.8, probability: 0.99, ended_early: as_measured}]"
     )
     points = (
-        "{tried: 7, at: {aero.lift: [0.9, 0.9, 1.1], aero.drag: [0.8, 1.15, 1.15]}, shared: 2, most_failures:"
+        "{tried: 7, at: {aero.lift: [0.9, 0.9, 1.1], aero.drag: [0.8, 1.15, 1.15]}, shared: 2, "
+        "most_failures:"
         " [{controller: one, requirement: 0, point: 2, failures: 9, tried: 7},"
         " {controller: one, requirement: 1, point: 1, failures: 0, tried: 7}]}"
     )
@@ -286,7 +293,10 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
         assert counts[2] > max(counts[:2])
         assert f"{len(judged)} values of the unknowns" in verdict.note
         if entry is speed:
-            sentence = f"most failures were 9 of 256 at lift +10 %, drag +15 %, there {counts[2]} of 20 flights"
+            sentence = (
+                "most failures were 9 of 256 at lift +10 %, drag +15 %, there "
+                f"{counts[2]} of 20 flights"
+            )
             assert sentence in verdict.note
         else:
             assert "of 7 values tried none failed in 256 flights" in verdict.note

@@ -227,7 +227,10 @@ def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
     assert explain_flight(request.output, "mine", int(failed[0]), fly).causes == (
         "initial.altitude",
     )
-    block = "tune: {free: [{key: settings.bank_limit}], minimise: {metric: bank_error_rms_deg, quantile: 0.5}, "
+    block = (
+        "tune: {free: [{key: settings.bank_limit}], minimise: {metric: bank_error_rms_deg, "
+        "quantile: 0.5}, "
+    )
     (tmp_path / "tune.yaml").write_text(block + "candidates: 17, flights: 32, validation: 100}\n")
     new = tmp_path / "elsewhere" / "new.yaml"
     new.parent.mkdir()

@@ -285,7 +285,8 @@ def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, di
         ]
         near += values_at(low) + values_at(k / RATE) + values_at(high)
         bands[k / RATE] = {
-            "count": len(now), "min": np.float32(np.nanmin(near)), "max": np.float32(np.nanmax(near)),
+            "count": len(now), "min": np.float32(np.nanmin(near)),
+            "max": np.float32(np.nanmax(near)),
             **{f"q{100 * q:g}": np.quantile(np.float32(now).astype(float), q) for q in QUANTILES},
         }  # fmt: skip
     return bands

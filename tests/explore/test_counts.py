@@ -44,8 +44,9 @@ def test_counts_cells_and_strips_are_those_of_the_flights(table, failing, outcom
     for k, name in enumerate(("tlc", "lqr")):
         flights = failing.flights[name]
         density, lift = (failing.samples[column][flights.flight] for column in (BRUSHED, X))
-        inside = (density <= selection.brushes[BRUSHED][1]) & (~flights.failed if outcome == "ok" else
-                                                           flights.failed if outcome == "failed" else True)  # fmt: skip
+        inside = (density <= selection.brushes[BRUSHED][1]) & (
+            ~flights.failed if outcome == "ok" else flights.failed if outcome == "failed" else True
+        )
         count += int(inside.sum())
         across = bins_of(lift[inside], table.ranges[X], counts.CELLS[0])
         up = bins_of(flights.metrics[Y][inside], table.ranges[Y], counts.CELLS[1])
@@ -130,7 +131,8 @@ def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, f
 
 @pytest.mark.parametrize(
     "change",
-    [{"x": 'flight" from shown; drop table shown --'}, {"y": "no_such"}, {"outcome": "or 1=1"}, {"outcome": "missed 3"},
+    [{"x": 'flight" from shown; drop table shown --'}, {"y": "no_such"},
+     {"outcome": "or 1=1"}, {"outcome": "missed 3"},
      {"sort": "rank, (select 1)"}, {"controllers": ["pid"]},
      {"brushes": {"1=1 or x": [0, 1]}}, {"brushes": {X: ["a", 1]}}, {"brushes": 5}],
 )  # fmt: skip

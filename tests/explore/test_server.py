@@ -1,4 +1,4 @@
-"""The explorer's server: who is answered, and a flight flown again; and the same in a real browser."""
+"""Tests of the explorer's server: access, re-run flights and a real browser."""
 
 import csv
 import http.client
@@ -113,7 +113,8 @@ COUNT = "document.getElementById('flight-count').textContent"
 CHANGE = """((id, value) => { const box = document.getElementById(id); box.value = value;
   box.dispatchEvent(new Event("change")); })("flights-outcome", "%s")"""
 FLOWN = """({ title: document.getElementById("flight-title").textContent,
-  lines: document.querySelectorAll("#flight-history .scatterlayer .trace, #flight-track .scatterlayer .trace").length,
+  lines: document.querySelectorAll("#flight-history .scatterlayer .trace, #flight-track \
+.scatterlayer .trace").length,
   same: document.getElementById("flight-note").textContent })"""
 BOX = """(() => { const box = document.querySelector(%s).getBoundingClientRect();
   return [box.left, box.top, box.width, box.height]; })()"""

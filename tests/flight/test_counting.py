@@ -1,4 +1,7 @@
-"""Tables of channels, metrics and limits, and declared metrics against numpy on recorded channels."""
+"""Tests of the tables of channels, metrics and limits.
+
+Declared metrics are compared with numpy on recorded channels.
+"""
 
 import dataclasses
 import math
@@ -28,7 +31,10 @@ TICKS = 800
 
 
 def repeat(metric):
-    """Return a built-in metric as a campaign file declares it; infinite empty values are omitted."""
+    """Return a built-in metric as a campaign file declares it.
+
+    Infinite empty values are omitted.
+    """
     entry = {"of": metric.of, "statistic": metric.statistic.word, "settled": metric.settled}
     entry |= {"limit": metric.limit} if metric.statistic in TAKES_LIMIT else {}
     return entry | ({"empty": metric.empty} if math.isfinite(metric.empty) else {})
@@ -45,7 +51,10 @@ def declare(plan, **entries):
 
 @pytest.fixture(scope="module")
 def plan():
-    """Plan of the first 8 s of the S manoeuvre: the bank steps at the start, so 5 s are not settled."""
+    """Plan of the first 8 s of the S manoeuvre.
+
+    The bank steps at the start, so the first 5 s are transients.
+    """
     return short_plan(TICKS, "lqr_retuned_ghame_x")
 
 
@@ -229,7 +238,10 @@ def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, paramet
 
 
 def test_quantiles_do_not_depend_on_the_number_of_flights():
-    """Flights are simulated in groups, so that the memory for ticks does not grow with their number."""
+    """Check that the memory for ticks does not grow with the number of flights.
+
+    They are simulated in groups.
+    """
     entry = {"of": "pitch_rate_dps", "statistic": "quantile", "share": 0.025}
     changed, rows = (
         declare(short_plan(50, "lqr_retuned_ghame_x"), low=entry),

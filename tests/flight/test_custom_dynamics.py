@@ -35,7 +35,8 @@ def bending(states, motion, air, controls, settings):
     w = settings.frequency
     tilt = 0.1 * states.mode
     return Effect(
-        rates=(states.mode_rate, drive - 2.0 * settings.damping * w * states.mode_rate - w * w * states.mode),
+        rates=(states.mode_rate, drive - 2.0 * settings.damping * w * states.mode_rate - w * w * \
+states.mode),
         force=(0.0, 0.0, -settings.lift * air.dynamic_pressure * 8.026848 * tilt),
         moment=(0.0, settings.moment * air.dynamic_pressure * 8.026848 * 2.7432 * tilt, 0.0),
         sensed=Sensed(pitch_rate=settings.gyro_slope * states.mode_rate, angle_of_attack=tilt),
@@ -84,7 +85,7 @@ def write_vehicle(
 ) -> Path:
     """Write the shipped vehicle with custom dynamics and return its path."""
     (folder / "own.py").write_text(function, encoding="utf-8")
-    start = "limits: # a flight ends outside\n"
+    start = "limits: # a flight terminates outside these\n"
     return change_vehicle(folder, (start, keys + start + limits), name="abhv")
 
 

@@ -1,4 +1,7 @@
-"""Effectors commanded by name by a custom law: usage metrics, rejected inputs and loss of effectiveness."""
+"""Tests of effectors that a custom control law commands by name.
+
+They cover control effort, rejected inputs and loss of effectiveness.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +19,8 @@ from abhv_mc.extend import Command, controller
 
 @controller(compiled={compiled})
 def law(reference):
-    return Command({aileron}, 0.0, reference.elevator, equivalence_ratio=reference.equivalence_ratio{effectors})
+    return Command({aileron}, 0.0, reference.elevator, \
+equivalence_ratio=reference.equivalence_ratio{effectors})
 """
 MIXED = {"left": {"aileron": -1, "elevator": 1}, "right": {"aileron": 1, "elevator": 1}}
 MOVING = {
@@ -57,7 +61,10 @@ def test_unknown_effectors_are_rejected(tmp_path, commands: str, fragment: str) 
 
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
 def test_laws_limit_their_commands_to_what_the_effectors_can_do(law: str) -> None:
-    """The bank step asks for 20 deg of aileron; elevons of 1 and -1.5 deg leave 1 deg to either side."""
+    """Check the saturation of elevons.
+
+    The bank step needs 20 deg of aileron; elevons of 1 and -1.5 deg leave 1 deg to either side.
+    """
     limits = {"left": ["-1.5 deg", "1 deg"], "right": ["-1.5 deg", "1 deg"]}
     effectors = {name: DRIVEN[name] | {"limits": limits[name]} for name in MIXED}
     plan = short_plan(100, law, "s_manoeuvre", {"base": "ghame_x", "effectors": effectors})

@@ -36,7 +36,8 @@ effectors:
   right: {aileron: 1, elevator: 1, bandwidth: 45 rad/s, damping: 0.6}
   flap: {elevator: 0.5, bandwidth: 20 rad/s, damping: 0.9, limits: [-10 deg, 10 deg]}
 aerodynamics: {python: plank.py, function: coefficients, frame: stability}
-propulsion: {python: plank.py, function: thrust, throttle: [0, 1], bandwidth: 20 rad/s, damping: 1, rate_limit: 100 /s}
+propulsion: {python: plank.py, function: thrust, throttle: [0, 1], bandwidth: 20 rad/s, damping: \
+1, rate_limit: 100 /s}
 limits: {angle_of_attack: [-10 deg, 20 deg], sideslip: 15 deg}
 """
 
@@ -90,7 +91,10 @@ FUNCTIONS = "\n\n".join(
         *map(inspect.getsource, (coefficients, thrust)),
     ]
 )
-LAW = f"from abhv_mc.extend import Command, clamp, controller\n\n\n@controller\n{inspect.getsource(law)}"
+LAW = (
+    "from abhv_mc.extend import Command, clamp, controller\n\n\n@controller\n"
+    f"{inspect.getsource(law)}"
+)
 CASES = (
     {},
     {"atmosphere.density": 1.05},

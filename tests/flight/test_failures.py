@@ -1,4 +1,7 @@
-"""Failures in flight, of one of several engines too: against what they must equal or an independent expectation."""
+"""Tests of failures in flight, including those of one of several engines.
+
+They compare with an identical flight or with an independent expectation.
+"""
 
 from dataclasses import replace
 
@@ -109,7 +112,10 @@ def test_a_surface_sticks_at_its_position_or_is_driven_to_a_given_one(plan):
 
 
 def path_acceleration(plan, block, share):
-    """Speed and its rate along the path flown, from the tables by numpy; the engine gives a share of its thrust."""
+    """Return the speed and its rate along the flight path, from the tables by numpy.
+
+    The engine gives a share of its thrust.
+    """
     x, vehicle = block.states[0].T, plan.vehicle
     gamma, alpha = (
         np.deg2rad(_channel(block, 0, f"{name}_deg"))

@@ -129,7 +129,8 @@ from abhv_mc.flight.fly import fly
 plans, parameters = pickle.loads(Path(sys.argv[1]).read_bytes())
 for law, plan in plans.items():
     block = fly(plan, parameters, record_every=1, keep_states=True, lanes=1)
-    np.savez(Path(sys.argv[1]).with_name(law), states=block.states, metrics=block.metrics, outcome=block.outcome)
+    np.savez(Path(sys.argv[1]).with_name(law), states=block.states, metrics=block.metrics, \
+outcome=block.outcome)
 """
 
 

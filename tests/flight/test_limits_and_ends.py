@@ -1,4 +1,7 @@
-"""Limits on loads, heat, bank and oscillation, and the mission's own end: each ends the flight where it says."""
+"""Tests of the limits on loads, heat, bank and oscillation, and of the mission's end.
+
+Each ends the flight at the expected time.
+"""
 
 import math
 from dataclasses import replace

@@ -85,7 +85,10 @@ def test_the_date_line_changes_longitude_alone() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", ["15", "16"])
 def test_the_f16_circles_the_pole_and_the_crossing_of_equator_and_date_line(case: str) -> None:
-    """NASA's cases 15 and 16: about three and a half minutes for a circle of 3 nautical miles, counter-clockwise."""
+    """Simulate NASA's cases 15 and 16.
+
+    A counter-clockwise circle of 3 nautical miles takes about three and a half minutes.
+    """
     motion = make_motion(fly_aircraft(case, 230.0))
     latitude, longitude = np.degrees(motion.latitude), np.degrees(motion.longitude)
     if case == "15":

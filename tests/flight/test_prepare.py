@@ -1,4 +1,4 @@
-"""Missions, vehicles and controllers that can be flown, and those rejected with an error or a warning."""
+"""Tests of accepted missions, vehicles and controllers, and of errors and warnings."""
 
 import re
 

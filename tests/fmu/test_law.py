@@ -195,7 +195,10 @@ def test_an_fmu_commands_effectors_and_reads_the_nominal_vehicle_and_its_last_co
     elevons = "".join(
         f"\n  {name}: {{aileron: {sign}, elevator: 1}}" for name, sign in signs.items()
     )
-    rolls = "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, times: left, scale: -0.5}"
+    rolls = (
+        "{table: roll_aileron, times: right, scale: 0.5}\n    - {table: roll_aileron, "
+        "times: left, scale: -0.5}"
+    )
     vehicle = change_vehicle(
         tmp_path,
         ("\npropulsion:", f"\neffectors:{elevons}\n  fin: {{rudder: 1}}\n\npropulsion:"),
@@ -215,7 +218,10 @@ def test_an_fmu_commands_effectors_and_reads_the_nominal_vehicle_and_its_last_co
         "command->effectors[0] = command->elevator + 0.9 * command->aileron + 1e-7 * "
         "measured->onboard.moment.pitch;"
     )
-    commands += "command->effectors[1] = command->elevator - command->aileron + 0.1 * measured->onboard.last.rudder;"
+    commands += (
+        "command->effectors[1] = command->elevator - command->aileron + 0.1 * "
+        "measured->onboard.last.rudder;"
+    )
     head, _, tail = (shipped / "lqr.c").read_text().rpartition("return 0;")
     (tmp_path / "lqr.c").write_text(f"{head}{commands} return 0;{tail}")
     text = (shipped / "lqr_c.yaml").read_text()

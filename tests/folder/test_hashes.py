@@ -28,7 +28,10 @@ from abhv_mc.search.worst import find_worst
 from abhv_mc.topics import registry
 
 CHANGED = "a run has replaced files"
-KEEP = "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: [altitude_m, bank_deg]}}"
+KEEP = (
+    "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "
+    "[altitude_m, bank_deg]}}"
+)
 METRIC = "altitude_error_max_m"
 
 

@@ -19,7 +19,8 @@ SMALL = """<fdm_config name="small"><metrics>
 <wingarea unit="M2">10</wingarea><wingspan unit="M">4</wingspan><chord unit="M">2</chord>
 <location name="AERORP" unit="M"><x>5</x><y>0</y><z>1</z></location></metrics>
 <mass_balance><ixx unit="KG*M2">100</ixx><iyy unit="KG*M2">400</iyy><izz unit="KG*M2">450</izz>
-<emptywt unit="KG">1000</emptywt><location name="CG" unit="M"><x>4</x><y>0</y><z>1</z></location></mass_balance>
+<emptywt unit="KG">1000</emptywt><location name="CG" \
+unit="M"><x>4</x><y>0</y><z>1</z></location></mass_balance>
 <ground_reactions><contact name="Skid"/></ground_reactions>
 <propulsion><engine file="rocket"><thruster file="nozzle"/></engine></propulsion>
 <aerodynamics>{}</aerodynamics></fdm_config>"""
@@ -109,8 +110,8 @@ def test_a_function_that_is_not_a_product_is_divided(tmp_path: Path) -> None:
     ours, _ = written(
         tmp_path,
         '<function name="aero/q"><p>aero/qbar-psf</p></function><axis name="PITCH">'
-        '<function name="M"><sum><product><p>aero/q</p><value>7</value></product></sum></function></axis>'
-        + lift("<value>2</value>"),
+        '<function name="M"><sum><product><p>aero/q</p>'
+        "<value>7</value></product></sum></function></axis>" + lift("<value>2</value>"),
     )
     assert ours.Cm == pytest.approx(7.0 / (10 * 2) * 0.3048**3)
     assert ours.CL == 2.0

@@ -1,4 +1,7 @@
-"""Cache of compiled code: never stale, compiled once; and the full width of a processor's vectors."""
+"""Tests of the cache of compiled code.
+
+It is never stale, compiles once and uses the full width of a processor's vectors.
+"""
 
 import contextlib
 import errno
@@ -72,7 +75,10 @@ def test_settings_that_change_the_code_change_its_folder(monkeypatch, tmp_path):
 
 
 def enter_beside(folder):
-    """Return the order of events of two threads; the first continues if the second is inside or waits."""
+    """Return the order of events of two threads.
+
+    The first continues if the second is inside or waits.
+    """
     events, entered = [], threading.Event()
 
     @contextlib.contextmanager
@@ -113,7 +119,10 @@ NO_FOLDER = "/dev/null/none"  # cannot be created
 
 @pytest.fixture
 def bare(monkeypatch, tmp_path):
-    """Environment of a container with an unknown user without a home; return its temporary folder."""
+    """Set up the environment of a container; return its temporary folder.
+
+    Its user is unknown and has no home.
+    """
 
     def refuse(_):
         raise KeyError

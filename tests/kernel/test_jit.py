@@ -1,4 +1,7 @@
-"""Compiled functions agree with plain Python, are never stale in the cache, and report compilation."""
+"""Tests of compiled functions.
+
+They agree with plain Python, are never stale in the cache, and report compilation.
+"""
 
 import contextlib
 import errno
@@ -186,7 +189,10 @@ def both(Z, width):
 
 
 def test_functions_that_only_a_later_call_needs_are_linked():
-    """The first caller's branch is dead for this argument, so ``cube`` has no caller when it is linked."""
+    """Link a function without a caller.
+
+    The first caller's branch is dead for this argument, so ``cube`` has no caller.
+    """
     linked, expected = numbers(), numbers()
     both(linked, 16)
     fly_cubes(expected, 16)
@@ -271,7 +277,8 @@ def test_numba_is_imported_when_something_compiles():
     """Reports and custom simulators compile nothing; the import would be a fifth of their start."""
     code = (
         "import sys\n"
-        "import abhv_mc.execution.table_import, abhv_mc.execution.runner, abhv_mc.report.pages.build\n"
+        "import abhv_mc.execution.table_import, abhv_mc.execution.runner, "
+        "abhv_mc.report.pages.build\n"
         "assert not {'numba', 'llvmlite', 'scipy.linalg'} & set(sys.modules)\n"
         "from abhv_mc.kernel.numerics.lane_math import exp\n"
         "assert exp(0.0) == 1.0 and 'numba' in sys.modules\n"

@@ -171,7 +171,10 @@ def _simulate(noise, a, dt):
 
 
 def test_turbulence_has_drydens_spectra_and_unit_variance() -> None:
-    """MIL-F-8785C, 3.7.1.2: one-sided, well below the sampling rate; averaged in bands, within 10 %."""
+    """Compare with the spectra of MIL-F-8785C, 3.7.1.2.
+
+    One-sided, well below the sampling rate; averaged in bands, within 10 %.
+    """
     gusts = _simulate(np.random.default_rng(8785).standard_normal((400_000, 3)), A, DT)
     assert gusts.std(axis=0) == pytest.approx([1.0, 1.0], rel=0.03)
     frequency, power = signal.welch(gusts, fs=1.0 / DT, nperseg=8192, axis=0)

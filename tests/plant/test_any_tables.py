@@ -1,4 +1,7 @@
-"""Random vehicle files: tables over any axes and their build-up, by the compiled plant, by numpy and by scipy."""
+"""Tests of random vehicle files with tables over any axes and their build-up.
+
+The compiled plant is compared with numpy and scipy.
+"""
 
 import itertools
 
@@ -39,7 +42,8 @@ EFFECTORS = {
     "left": {"aileron": -1.0, "elevator": 0.7},
     "right": {"aileron": 1.0, "elevator": 0.7, "rudder": 0.2},
 }
-FACTORS = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator", "left", "right", "roll_rate", "pitch_rate",
+FACTORS = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator", "left", "right",
+    "roll_rate", "pitch_rate",
            "yaw_rate", "mach", "equivalence_ratio")  # fmt: skip
 REST = {
     key: make_document("vehicle", "ghame_x").data[key]
@@ -49,7 +53,10 @@ REST = {
 
 @kernel
 def compute(vehicle, cells, variables, parameters, coefficients):
-    """Coefficients [coefficient, point] at variables [variable, point] under parameters [parameter, point]."""
+    """Return the coefficients [coefficient, point].
+
+    They are at variables [variable, point] under parameters [parameter, point].
+    """
     Z = np.zeros((s.LAW, WIDTH))
     T = np.zeros((s.MAX_TABLE_ROWS, WIDTH))
     for first in range(0, variables.shape[1], WIDTH):
@@ -66,7 +73,10 @@ def compute(vehicle, cells, variables, parameters, coefficients):
 
 
 def write_table(generator, path, columns, state):
-    """A random table over these columns, a node of each at the first point; returns its values by scipy."""
+    """Add a random table over these columns; return its values by scipy.
+
+    One node of each axis is at the first point.
+    """
     grids = []
     for column in columns:
         low, high = AXES[column][2]

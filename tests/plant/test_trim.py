@@ -50,7 +50,10 @@ def test_coupled_lift_is_as_chosen(bank, c_tn):
 
 
 def test_winged_cone_trims_near_the_published_angle():
-    """Mach 15 at 110,000 ft: 1.7 to 1.8 deg in the open literature on the winged cone (136 t, Earth at rest)."""
+    """Compare with the open literature on the winged cone.
+
+    At Mach 15 and 110,000 ft it has 1.7 to 1.8 deg (136 t, Earth at rest).
+    """
     trimmed = trim(vehicle("winged_cone"), STILL, FlightPoint(33.5e3, 4590.0))
     assert not trimmed.fault
     assert trimmed.mach == pytest.approx(15.0, abs=0.1)

@@ -11,7 +11,10 @@ mp.dps = 60
 
 
 def split(value, bits):
-    """A constant as a sum of doubles: the first parts truncated to the given number of bits, then the rest."""
+    """Split a constant into a sum of doubles.
+
+    All but the last are truncated to the given number of bits.
+    """
     parts = []
     for count in bits:
         step = ldexp(1, int(floor(log(value, 2))) + 1 - count)
@@ -56,7 +59,10 @@ FITTED = {  # function, interval, degree
 
 
 def fit():
-    """All fitted constants of the module by name; coefficients constant first, rounded to doubles."""
+    """Return all fitted constants of the module by name.
+
+    Coefficients start with the constant and are rounded to doubles.
+    """
     fitted = {
         name: chebyfit(f, ends, degree + 1)[::-1] for name, (f, ends, degree) in FITTED.items()
     }

@@ -140,7 +140,8 @@ def test_a_key_is_never_written(store, fake_engine, abhv_mc, tmp_path, monkeypat
 
 @pytest.mark.parametrize(
     "command",
-    ["report {}", "report x {}", "run {}", "run x.yaml -o {} --nonsense", "run x.yaml --plans {}", "new {}", "{}",
+    ["report {}", "report x {}", "run {}", "run x.yaml -o {} "
+                                           "--nonsense", "run x.yaml --plans {}", "new {}", "{}",
      "validate {}", "runs {}", "merge {} {} -o x", "replay {} --flight 1", "fly x --output={}"],
 )  # fmt: skip
 def test_a_key_is_not_printed_by_errors(command, abhv_mc):

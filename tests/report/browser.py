@@ -115,7 +115,8 @@ def open_browser(profile):
     )
     http = pytest.importorskip("tornado.httpclient")
     command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-dev-shm-usage",
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+        "--disable-dev-shm-usage",
         "--disable-background-networking", "--disable-sync", "--disable-component-update",
         f"--user-data-dir={profile}", "--remote-debugging-port=0", "about:blank",
     ]  # fmt: skip

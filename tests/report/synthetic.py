@@ -58,7 +58,10 @@ def prepare(vehicle, mission, controller, name):
 
 
 def histories_of(name, parameters, reference):
-    """Return channels [channel][flight, time] of a controller, with errors that grow with samples."""
+    """Return channels [channel][flight, time] of a controller.
+
+    Errors grow with samples.
+    """
     time = reference["time"]
     stray, usage = ERROR.get(name, 0.6), USAGE.get(name, 1.0)
     density, lift, drag = (parameters[:, [column]] - 1.0 for column in (DENSITY, LIFT, DRAG))
@@ -170,9 +173,11 @@ def write_campaign(
         seed=str(seed),
         sampling=sampling,
         dispersions="{atmosphere.density: {distribution: uniform, half_width: 10 %},"
-        " aero.lift: {distribution: uniform, half_width: 10 %}, aero.drag: {distribution: uniform, half_width: 15 %}}",
+        " aero.lift: {distribution: uniform, half_width: 10 %}, aero.drag: {distribution: "
+        "uniform, half_width: 15 %}}",
         requirements=f"[{', '.join(requirements)}]",
-        keep="{histories: {flights: worst 20, channels: all, rate: 10 Hz}, envelopes: {rate: 10 Hz}}",
+        keep="{histories: {flights: worst 20, channels: all, rate: 10 Hz}, envelopes: {rate: 10 "
+        "Hz}}",
         **entries,
     )
     densest = np.sort(read_campaign(path).make_samples().draw(0, runs)[:, 0])[::-1]

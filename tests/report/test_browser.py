@@ -2,11 +2,14 @@
 
 SAID = ("Log.entryAdded", "Runtime.consoleAPICalled", "Runtime.exceptionThrown")
 NAMES = "document.getElementById('plot').data.map((trace) => trace.name)"
-CHANNEL = """(() => { const channel = document.getElementById("channel"); channel.value = "sideslip_deg";
+CHANNEL = """(() => { const channel = document.getElementById("channel"); channel.value = \
+"sideslip_deg";
   channel.dispatchEvent(new Event("change")); const plot = document.getElementById("plot");
-  return { axis: plot.layout.yaxis.title.text, words: document.getElementById("plot-words").textContent,
+  return { axis: plot.layout.yaxis.title.text, words: \
+document.getElementById("plot-words").textContent,
     drawn: plot.querySelectorAll(".scatterlayer .trace").length,
-    tools: [...plot.querySelectorAll(".modebar-btn")].map((button) => button.dataset.title) }; })()"""
+    tools: [...plot.querySelectorAll(".modebar-btn")].map((button) => button.dataset.title) }; \
+})()"""
 
 
 def press_box(page, name):
@@ -55,7 +58,8 @@ def test_no_other_script_runs(page, report_page, tmp_path):
     assert "Content Security Policy" in str(page.told)
 
 
-FOCUS = """(() => { const e = document.activeElement; return [e.tagName, e.id || e.name || e.getAttribute("aria-label")
+FOCUS = """(() => { const e = document.activeElement; return [e.tagName, e.id || e.name || \
+e.getAttribute("aria-label")
     || e.textContent.trim(), getComputedStyle(e).outlineStyle !== "none"]; })()"""
 STOPS = 90  # presses of Tab on the page; 350 if every flight of a list were a stop
 

@@ -71,7 +71,10 @@ def after(before):
 
 
 def newly_failed(before, after):
-    """Return flights of LQR that terminate early or miss a requirement in the second folder only."""
+    """Return flights of LQR that fail in the second folder only.
+
+    They terminate early or miss a requirement.
+    """
     failed = []
     for folder in (before, after):
         lqr = read_flown(folder).flights["lqr"]

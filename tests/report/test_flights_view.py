@@ -31,7 +31,8 @@ SAVED = """(async () => {
   URL.createObjectURL = made;
   return blob.text();
 })()"""
-SORT = """[...document.querySelectorAll("#flight-heads button")].find((button) => button.textContent === %s).click()"""
+SORT = """[...document.querySelectorAll("#flight-heads button")].find((button) => \
+button.textContent === %s).click()"""
 FROM_ONE = """(() => {
   document.getElementById("flights-low").value = 1;
   document.getElementById("flights-between").click();
@@ -46,7 +47,8 @@ def view(page, report_folder):
 
 
 def choose(page, name, value):
-    page.ask(f"""(() => {{ const box = document.getElementById("{name}"); box.value = {json.dumps(value)};
+    page.ask(f"""(() => {{ const box = document.getElementById("{name}"); box.value = \
+{json.dumps(value)};
       box.dispatchEvent(new Event("change")); }})()""")
 
 
@@ -133,7 +135,8 @@ def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(view, models)
         for key, value in drawn.items()
     }
     cells = view.ask(
-        "[...document.querySelectorAll('#flight-required tbody td')].map((cell) => cell.textContent)"
+        "[...document.querySelectorAll('#flight-required tbody td')].map((cell) => "
+        "cell.textContent)"
     )
     assert len(cells) == len(results.campaign.requirements)
     for cell, item in zip(cells, results.campaign.requirements, strict=True):

@@ -16,7 +16,8 @@ from abhv_mc.report.pages.build import build_report
 PAPER = {"A4": (8.27, 11.69), "Letter": (8.5, 11.0)}
 METRICS = (
     "altitude_error_max_m", "speed_error_max_mps", "sideslip_max_deg", "bank_error_settled_max_deg",
-    "angle_of_attack_error_settled_max_deg", "altitude_error_rms_m", "speed_error_rms_mps", "sideslip_rms_deg",
+    "angle_of_attack_error_settled_max_deg", "altitude_error_rms_m", "speed_error_rms_mps",
+    "sideslip_rms_deg",
     "heading_error_max_deg", "cross_track_error_max_m", "aileron_rms_deg", "rudder_rms_deg",
 )  # fmt: skip
 
@@ -59,8 +60,10 @@ def folder(request):
 
 # Positions and number of words of the assessment, and texts that are cut off.
 FIRST = """(() => {
-  const bottom = (s) => { const e = document.querySelector(s); return e ? e.getBoundingClientRect().bottom : 0; };
-  const words = [".sentences", ".sure", ".next"].map((s) => document.querySelector(s)?.innerText ?? "").join(" ");
+  const bottom = (s) => { const e = document.querySelector(s); return e ? \
+e.getBoundingClientRect().bottom : 0; };
+  const words = [".sentences", ".sure", ".next"].map((s) => document.querySelector(s)?.innerText \
+?? "").join(" ");
   const count = words.trim().split(/\\s+/).length;
   return { ends: ["h1", ".sentences", ".chart", ".cards", ".sure"].map(bottom), words: count,
     cut: [...document.querySelectorAll("#answer .name, #answer .card p, #answer th")]
@@ -91,8 +94,10 @@ def test_the_default_campaign_is_read_in_few_words(page, report_folder):
     assert size["height"] <= 8000 and size["words"] <= 2800
 
 
-WIDE = """[...document.querySelectorAll("table")].filter((t) => t.clientWidth && t.getBoundingClientRect().width
-  > t.parentElement.getBoundingClientRect().width + 1).map((t) => t.caption?.innerText ?? t.className)"""
+WIDE = """[...document.querySelectorAll("table")].filter((t) => t.clientWidth && \
+t.getBoundingClientRect().width
+  > t.parentElement.getBoundingClientRect().width + 1).map((t) => t.caption?.innerText ?? \
+t.className)"""
 
 
 def test_no_table_is_wider_than_its_box_and_no_window_needs_sideways_scrolling(page, folder):
@@ -121,7 +126,10 @@ def test_axe_finds_nothing(page, name, request):
     ] == []
 
 
-LISTED = "[...document.querySelectorAll('#flights details [data-show]')].map((link) => link.dataset.show)"
+LISTED = (
+    "[...document.querySelectorAll('#flights details [data-show]')].map((link) => "
+    "link.dataset.show)"
+)
 SHOWN = """({ title: document.getElementById("flight-title").textContent,
   drawn: !document.getElementById("flight-plots").hidden
     && document.querySelectorAll("#flight-history .scatterlayer .trace").length,
@@ -153,8 +161,10 @@ def test_a_click_on_a_worst_flight_draws_it(page, report_folder, report_json):
         ]
 
 
-SCATTER = """(() => { const scatter = document.getElementById("scatter"); scatter.scrollIntoView({ block: "center" });
-  const box = scatter.getBoundingClientRect(); return [box.left, box.top, box.width, box.height]; })()"""
+SCATTER = """(() => { const scatter = document.getElementById("scatter"); \
+scatter.scrollIntoView({ block: "center" });
+  const box = scatter.getBoundingClientRect(); return [box.left, box.top, box.width, box.height]; \
+})()"""
 
 
 def test_a_click_on_a_point_draws_its_flight(page, report_folder):

@@ -66,7 +66,10 @@ def test_the_page_sorts_filters_and_names_the_comparison(reports, page):
     assert run("runs", reports).exit_code == 0
     page.call("Page.navigate", url=(reports / "index.html").as_uri())
     page.wait_for("document.getElementById('count')?.textContent.startsWith('4 of 4')")
-    names = "[...document.querySelectorAll('#runs tbody tr:not([hidden]) th')].map((e) => e.textContent)"
+    names = (
+        "[...document.querySelectorAll('#runs tbody tr:not([hidden]) th')].map((e) => "
+        "e.textContent)"
+    )
     page.ask("document.querySelectorAll('#runs thead button')[0].click()")
     assert page.ask(names) == sorted(page.ask(names))
     page.ask(

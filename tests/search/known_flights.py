@@ -1,4 +1,7 @@
-"""Flights whose metrics are known functions, and campaigns of them: every probability and optimum is known."""
+"""Flights whose metrics are known functions, and campaigns of them.
+
+All probabilities and optima are known.
+"""
 
 from pathlib import Path
 
@@ -65,7 +68,10 @@ def prepare_tuned(vehicle, mission, controller, name):
 
 
 def fly_tuned(plan, parameters, record_every=None):
-    """Least error at a damping of 3 and a bandwidth of 0.06; the travel grows with the bandwidth."""
+    """Compute an error that is least at a damping of 3 and a bandwidth of 0.06.
+
+    The travel grows with the bandwidth.
+    """
     damping, bandwidth = plan.gains[0, :2]
     lift = (parameters[:, LIFT] - 1.0) / 0.05
     metrics = np.zeros((len(lift), len(METRICS)))

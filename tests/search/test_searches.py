@@ -246,7 +246,10 @@ def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path
 def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
     repository, monkeypatch, tmp_path, kind
 ):
-    """Margins of a made-up loop: least where density is at its top and lift at 0.94, drag without effect."""
+    """Return the margins of a synthetic loop.
+
+    They are least at the maximum of density and at a lift of 0.94; drag has no effect.
+    """
     text = (
         (repository / "campaigns/s_manoeuvre.yaml")
         .read_text()
@@ -281,7 +284,10 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
 
 def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    source = "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * inputs['b']}\n"
+    source = (
+        "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * "
+        "inputs['b']}\n"
+    )
     (tmp_path / "paraboloid.py").write_text(source)
     content = {
         "name": "paraboloid",
@@ -308,7 +314,10 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
 
 def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    source = "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + random.random()}\n"
+    source = (
+        "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + "
+        "random.random()}\n"
+    )
     (tmp_path / "noise.py").write_text(source)
     content = {
         "name": "noise",

@@ -1,4 +1,7 @@
-"""A campaign's dispersions as a box: what comes with a probability is searched where it comes; the worst flights."""
+"""Tests of the dispersions of a campaign as a box, and of the worst flights.
+
+A parameter with a probability is searched conditionally on its occurrence.
+"""
 
 import numpy as np
 import pytest
@@ -9,13 +12,17 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.search.severity import rank_distinct
 from abhv_mc.search.space import make_space
 
-DISPERSIONS = """{failure.aileron.stuck_time: {distribution: uniform, low: 10 s, high: 40 s, probability: 40 %},
+DISPERSIONS = """{failure.aileron.stuck_time: {distribution: uniform, low: 10 s, high: 40 s, \
+probability: 40 %},
   aero.drag: {distribution: normal, sigma: 2 %, probability: 30 %},
   aero.lift: {distribution: normal, sigma: 5 %}}"""
 
 
 def test_what_comes_with_a_probability_has_the_box_of_what_it_is_when_it_comes(tmp_path):
-    """A failure's box reached to infinity: no flight of the search had one, and the worst case was a survivable one."""
+    """Check that the search includes failures.
+
+    The box of a failure extended to infinity, so no flight of the search had one.
+    """
     space = make_space(
         read_campaign(write_campaign(tmp_path, dispersions=DISPERSIONS, requirements="[]"))
     )

@@ -115,8 +115,8 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     source = (
-        DIVE
-        + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = inputs['delay']\n"
+        DIVE + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = "
+        "inputs['delay']\n"
     )
     source += f"    open({str(tmp_path / 'flown')!r}, 'a').write(f'{{delay}}\\n')\n"
     source += "    found = well(inputs, settings)\n    if delay == 9.0:\n"

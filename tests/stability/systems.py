@@ -100,7 +100,10 @@ CHANGE = {
 
 
 def assert_predicted(plan, dispersions, first, ticks, every=1):
-    """The product of the ticks' linear maps against a full flight from the kept state, 0.2 % of each state's swing."""
+    """Compare the product of the ticks' linear maps with a full flight.
+
+    The flight starts at the stored state; the tolerance is 0.2 % of each state's amplitude.
+    """
     delay = round(dispersions[0, PARAMETER_INDEX["sensor.delay"]] / plan.timing.tick)
     states = plant_states(plan.vehicle)
     n, k = len(states), len(states) - 2

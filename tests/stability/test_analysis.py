@@ -100,7 +100,10 @@ def test_rows_have_none_for_what_is_infinite():
 
 
 def test_a_loop_that_is_no_numbers_has_no_poles():
-    """A density of 1e300 in a file of samples ended a campaign in numpy's LinAlgError after its last flight."""
+    """Check a density of 1e300 in a file of samples.
+
+    It ended a campaign with numpy's LinAlgError after its last flight.
+    """
     linear = linear_at_trim("lqr_retuned_ghame_x")
     stability = analyse(linear._replace(A=np.full_like(linear.A, np.nan)))
     assert not stability.stable.any() and stability.poles[0].size == 0

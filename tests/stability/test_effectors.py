@@ -1,4 +1,7 @@
-"""Linear models and margins of effectors whose actuators differ, for laws of axes and laws of effectors."""
+"""Tests of linear models and margins of effectors with different actuators.
+
+Control laws command axes or effectors.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +21,8 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 MISSION = shipped_configs() / "mission" / "level.yaml"
 LEVEL = LAW.replace("bank - 0.2", "bank + 0.8 * (measured.heading - reference.heading)")
 AXES = LEVEL[: LEVEL.index("    return Command(")] + (
-    "    return Command(aileron, 0.5 * measured.yaw_rate + 0.3 * measured.sideslip, elevator, throttle=throttle)\n"
+    "    return Command(aileron, 0.5 * measured.yaw_rate + 0.3 * measured.sideslip, elevator, "
+    "throttle=throttle)\n"
 )
 EFFECTORS = ("left", "right", "flap", "rudder")
 

@@ -1,4 +1,7 @@
-"""Laws of several rates and sensors that lag or hold: the model of a period is one computed apart, and flies."""
+"""Tests of control laws with several rates and sensors that lag or hold.
+
+The model of a period is compared with an independent one and with flights.
+"""
 
 import numpy as np
 import pytest
@@ -41,15 +44,20 @@ def law(measured, reference, memory, time, dt):
     path = throttle = True
     {rates}
     if path:
-        alpha = reference.angle_of_attack - 0.9 * (measured.flight_path_angle - reference.flight_path_angle)
+        alpha = reference.angle_of_attack - 0.9 * (measured.flight_path_angle - \
+reference.flight_path_angle)
         alpha -= 1e-4 * (measured.altitude - reference.altitude)
     if throttle:
         eta = reference.equivalence_ratio - (0.02 + 0.01 * mode) * speed - 0.001 * integral
         integral += 0.1 * speed
-    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 1.5 * measured.pitch_rate
-    bank, beta, p, r = measured.bank - reference.bank, measured.sideslip, measured.roll_rate, measured.yaw_rate
-    aileron, rudder = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r, -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
-    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), Memory(clock, mode, integral, alpha, eta)
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 1.5 * \
+measured.pitch_rate
+    bank, beta, p, r = measured.bank - reference.bank, measured.sideslip, measured.roll_rate, \
+measured.yaw_rate
+    aileron, rudder = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r, -0.04 * bank - 0.2 * beta \
+- 0.01 * p + 0.04 * r
+    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), Memory(clock, mode, \
+integral, alpha, eta)
 """
 COUNTER = "path = throttle = clock == 0.0; clock = (clock + 1.0) % 10.0"
 HYSTERESIS = COUNTER + "; mode = 1.0 if speed > {0} else 0.0 if speed < -{0} else mode"
@@ -64,7 +72,10 @@ def plan_of(folder, rates, declared=0):
 
 
 def apart(linear, ticks):
-    """The map over ``ticks`` [(path, throttle)] of the law above, written by hand about the linear plant."""
+    """Return the map over ``ticks`` [(path, throttle)] of the control law above.
+
+    It is written by hand about the linear plant.
+    """
     product = np.eye(18 + 3)
     sense = linear.sense[0]
     for path, throttle in ticks:
@@ -245,7 +256,10 @@ def test_one_lag_of_all_that_is_measured_multiplies_every_loop(lag):
 
 @pytest.mark.parametrize("late", [0, 2])
 def test_samples_that_are_held_and_late_are_the_map_computed_apart(late):
-    """A law without memory whose command changes ``late`` ticks after every tenth: [state, command] over ten ticks."""
+    """Model a law without memory whose command changes ``late`` ticks after every tenth.
+
+    Returns [state, command] over ten ticks.
+    """
     plan = steady_plan("lqr_retuned_ghame_x")
     linear, _ = at_trim(plan, **of_all("interval", 0.1), sensor__delay=0.01 * late)
     assert len(linear.phases) == 10

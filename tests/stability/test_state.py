@@ -1,4 +1,7 @@
-"""Linearization starts from the flight as the kernel's memory holds it: failures, sensors, wind, the engine."""
+"""Tests of the state at which linearization starts.
+
+It includes failures, sensors, wind and the engine, as in the kernel's memory.
+"""
 
 import numpy as np
 import pytest
@@ -42,7 +45,10 @@ def test_the_maps_of_the_ticks_predict_the_flight_after_a_failure(case):
 
 @pytest.mark.thorough
 def test_a_slow_effector_is_held_over_each_tick():
-    """In a light wind: in still air the rudder stands on its table's node at zero, where each side has its own map."""
+    """Simulate a light wind.
+
+    In still air the rudder is on its table's node at zero, where each side has its own map.
+    """
     vehicle, mission, law = read("tlc", "level_mach15", "winged_cone")
     plan = make_plan(vehicle, mission.model_copy(update={"duration": 4.0}), law, "tlc")
     slow = {"failure__effector_0__slow_time": 1.0, "failure__effector_0__rate_limit": 0.5}
@@ -61,7 +67,10 @@ def test_the_thrust_of_a_flame_out_decays_tick_by_tick():
 
 
 def test_each_ticks_map_is_the_next_ticks_along_the_s():
-    """The reference moves on meanwhile, so that the map of one tick is only nearly that of the next."""
+    """Compare the maps of two successive ticks.
+
+    The reference moves between them, so they are only nearly equal.
+    """
     vehicle, mission, law = read("tlc", "s_manoeuvre")
     plan = make_plan(vehicle, mission.model_copy(update={"duration": 12.0}), law, "tlc")
     for tick in (300, 1000):
@@ -125,6 +134,7 @@ def test_the_trim_is_that_of_the_failed_vehicle_in_its_wind():
     assert np.rad2deg(trims.points.path[2, 5]) == pytest.approx(-0.82, abs=0.01)
     assert (
         trims.faults[2]
-        == "tlc finds no equilibrium, as what it integrates goes on growing (it measures -0.818 deg of sideslip)"
+        == "tlc finds no equilibrium, as what it integrates goes on growing (it measures -0.818 "
+        "deg of sideslip)"
     )
     assert trims.faults[3] == "no trim was found"

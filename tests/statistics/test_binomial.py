@@ -1,4 +1,7 @@
-"""Exact acceptance statistics against the published oracles and against scipy's own distributions."""
+"""Tests of the exact acceptance statistics.
+
+They are compared with published values and with scipy's distributions.
+"""
 
 import numpy as np
 import pytest

@@ -59,7 +59,10 @@ def test_coefficients_and_p_values_are_those_of_openturns_and_scipy():
 
 
 def test_a_tiny_coefficient_names_no_driver_and_noise_hides_none():
-    """An SRRC of 0.01 was named where 5000 flights made it significant; noise kept a linear driver unnamed."""
+    """Check the significance of drivers.
+
+    An SRRC of 0.01 was named if 5000 flights made it significant; noise hid a linear driver.
+    """
     draw = np.random.default_rng(90)
     inputs = draw.uniform(-1.0, 1.0, (5000, 3))
     outputs = [inputs @ [1.0, 0.02, 0.0], inputs[:, 0] + 1.5 * draw.normal(size=5000)]
@@ -71,7 +74,10 @@ def test_a_tiny_coefficient_names_no_driver_and_noise_hides_none():
 
 @pytest.mark.parametrize("correlated", ["none", "pair", "idle"])
 def test_noise_hides_neither_true_drivers_nor_their_correlation(correlated):
-    """Two drivers below half of the variance, and four beside an idle input that goes with all of them."""
+    """Check two drivers below half of the variance.
+
+    Four drivers are correlated with an input without effect.
+    """
     covariance = np.eye(5)
     if correlated == "pair":
         covariance[0, 1] = covariance[1, 0] = 0.5
@@ -93,7 +99,10 @@ def test_noise_hides_neither_true_drivers_nor_their_correlation(correlated):
 
 @pytest.mark.parametrize("together", [0.5, 0.8, 0.95])
 def test_an_idle_partner_of_a_driver_is_not_named(together):
-    """Was named in 16 to 100 % of campaigns of 5000 flights: the ranks of a curved output leave it a small part."""
+    """Check an input without effect.
+
+    It was named in 16 to 100 % of campaigns of 5000 flights: a curved output biases its ranks.
+    """
     named = marked = 0
     for seed in range(12):
         draw = np.random.default_rng(5000 + seed)

@@ -25,7 +25,10 @@ def test_a_wave_is_found_and_a_product_by_its_pair():
 
 
 def test_shares_are_the_analytic_ones():
-    """A sum of two uniforms, and one of their products: ranks of a symmetric output change shares little."""
+    """Check a sum of two uniforms and one of their products.
+
+    Ranks of a symmetric output change the shares little.
+    """
     inputs = draw_inputs(200, 4, 20_000)
     indices = given_data_indices(inputs, (2.0 * inputs[:, 0] + inputs[:, 1])[:, None])
     assert indices.first[:, 0] == pytest.approx([0.8, 0.2, 0.0, 0.0], abs=0.04)

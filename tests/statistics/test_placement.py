@@ -1,4 +1,7 @@
-"""Test flights among simulated ones: exact ranks, and a band that holds whole histories as often as it says."""
+"""Tests of the comparison of test flights with simulated ones.
+
+Ranks are exact, and a band contains whole histories with its stated probability.
+"""
 
 import numpy as np
 import pytest
@@ -19,7 +22,10 @@ def test_rank_p_values_are_those_of_ranks_in_the_pool():
 
 
 def test_the_joint_p_value_is_exact_whatever_the_correlation():
-    """Each of the n + 1 flights as the test flight in turn: at most a share p has a p-value of p or less."""
+    """Use each of the n + 1 flights as the test flight in turn.
+
+    At most a share p has a p-value of p or less.
+    """
     draw = np.random.default_rng(3)
     common = draw.standard_normal((200, 1))
     pool = np.hstack([common + 0.3 * draw.standard_normal((200, 3)), draw.integers(0, 4, (200, 2))])

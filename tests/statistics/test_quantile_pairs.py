@@ -53,7 +53,10 @@ def test_quantiles_are_covered(law, size):
 )
 @pytest.mark.parametrize(("together", "scale"), [(0.0, 1.0), (0.8, 3.0), (-1.0, 1.0)])
 def test_differences_of_quantiles_are_covered(law, size, together, scale):
-    """With errors on opposite sides 86 % held the truth; at 99.73 % of 30 to 100 flights 8 to 24 %, and were closed."""
+    """Check the coverage for errors on opposite sides.
+
+    It was 86 %; at 99.73 % of 30 to 100 flights it was 8 to 24 %, with closed intervals.
+    """
     a, b = draw_pairs(law, size, together, 52)
     b = scale * b
     rows = [

@@ -36,7 +36,10 @@ def test_corners_are_full_or_of_resolution_four(unknowns):
 
 
 def quadratic(*peaks):
-    """Trials with a severity for each peak, and no failure: the worst flight is as the quantile says."""
+    """Simulate trials with a severity for each peak and no failure.
+
+    The worst flight has the severity that the quantile predicts.
+    """
 
     def evaluate(points):
         severity = -np.column_stack([np.sum((points - peak) ** 2, axis=1) for peak in peaks])

@@ -1,4 +1,4 @@
-"""The rule for verdicts: its published thresholds and limits of error, families of them, and what a plan can show."""
+"""Tests of the verdicts: published thresholds, error limits, families and planning."""
 
 import numpy as np
 import pytest
@@ -104,7 +104,10 @@ def test_pass_is_a_tolerance_limit_within_the_requirement(uncomputed):
 
 
 def test_at_the_limit_hardly_any_system_ever_passes_or_fails():
-    """Along 100,000 flights; the full version, with 20,000 systems, is benchmarks/verdict_errors.py."""
+    """Check the error rates along 100,000 flights.
+
+    The full version, with 20,000 systems, is benchmarks/verdict_errors.py.
+    """
     passed, failed = 0, 0
     systems = 1500
     draw = np.random.default_rng(16)
@@ -122,12 +125,18 @@ def test_at_the_limit_hardly_any_system_ever_passes_or_fails():
 @pytest.mark.thorough
 @pytest.mark.parametrize("user", ["extend", "new_seed", "follow"])
 def test_impatient_users_pass_hardly_more_bad_systems(user):
-    """Ten rounds each; 24.9 % by extensions and 34.6 % by advised new campaigns were brought to a PASS."""
+    """Check the error rates over ten rounds.
+
+    Formerly 24.9 % reached PASS by extensions and 34.6 % by the advised new campaigns.
+    """
     assert verdict_errors.persuade(getattr(verdict_errors, user), 1000) <= 0.11
 
 
 def log_integral(failures, flights, a, allowed, low, high):
-    """Logarithm of the integral of q^(a-1) (1-q)^(n-k) over low..high, divided by q0^k (1-q0)^(n-k)."""
+    """Return the logarithm of a likelihood ratio.
+
+    It is the integral of q^(a-1) (1-q)^(n-k) over low..high, divided by q0^k (1-q0)^(n-k).
+    """
 
     def height(q):
         return (a - 1) * mp.log(q) + (flights - failures) * mp.log1p(-q)

@@ -1,4 +1,7 @@
-"""A winner is named where there is one, and hardly ever where there is none; pairs of flights side by side."""
+"""Tests of the selection of a winner by pairs of flights.
+
+It is named if there is one, and hardly ever if there is none.
+"""
 
 import numpy as np
 import pytest

@@ -151,7 +151,10 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
         return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))
 
     monkeypatch.setattr("abhv_mc_tune.trials.Trials.margins_of", margins_of)
-    text = "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\ncandidates: 161\n"
+    text = (
+        "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\n"
+        "candidates: 161\n"
+    )
     start = BLOCK[: BLOCK.index("limits:")]
     for vehicles, vehicle_count, expected in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
         request_.block.write_text(start + text % vehicles, encoding="utf-8")

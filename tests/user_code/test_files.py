@@ -61,8 +61,8 @@ def aileron(source, bank=0.25):
 
 
 READS = (
-    "K = float(np.loadtxt('gains.csv')) + float(np.loadtxt(Path(__file__).parent / 'tables' / 'more.csv'))\n"
-    + LAW
+    "K = float(np.loadtxt('gains.csv')) + float(np.loadtxt(Path(__file__).parent / 'tables' / "
+    "'more.csv'))\n" + LAW
 )
 
 
@@ -135,7 +135,10 @@ def test_what_it_does_not_declare_or_does_to_its_process_is_refused_with_the_lin
 
 def test_packages_and_what_it_wrote_itself_are_no_files_of_its_own(write):
     text = "import json, tempfile, scipy.linalg\nwith tempfile.TemporaryDirectory() as place:\n"
-    text += "    file = Path(place) / 'x'\n    file.write_text('4.0')\n    K = float(file.read_text())\n"
+    text += (
+        "    file = Path(place) / 'x'\n    file.write_text('4.0')\n    K = "
+        "float(file.read_text())\n"
+    )
     check_closure(write(text + LAW))
 
 

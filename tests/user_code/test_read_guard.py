@@ -41,7 +41,8 @@ UNDECLARED = {
     "link": "lambda: (os.symlink(at('model.txt'), 'l'), open('l').read())[1]",
     "one folder up": "lambda: open(at('../up.txt')).read()",
     "module": "lambda: (sys.path.append(STUDY), importlib.import_module('model').K)[1]",
-    "module one folder up": "lambda: (sys.path.append(at('..')), importlib.import_module('up').K)[1]",
+    "module one folder up": "lambda: (sys.path.append(at('..')), "
+    "importlib.import_module('up').K)[1]",
     "spec": "lambda: runpy.run_path(at('model.py'))['K']",
     "CDLL": "lambda: ctypes.CDLL(at('libmodel.so')) and 1",
     "sqlite3": "lambda: sqlite3.connect(at('model.db')) and 1",
@@ -63,7 +64,8 @@ DECLARED = {
     "module": "lambda: importlib.import_module('helper').K",
     "own output": "lambda: (open('case.in', 'w').write('2'), open('case.in').read())[1]",
     "output of a child": "lambda: (os.system('echo 2 > case.out'), open('case.out').read())[1]",
-    "scratch of a child": "lambda: (os.system(f'echo 2 > {SCRATCH}/x'), open(SCRATCH + '/x').read())[1]",
+    "scratch of a child": "lambda: (os.system(f'echo 2 > {SCRATCH}/x'), open(SCRATCH + "
+    "'/x').read())[1]",
     "libc": "lambda: ctypes.CDLL('libc.so.6') and 2",
     "loaded program": "lambda: ctypes.CDLL(None) and 2",
     "settings": "lambda: open(os.path.expanduser('~/.config/solver.rc')).read()",
@@ -74,9 +76,11 @@ DECLARED = {
     "program elsewhere": "lambda: subprocess.check_output([TOOLS + '/solver.sh', '2'])",
     "scipy": "lambda: __import__('scipy.optimize').optimize.brentq(lambda x: x - 2, 0, 5)",
     "pandas": "lambda: __import__('pandas').read_csv('gains.txt', header=None).size",
-    "matplotlib": "lambda: (__import__('matplotlib.pyplot').pyplot.figure().savefig('x.png'), 2)[1]",
+    "matplotlib": "lambda: (__import__('matplotlib.pyplot').pyplot.figure().savefig('x.png'), "
+    "2)[1]",
     "pyarrow": "lambda: __import__('pyarrow.csv').csv.read_csv('gains.txt').num_rows + 1",
-    "numba": "lambda: __import__('numba').njit(cache=True)(importlib.import_module('helper').twice)(1)",
+    "numba": "lambda: __import__('numba').njit(cache=True)"
+    "(importlib.import_module('helper').twice)(1)",
 }
 
 

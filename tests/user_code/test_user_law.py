@@ -42,11 +42,14 @@ class Memory(NamedTuple):
 
 @controller(units={{"bank_limit": "rad"}}{compiled})
 def law(measured, reference, memory, settings, time, dt):
-    alpha = reference.angle_of_attack - settings.path * (measured.flight_path_angle - reference.flight_path_angle)
+    alpha = reference.angle_of_attack - settings.path * (measured.flight_path_angle - \
+reference.flight_path_angle)
     speed = measured.speed - reference.speed
     eta = reference.equivalence_ratio - 0.02 * speed - 0.001 * memory.speed
-    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 1.5 * measured.pitch_rate
-    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, measured.roll_rate, measured.yaw_rate
+    elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + 1.5 * \
+measured.pitch_rate
+    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, \
+measured.roll_rate, measured.yaw_rate
     aileron = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r
     rudder = -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
     after = Memory(memory.speed + dt * speed, memory.ticks + 1.0)
@@ -82,7 +85,8 @@ def helper(x, y=2.0):
 @controller(units={{}}{compiled})
 def law(measured, /, reference, time):
     s, c = sincos(measured.heading)
-    x = atan2(measured.sideslip, measured.angle_of_attack) + exp(-abs(measured.bank)) * log(measured.speed)
+    x = atan2(measured.sideslip, measured.angle_of_attack) + exp(-abs(measured.bank)) * \
+log(measured.speed)
     y = wrap(measured.bank * 3.0) + lift(measured.bank) - surface(measured.sideslip, c)
     a = helper(x) + helper(y, 0.5) + sqrt(abs(s)) if time >= 0.0 else 0.0
     return Command(0.01 * a, 0.01 * x, 0.01 * y, 0.5 + 0.1 * s, a, x, y)
@@ -99,9 +103,15 @@ def test_plain_python_flies_the_same_bits_and_follows_its_memory_through_compact
     assert_same(fly(compiled, parameters, 10), fly(plain, parameters, 10))
 
 
-RAISES = "@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n        raise KeyError('lost')\n{}"
+RAISES = (
+    "@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n        raise "
+    "KeyError('lost')\n{}"
+)
 NO_MEMORY = "class Memory:\n    def __init__(self):\n        raise KeyError('lost')\n\n"
-NO_MEMORY += "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, 0.5), memory\n"
+NO_MEMORY += (
+    "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, "
+    "0.5), memory\n"
+)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +174,8 @@ def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, 
 
 def test_onboard_is_the_nominal_vehicle(make, capsys):
     """Moments, forces and slopes agree with differences of the numpy design model."""
-    names = ["dynamic_pressure", "moment_by_elevator.pitch", "moment_by_aileron.roll", "moment_by_rudder.yaw",
+    names = ["dynamic_pressure", "moment_by_elevator.pitch", "moment_by_aileron.roll",
+        "moment_by_rudder.yaw",
              "thrust_by_equivalence_ratio", "lift_by_angle_of_attack", "inertia.yy"]  # fmt: skip
     text = HEAD + "@controller(compiled=False)\ndef law(onboard, reference):\n"
     text += f"    print([{', '.join(f'onboard.{name}' for name in names)}])\n"
@@ -230,17 +241,26 @@ def test_inversion_with_the_vehicle_on_board_flies_the_s():
 def test_design_gives_gains_and_the_linear_plant(make):
     text = HEAD + (
         "import numpy as np\n"
-        "class Settings(NamedTuple):\n    scale: float = 1.0\n\n"
-        "class Gains(NamedTuple):\n    pitch: np.ndarray\n    constant: float\n\n"
+        "class Settings(NamedTuple):\n"
+        "    scale: float = 1.0\n"
+        "\n"
+        "class Gains(NamedTuple):\n"
+        "    pitch: np.ndarray\n"
+        "    constant: float\n"
+        "\n"
         "def design(model, settings):\n"
         "    plant = model.linearize(10.0)\n"
         "    A, B = plant.take(('angle_of_attack', 'pitch_rate'), ('elevator',))\n"
         "    assert A.shape == (2, 2) and B.shape == (2, 1) and plant.A.shape == (10, 10)\n"
         "    assert abs(A[0, 1] - 1.0) < 0.01 and B[1, 0] < 0.0\n"
         "    assert 0.0 < model.trim(10.0).angle_of_attack < 0.2\n"
-        "    return Gains(settings.scale * model.reference.speed / model.reference.speed[0], 3.0)\n\n"
-        "@controller\ndef law(gains, reference):\n"
-        "    return Command(0.01 * gains.pitch, 0.001 * gains.constant, reference.elevator, 1.0)\n"
+        "    return Gains(settings.scale * model.reference.speed / model.reference.speed[0], "
+        "3.0)\n"
+        "\n"
+        "@controller\n"
+        "def law(gains, reference):\n"
+        "    return Command(0.01 * gains.pitch, 0.001 * gains.constant, reference.elevator, "
+        "1.0)\n"
     )
     plan = make(text, "{scale: 50 %}", seconds=0.05)
     assert plan.gain_names.tolist() == ["pitch", "constant"]

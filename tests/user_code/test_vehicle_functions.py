@@ -75,7 +75,8 @@ def write_ghame_x(
         x, z, b, d = *point, content.reference.span, content.reference.chord
         # Moments about a point at (x, 0, z) of the same forces at the moment reference.
         lines += [
-            f"    Cl, Cm, Cn = Cl + {z / b!r} * CY, Cm - ({z / d!r} * CX - {x / d!r} * CZ), Cn - {x / b!r} * CY"
+            f"    Cl, Cm, Cn = Cl + {z / b!r} * CY, Cm - ({z / d!r} * CX - {x / d!r} * CZ), Cn "
+            f"- {x / b!r} * CY"
         ]
         lines.append("    return Coefficients(CX=CX, CY=CY, CZ=CZ, Cl=Cl, Cm=Cm, Cn=Cn)")
     else:
@@ -86,9 +87,11 @@ def write_ghame_x(
         "",
         "",
         "def thrust(air, throttle):",
-        f"    flow = {size!r} * throttle * air.density * air.airspeed * {calls[engine.capture_area_ratio]}",
+        f"    flow = {size!r} * throttle * air.density * air.airspeed * "
+        f"{calls[engine.capture_area_ratio]}",
         f"    force = {engine.standard_gravity!r} * flow * {calls[engine.specific_impulse]}",
-        f"    return Thrust(force_x=force, fuel_flow=flow, moment_y={engine.thrust_line.offset!r} * force)",
+        "    return Thrust(force_x=force, fuel_flow=flow, "
+        f"moment_y={engine.thrust_line.offset!r} * force)",
         "",
     ]
     (folder / "own.py").write_text("\n".join(lines), encoding="utf-8")

@@ -30,7 +30,10 @@ def test_axes_become_radians_and_values_stay(tmp_path):
 
 
 def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
-    text = '# TM-1\nphi,delta,ct,note\n\n0,-10,1.5,"a, q 1900 psf"\n0,10,2.5,b\n1,-10,3.5,c\n# more\n1,10,4.5,d\n'
+    text = (
+        '# TM-1\nphi,delta,ct,note\n\n0,-10,1.5,"a, q 1900 psf"\n0,10,2.5,b\n1,-10,3.5,c\n# '
+        "more\n1,10,4.5,d\n"
+    )
     columns = {"delta": "right_elevon deg", "ct": "value", "note": "ignore"}
     table = read(tmp_path, text, columns, ("left_elevon", "right_elevon"))
     assert [VARIABLES[axis.variable] for axis in table.axes] == ["equivalence_ratio", "effector_1"]

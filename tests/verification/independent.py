@@ -1,4 +1,6 @@
-"""The check-cases a second time, by other means: inertial Cartesian equations, DOP853, ambiance's atmosphere.
+"""Independent solution of the check-cases.
+
+It integrates inertial Cartesian equations by DOP853, with ambiance's atmosphere.
 
 Shares nothing with the package; numbers are those of NASA/TM-2015-218675.
 """
@@ -81,7 +83,10 @@ def fly_sphere(
     wind=lambda h: 0.0,
     latitude=0.0,
 ):
-    """Rows of a published file for a sphere of 1 slug and CD 0.1; feet and degrees, 0.1 s apart; wind(h ft) in ft/s."""
+    """Return rows of a published file for a sphere of 1 slug and CD 0.1.
+
+    Feet and degrees, 0.1 s apart; wind(h ft) in ft/s.
+    """
     area = 0.1963495 * FT**2
     lat = np.radians(latitude)
     axes = local_axes(lat, 0.0)

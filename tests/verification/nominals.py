@@ -50,7 +50,10 @@ _RANGES = {
 
 
 class Nominal(NamedTuple):
-    """A nominal anywhere in the envelope, the elevator at trim, the body turning as sub-loop 3 wants it."""
+    """Return a random nominal in the envelope.
+
+    The elevator is at trim, and the body turns as sub-loop 3 commands.
+    """
 
     around: Environment
     values: dict[str, float]  # of _RANGES, and the speed
@@ -69,7 +72,10 @@ class Design(NamedTuple):
 
 
 def make_design() -> Design:
-    """The S manoeuvre with the vehicle whose thrust is inclined and offset, so that every term counts."""
+    """Return nominals of the S manoeuvre.
+
+    The thrust of the vehicle is inclined and offset, so every term contributes.
+    """
     configs = shipped_configs()
     vehicle = load_vehicle(configs / "vehicle" / "ghame_x_coupled.yaml")
     mission = read_mission(configs / "mission" / "s_manoeuvre.yaml")
@@ -158,7 +164,10 @@ def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
 
 
 def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
-    """[3, 6]: rates of alpha, beta, bank over these and p, q, r, from (13); forces do not feel the rates."""
+    """Return the derivatives [3, 6] of the rates of alpha, beta and bank, from (13).
+
+    Columns are these and p, q, r; forces do not depend on the rates.
+    """
     values, around = nominal.values, nominal.around
     mass, speed = values["mass"], values["speed"]
 

@@ -149,7 +149,8 @@ def test_whole_numbers_are_numbers_and_a_mass_is_asked_for(frame, tmp_path):
 
 
 def test_published_point() -> None:
-    # EPSG guidance note 7-2 (geographic/geocentric conversions): WGS-84 53 deg 48' 33.820" N, 2 deg 07' 46.380" E,
+    # EPSG guidance note 7-2 (geographic/geocentric conversions): WGS-84
+    # 53 deg 48' 33.820" N, 2 deg 07' 46.380" E,
     # 73.0 m is X = 3771793.968, Y = 140253.342, Z = 5124304.349 m
     latitude = math.radians(53 + 48 / 60 + 33.820 / 3600)
     longitude = math.radians(2 + 7 / 60 + 46.380 / 3600)

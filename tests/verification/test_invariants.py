@@ -24,7 +24,10 @@ _RATES = tuple(np.radians((10.0, 20.0, 30.0)))
 
 
 def test_invariants() -> None:
-    """A GHAME thrown through the vacuum, tumbling, for 60 s: its inertia has all that a vehicle's may have."""
+    """Simulate a GHAME tumbling through the vacuum for 60 s.
+
+    Its inertia matrix is full.
+    """
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "ghame.yaml")
     states = fly_in_vacuum(vehicle, STEP, TICKS)
     times = np.linspace(0.0, STEP * TICKS, TICKS + 1)
@@ -73,7 +76,10 @@ def ecef_from_geodetic(
 
 
 def to_inertial(states: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:
-    """Inertial position, velocity ``[time, 3]`` and body axes ``[time, 3, 3]`` (inertial from body) on WGS-84."""
+    """Return inertial position, velocity ``[time, 3]`` and body axes ``[time, 3, 3]``.
+
+    The axes are inertial from body; the Earth is WGS-84.
+    """
     latitude, longitude = states[:, s.LATITUDE], states[:, s.LONGITUDE]
     ned_from_body = Rotation.from_quat(states[:, s.Q0 : s.Q3 + 1], scalar_first=True).as_matrix()
     earth_from_ned = np.swapaxes(ned_from_ecef_matrix(latitude, longitude), -1, -2)
@@ -86,7 +92,10 @@ def to_inertial(states: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def orbital_energy(position: Floats, velocity: Floats) -> Floats:
-    """Kinetic and potential energy of the central and J2 field, J/kg, from inertial motion ``[time, 3]``."""
+    """Return the energy in the central and J2 field, J/kg.
+
+    It is the sum of kinetic and potential energy, from inertial motion ``[time, 3]``.
+    """
     r = np.linalg.norm(position, axis=1)
     p2 = 1.5 * (position[:, 2] / r) ** 2 - 0.5
     potential = (

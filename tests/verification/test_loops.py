@@ -1,4 +1,6 @@
-"""TLC's loops are exact, ``A - B K`` at random nominals; and how far the plant that flies is from the design model.
+"""Tests of TLC's loops.
+
+They are exact, ``A - B K`` at random nominals; the plant is compared with the design model.
 
 The plant is the compiled one, asked at states a little apart. What the design model leaves out is
 taken away, the damping by the rates and the Earth's rotation and shape, to see what each is worth.
@@ -78,7 +80,10 @@ def closed_loop(A: Floats, B: Floats, K: Floats) -> Floats:
 
 
 def off(J: Floats, K: Floats, spectrum: Spectrum) -> float:
-    """Largest difference of ``A - B K`` from A_c of (10), relative to the largest term of the sum."""
+    """Return the largest difference of ``A - B K`` from A_c of (10).
+
+    It is relative to the largest term of the sum.
+    """
     A, B = J[:, :3], J[:, 3:]
     expected = closed_loop(
         np.zeros((3, 3)), -np.eye(3), -np.kron(np.eye(3), np.ones((1, 2))) * np.array(spectrum)
@@ -189,7 +194,10 @@ def without_damping(vehicle: Vehicle) -> Vehicle:
 
 
 def plant_off(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) -> list[float]:
-    """Largest entry of A, of attitude [A B], less the design's in each of LOOPS, 1/s with speeds over the nominal."""
+    """Return the largest differences between the plant's matrices and the design's.
+
+    Entries of A and of attitude [A B] in each of LOOPS, 1/s with speeds over the nominal.
+    """
     J = plant_jacobian(nominal, vehicle, earth)
     # Guidance flies on the data at trim: in sub-loop 2 the elevator follows the speed.
     by_speed = J[:3, 2] + J[:3, 9] * trim_slope(design.vehicle, nominal)
@@ -236,7 +244,10 @@ def trim_slope(vehicle: Vehicle, nominal: Nominal) -> float:
 
 
 def test_without_damping_on_a_still_sphere_the_plant_is_the_design_model() -> None:
-    """Differences of the compiled plant, good to some 1e-11, against complex steps of the design model."""
+    """Compare differences of the compiled plant with complex steps of the design model.
+
+    The differences are accurate to some 1e-11.
+    """
     design = make_design()
     rigid = without_damping(design.vehicle)
     plants = {

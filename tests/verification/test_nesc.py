@@ -1,4 +1,7 @@
-"""The check-cases: those with NASA's data, the others from a second, independent integration; the papers' numbers."""
+"""Tests of the check-cases.
+
+They compare with NASA's data or with an independent integration, and check published values.
+"""
 
 import gzip
 import shutil
@@ -161,7 +164,10 @@ def write_published(folder, case: str, name: str, simulator: str, times, turn) -
     ],
 )
 def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, case, name, end) -> None:
-    """At times of their own, and with angles that go round otherwise: a difference of 360 deg is none."""
+    """Compare at the data's own times.
+
+    Angles may wrap elsewhere: a difference of 360 deg counts as none.
+    """
     write_published(
         tmp_path, case, name, "04", np.arange(0.0, end, 0.1), lambda a: (a + 180.0) % 360.0 - 180.0
     )

@@ -1,4 +1,7 @@
-"""The integrator's order: the error of a smooth flight against its step; and what the default step costs."""
+"""Tests of the integrator's order: the error of a smooth flight against its step.
+
+They also measure the error of the default step.
+"""
 
 import numpy as np
 import pytest
@@ -82,7 +85,10 @@ def test_order() -> None:
 
 @pytest.mark.thorough
 def test_half_the_default_step_moves_every_metric_by_less_than_one_percent_of_its_spread() -> None:
-    """TLC's S manoeuvre under the paper's dispersions (Zhu & Shen 2014, section 7): uniform, half widths."""
+    """Return TLC's S manoeuvre under the paper's dispersions (Zhu and Shen 2014).
+
+    Section 7: uniform distributions, half widths.
+    """
     flights, generator = 304, np.random.default_rng(2014)
     parameters = nominal_parameters(flights)
     for name, half_width in {

@@ -1,4 +1,6 @@
-"""Step responses of the whole nonlinear closed loop: the poles that the gains promise, where time scales are apart.
+"""Tests of step responses of the whole nonlinear closed loop.
+
+The poles match those of the gains if the time scales are separate.
 
 A flight that starts with one error, minus one that starts without, is the loop's response to that
 error. A sub-loop whose inner loop is infinitely fast answers an initial error of 1 with ``(l1
@@ -41,7 +43,10 @@ _DEGREE = np.pi / 180.0
 
 @dataclass(frozen=True)
 class Case:
-    """One initial error: its sub-loop, its parameter, its size in SI, its channel and the channel's unit in SI."""
+    """Initial error of a sub-loop.
+
+    Its parameter, its size in SI, its channel and the channel's unit in SI.
+    """
 
     loop: str
     name: str
@@ -89,7 +94,10 @@ def slowed(loop: str) -> TlcController:
 def response(
     vehicle: Vehicle, controller: TlcController, duration: float, case: Case
 ) -> tuple[Floats, Floats]:
-    """Times ``[time]`` (s) and the error's share of its initial value ``[time]``, in level flight."""
+    """Return times ``[time]`` (s) and the error's share of its initial value ``[time]``.
+
+    The flight is level.
+    """
     mission = read_mission(shipped_configs() / "mission" / "level.yaml").model_copy(
         update={"duration": duration}
     )

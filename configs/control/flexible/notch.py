@@ -1,4 +1,7 @@
-"""A notch filter for TLC or LQR: takes the first bending mode out of pitch rate and angle of attack."""
+"""Notch filter for TLC or LQR.
+
+It takes the first bending mode out of pitch rate and angle of attack.
+"""
 
 from typing import NamedTuple
 
@@ -6,7 +9,10 @@ from abhv_mc.extend import Filtered, measurement_filter, sin, sqrt
 
 
 class Settings(NamedTuple):
-    """The notch: its frequency, the depth there and its width, as damping ratios of numerator and denominator."""
+    """Frequency, depth and width of the notch.
+
+    Depth and width are the damping ratios of the numerator and the denominator.
+    """
 
     frequency: float = 19.0  # rad/s
     depth: float = 0.1
@@ -23,7 +29,10 @@ class Memory(NamedTuple):
 
 
 def notch(x, first, second, starts, settings, dt):
-    """One tick of (s2 + 2 depth w s + w2) / (s2 + 2 width w s + w2), by the bilinear rule exact at w."""
+    """Step the filter (s2 + 2 depth w s + w2) / (s2 + 2 width w s + w2) by one tick.
+
+    The discretization is the bilinear rule, exact at w.
+    """
     s = sin(0.5 * settings.frequency * dt)
     k = sqrt(1.0 - s * s) / s
     a0 = k * k + 2.0 * settings.width * k + 1.0
@@ -39,7 +48,7 @@ def notch(x, first, second, starts, settings, dt):
 
 @measurement_filter(units={"frequency": "rad/s"})
 def law(measured, memory, settings, time, dt):
-    """What TLC is given in place of the measurement."""
+    """Return the filtered measurement for TLC."""
     starts = time == 0.0
     rate, rate_1, rate_2 = notch(
         measured.pitch_rate, memory.rate_1, memory.rate_2, starts, settings, dt

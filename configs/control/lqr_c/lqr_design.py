@@ -1,4 +1,7 @@
-"""Gains of the LQR along the mission, and what else lqr.c needs of the Earth: one column for each of enum gain."""
+"""Gains of the LQR along the mission, one column for each value of enum gain.
+
+The table also has the quantities of the Earth that lqr.c needs.
+"""
 
 from typing import NamedTuple
 

@@ -1,4 +1,7 @@
-"""A sounding rocket, straight up, that shall reach 3000 m, no less and no more: air brakes take what is too much."""
+"""Vertical flight of a sounding rocket that shall reach exactly 3000 m.
+
+Air brakes remove the excess energy.
+"""
 
 from math import exp, log
 
@@ -8,7 +11,11 @@ BODY, BRAKES = 0.0082, 0.006  # m2, drag areas of the body and of the open brake
 
 
 def fly(inputs, settings):
-    """One flight. `inputs`, and what is returned, by name in the units of campaign.yaml; `settings`: a system's."""
+    """Simulate one flight.
+
+    `inputs` and the result are by name, in the units of campaign.yaml; `settings` are a
+    system's.
+    """
     mass = inputs["mass"]
     time = height = speed = load = 0.0
     while time < BURN or speed > 0.0:
@@ -32,7 +39,11 @@ def fly(inputs, settings):
 
 
 def brakes_open(time, height, speed, mass, settings):
-    """The law that is judged: by the clock, or where the rocket would fly too high without brakes."""
+    """Return whether to open the air brakes.
+
+    The controller under test opens them by the clock, or if the rocket would fly too high
+    otherwise.
+    """
     if settings["brakes"] == "timed":
         return settings["from"] <= time < settings["to"]
     k = 0.5 * 1.225 * exp(-height / 9000.0) * BODY / mass

@@ -1,4 +1,6 @@
-"""Three bending modes in pitch: excited by angle of attack, elevator and engine, felt by gyro and vane.
+"""Three bending modes in pitch.
+
+Angle of attack, elevator and engine excite them; gyro and vane measure them.
 
 Structure after Bolender and Doman, A Non-Linear Model for the Longitudinal Dynamics of a Hypersonic
 Air-breathing Vehicle (2005), ADA445058: each mode is an oscillator with a generalized force that is
@@ -11,7 +13,10 @@ from abhv_mc.extend import Effect, Sensed, dynamics
 
 @dynamics
 def bending(states, motion, air, controls, settings):
-    """Rates of the modes' nose displacements (m), and what they do to the vehicle and its sensors."""
+    """Rates of the modes' nose displacements (m) and their effects.
+
+    They add to the forces on the vehicle and to the measurements of its sensors.
+    """
     pressure = air.dynamic_pressure * settings.area  # N
     load = pressure / motion.mass  # m/s2
     alpha, elevator, eta = air.angle_of_attack, controls.elevator, controls.equivalence_ratio

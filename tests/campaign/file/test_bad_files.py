@@ -51,8 +51,9 @@ def test_refused(name, line, column, message, abhv_mc, tmp_path, monkeypatch):
 
 
 OTHERS = (
-    None, True, -1, 0, 0.5, 10**12, "", "-", "~", "5 furlongs", "120 %", "1e400 m", "no such thing", "all",
-    "level.yaml", "../configs/mission/level.yaml", [], {}, [[]], [1, "a"], {"a": 1, "b": [2]}, {"looks": [100, 200]},
+    None, True, -1, 0, 0.5, 10**12, "", "-", "~", "5 furlongs", "120 %", "1e400 m", "no such thing",
+    "all", "level.yaml", "../configs/mission/level.yaml", [], {}, [[]], [1, "a"],
+    {"a": 1, "b": [2]}, {"looks": [100, 200]},
     {"distribution": {"kind": None}}, [{"metric": "x"}],
 )  # fmt: skip
 

@@ -45,13 +45,18 @@ CASES = [
     (HEADING, dict(distribution="normal", sigma="2 deg"), stats.norm(0.0, np.radians(2.0))),
     (DENSITY, dict(distribution="normal", mean=1.02, sigma="5 %"), stats.norm(1.02, 0.05)),
     (ALTITUDE, dict(distribution="truncated_normal", sigma="50 m", half_width="60 m"), TRUNCATED),
-    (DENSITY, dict(distribution="truncated_normal", sigma=0.1, low=0.95, high=1.2), stats.truncnorm(-0.5, 2, 1, 0.1)),
+    (DENSITY, dict(distribution="truncated_normal", sigma=0.1, low=0.95, high=1.2),
+        stats.truncnorm(-0.5, 2, 1, 0.1)),
     (DENSITY, dict(distribution="triangular", half_width=0.2), stats.triang(0.5, 0.8, 0.4)),
-    (ALTITUDE, dict(distribution="triangular", low="-10 m", high="30 m"), stats.triang(0.25, -10, 40)),
+    (ALTITUDE, dict(distribution="triangular", low="-10 m", high="30 m"),
+        stats.triang(0.25, -10, 40)),
     (DENSITY, dict(distribution="lognormal", sigma="10 %"), stats.lognorm(0.1)),
-    (ALTITUDE, dict(distribution="lognormal", sigma=0.5, median="20 m"), stats.lognorm(0.5, scale=20)),
-    (DENSITY, dict(distribution="beta", a=2.0, b=3.0, low=0.9, high=1.3), stats.beta(2, 3, 0.9, 0.4)),
-    (DENSITY, dict(distribution="scipy", law="weibull_min", shapes={"c": 2.0}, loc=0.5), stats.weibull_min(2.0, 0.5)),
+    (ALTITUDE, dict(distribution="lognormal", sigma=0.5, median="20 m"),
+        stats.lognorm(0.5, scale=20)),
+    (DENSITY, dict(distribution="beta", a=2.0, b=3.0, low=0.9, high=1.3),
+        stats.beta(2, 3, 0.9, 0.4)),
+    (DENSITY, dict(distribution="scipy", law="weibull_min", shapes={"c": 2.0}, loc=0.5),
+        stats.weibull_min(2.0, 0.5)),
     (ALTITUDE, dict(distribution="scipy", law="gumbel_r", scale="10 m"), stats.gumbel_r(0, 10)),
 ]  # fmt: skip
 
@@ -204,8 +209,8 @@ def test_about_a_nominal_value_the_quantiles_still_rise_and_the_shares_are_right
 
 
 _ENTRY = (
-    "{failure.engine.time: {distribution: uniform, low: 1 s, high: 2 s, probability: 20 %}, aero.lift: \
-{distribution: normal, sigma: 5 %}}"
+    "{failure.engine.time: {distribution: uniform, low: 1 s, high: 2 s, probability: 20 %}, "
+    "aero.lift: {distribution: normal, sigma: 5 %}}"
 )
 
 

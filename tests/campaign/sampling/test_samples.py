@@ -37,7 +37,7 @@ def test_seeds_are_columns_behind_the_dispersions(tmp_path):
     np.testing.assert_array_equal(source.draw(100, 200), values[100:200])
 
 
-def test_a_seed_that_is_dispersed_stays_as_it_is_declared_and_samples_from_a_file_and_derived_noise_get_one(
+def test_dispersed_seeds_stay_and_samples_of_files_and_derived_noise_get_seeds(
     tmp_path,
 ):
     own = WIND[:-1] + ", wind.turbulence_seed: {distribution: uniform, low: 0, high: 0.5}}"
@@ -102,7 +102,8 @@ def test_functions_and_infinite_values(tmp_path: Path):
     assert derived.evaluate(rows) == pytest.approx([np.sin(0.3) / 2, -0.25, 0.0], abs=1e-16)
     _, _, rows = drawn(
         tmp_path,
-        dispersions="{failure.aileron.stuck_time: {distribution: uniform, low: 5 s, high: 50 s, probability: 5 %}}",
+        dispersions="{failure.aileron.stuck_time: {distribution: uniform, low: 5 s, high: 50 s, "
+        "probability: 5 %}}",
         derived="{failure.rudder.stuck_time: failure.aileron.stuck_time + 2}",
     )
     times = rows[

@@ -26,7 +26,10 @@ def qualities_of(name: str) -> tuple[FlyingQualities, TrimPoint]:
 
 
 def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
-    """Etkin and Reid, Dynamics of Flight: derivatives by central differences, thrust through the centre of gravity."""
+    """Compare with Etkin and Reid, Dynamics of Flight.
+
+    Derivatives are central differences; the thrust acts through the centre of gravity.
+    """
     vehicle = load_vehicle(VEHICLES / "ghame.yaml")
     qualities, trim_point = qualities_of("ghame")
     c, alpha, speed = vehicle.constants, trim_point.angle_of_attack, POINT.speed

@@ -24,7 +24,10 @@ def make_mission(manoeuvre: dict[str, Any], **entries: Any) -> Mission:
 
 
 def recorded(folder: Path) -> dict[str, Any]:
-    """Write a smooth climbing turn through north, with a heading that wraps, as a recorded manoeuvre."""
+    """Write a smooth climbing turn through north as a recorded manoeuvre.
+
+    Its heading wraps.
+    """
     t = np.arange(0.0, 61.0, 1.0)
     lines = ["time_s,altitude_m,speed_mps,heading_deg,remark"]
     for s in t:
@@ -135,7 +138,10 @@ def test_an_s_with_ramps_by_an_independent_integration(
     )
 
     def growth(t: float) -> float:
-        """Return the relative acceleration, with the step of order 5 as integral of 30 x^2 (1 - x)^2."""
+        """Return the relative acceleration.
+
+        The step of order 5 is the integral of 30 x^2 (1 - x)^2.
+        """
         share = 1.0
         for since in (t, length - t):
             x = min(since / bank_time, 1.0) if bank_time else 1.0
@@ -187,7 +193,8 @@ def test_final_values_of_a_phase_are_kept() -> None:
         ("manoeuvre: {kind: loop}", "'loop'"),
         ("manoeuvre: {kind: climb, altitude_change: 30 km, length: 40 s}", "a climb to 50000 m"),
         (
-            "manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 s}]}",
+            "manoeuvre: {kind: phases, phases: [{kind: climb, altitude_change: 30 km, length: 9 "
+            "s}]}",
             "to 50000 m",
         ),
         ("manoeuvre: {kind: s_manoeuvre, offset: 50 km, length: 50 s}", "700 m/s"),
@@ -201,7 +208,8 @@ def test_final_values_of_a_phase_are_kept() -> None:
 def test_an_invalid_mission_is_rejected(tmp_path: Path, text: str, pattern: str) -> None:
     path = tmp_path / "mission.yaml"
     path.write_text(
-        f"name: test\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: 29.3 deg}}\n{text}\n"
+        f"name: test\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: "
+        f"29.3 deg}}\n{text}\n"
     )
     with pytest.raises(InputError, match=pattern):
         read_mission(path)

@@ -19,7 +19,10 @@ Columns = dict[str, Floats]
 
 
 def test_the_s_of_the_paper(column: Columns) -> None:
-    """Zhu and Shen 2014, section 7: heading 90 to 83.6 deg and back, 5 km north, initial bank 46 deg."""
+    """Compare with Zhu and Shen 2014, section 7.
+
+    Heading 90 to 83.6 deg and back, 5 km north, initial bank 46 deg.
+    """
     heading = np.rad2deg(column["heading"])
     assert heading[0] == pytest.approx(90.0)
     assert heading.min() == pytest.approx(

@@ -56,7 +56,10 @@ def test_margins_hold_nominally_and_at_the_corners_of_the_papers_box(setup, name
 
 @pytest.mark.parametrize("name", ["tlc_robust_ghame_x", "lqr_robust_ghame_x"])
 def test_designs_tolerate_effectiveness_errors_and_delay_without_more_control_effort(setup, name):
-    """With 1.2 times the rudder effectiveness table 1 has a limit cycle, and these designs do not."""
+    """Simulate with 1.2 times the rudder effectiveness.
+
+    Table 1 then has a limit cycle, and these designs have none.
+    """
     factors = {"rudder": (1.2, 0.8), "aileron": (0.8,), "elevator": (0.8,)}
     cases = [
         {f"control.{surface}_effectiveness": x}
@@ -109,7 +112,11 @@ WORST = {
 
 @pytest.mark.parametrize("mission", ["level", "turn", "level_mach15", "turn_mach15"])
 def test_table_1_flies_the_winged_cone_at_both_points(mission):
-    """The winged cone has elevons, three-dimensional tables and a centre of gravity aft of the moment reference."""
+    """Simulate the winged cone.
+
+    It has elevons, three-dimensional tables and a centre of gravity aft of the moment
+    reference.
+    """
     plan = make_flight_plan(mission, "winged_cone")
     block = fly(plan, PARAMETERS)
     assert np.array_equal(

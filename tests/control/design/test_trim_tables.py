@@ -82,7 +82,10 @@ def test_interpolation_errors_are_small(name: str) -> None:
 
 
 def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle: Vehicle) -> None:
-    """GHAME's pitching moment is linear in the elevator, so that the line through the limits is exact."""
+    """Check that the line through the limits is exact for GHAME.
+
+    Its pitching moment is linear in the elevator.
+    """
     weak = vehicle._replace(constants=vehicle.constants._replace(surface_limit=np.deg2rad(1.0)))
     limited, free = (
         make_trim_tables(craft, ALTITUDE, (1400.0, 1400.0)).data.reshape(-1, CHUNK)[:, 0]
@@ -95,7 +98,10 @@ def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle: Vehicle) -> None
 def test_an_elevator_next_to_its_limit_is_compared_after_interpolation(
     vehicle: Vehicle, mission: Mission, column: dict[str, Floats]
 ) -> None:
-    """A limit above the reference's elevator has no effect; a lower one clips it and sets the status."""
+    """Check the effect of the elevator limit.
+
+    A limit above the reference's elevator has none; a lower one clips it and sets the status.
+    """
     largest = np.abs(column["elevator"]).max()
     for limit, trimmed in ((1.001 * largest, True), (0.9 * largest, False)):
         craft = vehicle._replace(constants=vehicle.constants._replace(surface_limit=limit))

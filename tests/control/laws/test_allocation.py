@@ -100,7 +100,10 @@ def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections)
 
 
 def load(name: str, *, off_axis: bool) -> Vehicle:
-    """Load a shipped vehicle; ``off_axis`` moves its centre of gravity and sets drag in wind axes."""
+    """Load a shipped vehicle.
+
+    ``off_axis`` moves its centre of gravity and sets drag in wind axes.
+    """
     file = read_vehicle_file(CONFIGS / f"{name}.yaml")
     if not off_axis:
         return pack_vehicle(file, PARAMETER_INDEX)

@@ -25,7 +25,10 @@ from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
-REQUIRED = "{{metric: speed_error_max_mps, below: {limit}, probability: {probability}, consumer_risk: 0.1}}"
+REQUIRED = (
+    "{{metric: speed_error_max_mps, below: {limit}, probability: {probability}, "
+    "consumer_risk: 0.1}}"
+)
 
 
 def judged(folder, requirements, **keys):

@@ -20,7 +20,10 @@ from abhv_mc.topics.topic import Models
 
 RUNS = "1500"
 REQUIREMENT = "[{metric: altitude_error_max_m, below: 1.85, probability: 0.9}]"
-LAWS = "{atmosphere.density: {distribution: uniform, half_width: %s}, aero.lift: {distribution: normal, sigma: %s}}"
+LAWS = (
+    "{atmosphere.density: {distribution: uniform, half_width: %s}, aero.lift: {distribution: "
+    "normal, sigma: %s}}"
+)
 
 
 def fly(folder, density="10 %", lift="5 %", seed="5", **entries):
@@ -80,10 +83,14 @@ def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
 
 
 def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
-    """Against the bivariate normal density: both laws normal, so that the copula makes them jointly so."""
+    """Compare with the bivariate normal density.
+
+    Both distributions are normal, so the copula makes them jointly normal.
+    """
     path = write_campaign(
         tmp_path,
-        dispersions="{aero.lift: {distribution: normal, sigma: 0.05}, aero.drag: {distribution: normal, sigma: 0.1}}",
+        dispersions="{aero.lift: {distribution: normal, sigma: 0.05}, aero.drag: {distribution: "
+        "normal, sigma: 0.1}}",
         correlations="[{between: [aero.drag, aero.lift], normal: 0.5}]",
     )
     campaign = read_campaign(path)
@@ -100,12 +107,14 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
 
 
 @pytest.mark.parametrize(("settings", "message"), [
-    (["atmosphere.density.half_width=12%"], "beyond what was flown; expected a distribution within 0.9"),
+    (["atmosphere.density.half_width=12%"], "beyond what was flown; expected a distribution "
+                                            "within 0.9"),
     (["atmosphere.density.half_width=0.4%"], "an effective number of at least 750"),
     (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
     (["aero.lift=9%"], "expected aero.lift.sigma=VALUE"),
     (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
-    (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"], "a distribution of the same kind"),
+    (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"],
+        "a distribution of the same kind"),
 ])  # fmt: skip
 def test_what_the_flights_do_not_say_is_refused(flown, settings, message):
     with pytest.raises(InputError) as caught:
@@ -136,7 +145,8 @@ NORMAL_AND_UNIFORM = (
 
 
 @pytest.mark.parametrize(("law", "settings", "mean"), [
-    ("discrete, values: [0.9, 1.0, 1.1]", ["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"], 0.95),
+    ("discrete, values: [0.9, 1.0, "
+     "1.1]", ["aero.lift.values=[0.9, 1.1]", "aero.lift.weights=[3, 1]"], 0.95),
     (f"mixture, parts: {NORMAL_AND_UNIFORM}", ["aero.lift.weights=[3, 1]"], 0.975),
 ])  # fmt: skip
 def test_the_mean_is_what_new_weights_of_choices_and_parts_make_of_it(
@@ -151,7 +161,10 @@ def test_the_mean_is_what_new_weights_of_choices_and_parts_make_of_it(
 
 
 def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
-    parts = "[{distribution: uniform, low: 0.9, high: 0.95}, {distribution: uniform, low: 1.0, high: 1.1}]"
+    parts = (
+        "[{distribution: uniform, low: 0.9, high: 0.95}, {distribution: uniform, low: 1.0, "
+        "high: 1.1}]"
+    )
     laws = f"{{aero.lift: {{distribution: mixture, parts: {parts}}}}}"
     campaign = read_campaign(write_campaign(tmp_path, dispersions=laws))
     make_change(

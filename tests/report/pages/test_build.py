@@ -180,8 +180,10 @@ def test_differences_name_their_place():
 
 
 REQUIREMENTS = (
-    "[{id: GNC-1, text: 'stay, near', source: SRD, metric: altitude_error_max_m, below: 50, probability: 0.5},"
-    " {id: GNC-2, metric: altitude_error_max_m, below: 4.9, probability: 0.99, controllers: [one, two]},"
+    "[{id: GNC-1, text: 'stay, near', source: SRD, metric: altitude_error_max_m, below: 50, "
+    "probability: 0.5},"
+    " {id: GNC-2, metric: altitude_error_max_m, below: 4.9, probability: 0.99, controllers: "
+    "[one, two]},"
     " {metric: altitude_error_rms_m, below: 50, probability: 95 %}]"
 )
 

@@ -1,4 +1,7 @@
-"""Failure probabilities that are known: severities of standard normal points with a formula or an integral."""
+"""Cases with known failure probabilities.
+
+Severities are functions of standard normal points, with a formula or an integral.
+"""
 
 import math
 from collections.abc import Callable
@@ -21,7 +24,10 @@ class Case:
 
 
 def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: int = 99) -> Case:
-    """u1 above a limit that each switch lowers by ``step``; ``fatal`` switches together always fail."""
+    """Severity of u1 above a limit that each switch lowers by ``step``.
+
+    ``fatal`` switches together always fail.
+    """
 
     def severity(u: np.ndarray, on: np.ndarray) -> np.ndarray:
         count = on.sum(axis=1)
@@ -34,7 +40,10 @@ def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: i
 
 
 def switched_cases() -> list[Case]:
-    """One that is fatal beside 8.5e-5, rare and rarer; two; eight; two that only fail together; a stratum of many."""
+    """Cases with switches.
+
+    One fatal switch beside 8.5e-5 and rarer; two; eight; two that only fail together; many.
+    """
     return [
         switched(1, 2e-4, 3.76, fatal=1),
         switched(1, 5e-5, 3.76, fatal=1),
@@ -62,7 +71,10 @@ def linear(dimension: int, beta: float) -> Case:
 
 
 def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
-    """u1 plus ``curvature`` times the other coordinates' squares: towards the origin, below zero away from it."""
+    """Severity of u1 plus ``curvature`` times the other coordinates' squares.
+
+    The limit state bends towards the origin, or away from it if ``curvature`` is negative.
+    """
     law = stats.chi2(dimension - 1)
     value, _ = integrate.quad(
         lambda s: law.pdf(s) * stats.norm.sf(beta - curvature * s),
@@ -84,7 +96,10 @@ def ball(dimension: int, probability: float) -> Case:
 
 
 def four_branch(threshold: float) -> Case:
-    """Schueremans & Van Gemert's series system of four branches: two bent ones across x, two straight ones across y."""
+    """Series system of four branches (Schueremans and Van Gemert).
+
+    Two bent branches cross x, two straight ones cross y.
+    """
 
     def severity(u: np.ndarray) -> np.ndarray:
         x, y = (
@@ -103,7 +118,10 @@ def four_branch(threshold: float) -> Case:
 
 
 def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 0.7) -> Case:
-    """Rings: the severity rises with the radius in waves, so that the failures are shells with gaps between."""
+    """Severity that rises with the radius in waves.
+
+    The failures are shells with gaps between.
+    """
     of_radius = lambda r: r + ripple * np.sin(2.0 * np.pi * r / width)  # noqa: E731
     radii = np.linspace(0.0, 40.0, 2_000_001)
     inside = of_radius(0.5 * (radii[1:] + radii[:-1])) > threshold
@@ -135,14 +153,20 @@ def parallel(dimension: int, parts: int, beta: float) -> Case:
 
 
 def masked(dimension: int) -> Case:
-    """A branch that fails at 4.5 sigma, along which severity rises early, and a steep one that fails at 4.0."""
+    """Severity of two branches.
+
+    One fails at 4.5 sigma and rises early; the other is steep and fails at 4.0 sigma.
+    """
     severity = lambda u: np.maximum(u[:, 0] - 4.5, 6.0 * (u[:, 1] - 4.0))  # noqa: E731
     probability = -np.expm1(np.log1p(-stats.norm.sf(4.5)) + np.log1p(-stats.norm.sf(4.0)))
     return Case(f"masked {dimension}", dimension, severity, 0.0, float(probability))
 
 
 def corner(dimension: int) -> Case:
-    """Three coordinates above 1.6 together, of which severity gives no warning, beside a gradual branch of 1.3e-5."""
+    """Severity of two failure modes, one without warning.
+
+    Three coordinates above 1.6 together fail abruptly; a gradual branch has 1.3e-5.
+    """
     severity = lambda u: np.where((u[:, 1:4] > 1.6).all(axis=1), 1.0, u[:, 0] - 4.2)  # noqa: E731
     steep, gradual = stats.norm.sf(1.6) ** 3, stats.norm.sf(4.2)
     return Case(
@@ -151,7 +175,10 @@ def corner(dimension: int) -> Case:
 
 
 def random_crash(seed: int) -> Case:
-    """One flight in 50 beyond 3 sigma of u1 fails by its own noise, beside a gradual branch of 1.3e-5."""
+    """Severity with noise, beside a gradual branch of 1.3e-5.
+
+    One flight in 50 beyond 3 sigma of u1 fails by its own noise.
+    """
     noise = np.random.default_rng(seed)
 
     def severity(u: np.ndarray) -> np.ndarray:

@@ -19,7 +19,10 @@ def estimate(case, seed, **options):
 
 
 def test_right_within_its_interval():
-    """A small sample of benchmarks/rare_coverage.py, which has 200 seeds for each case, held-out ones among them."""
+    """Run a small sample of benchmarks/rare_coverage.py.
+
+    The benchmark has 200 seeds for each case, including held-out cases.
+    """
     right = refused = count = 0
     for case in (
         known.linear(50, 5.1993),
@@ -62,7 +65,10 @@ def test_openturns_says_the_same():
 
 
 def test_severities_may_have_random_numbers_of_their_own():
-    """Half of the variance is no parameter's: a chain that starts in luck moves little, and a third are refused."""
+    """Estimate if half of the variance is due to no parameter.
+
+    A chain with a lucky start moves little, and a third of the estimates are rejected.
+    """
     draw = np.random.default_rng(4)
 
     def noisy(points):
@@ -82,7 +88,10 @@ def test_refused_where_the_event_is_never_met():
 
 
 def test_refused_where_only_some_repetitions_meet_it():
-    """Uphill leads to a plateau on one side; the event lies on the other, which is less severe until shortly before."""
+    """Estimate if the gradient leads to a plateau on the wrong side.
+
+    The event is on the other side, which is less severe until close to it.
+    """
 
     def severity(u):
         right = np.where(u[:, 0] < 1.7, 2.0 * u[:, 0], 3.4 + 0.01 * u[:, 0])
@@ -119,8 +128,11 @@ def test_both_branches_are_found(dimension):
 
 @pytest.mark.parametrize("case, first", [(known.masked(5), 1000), (known.corner(4), 5000)])
 def test_an_estimate_of_the_gradual_branch_alone_is_hardly_given(case, first):
-    """Wholly below the truth lay 95 % for the one without a second look, 4 of these 10 for the other without the
-    larger of both ends; more seeds are in benchmarks/rare_coverage.py --missed."""
+    """Check that few intervals are wholly below the true value.
+
+    Without a second look 95 % of the one case were; without the larger of both ends 4 of these 10
+    of the other. More seeds are in benchmarks/rare_coverage.py --missed.
+    """
     estimates = [
         estimate_rare(case.severity, SubsetPlan(case.dimension, 0.0, first + seed))
         for seed in range(10)
@@ -130,7 +142,11 @@ def test_an_estimate_of_the_gradual_branch_alone_is_hardly_given(case, first):
 
 
 def test_the_interval_reaches_to_failures_that_are_random():
-    """All but 2 of 27 given lay wholly below the truth; more seeds are in benchmarks/rare_coverage.py --missed."""
+    """Check that the interval includes failures that are random.
+
+    Without them 25 of 27 accepted intervals were wholly below the true value; more seeds are in
+    benchmarks/rare_coverage.py --missed.
+    """
     below = accepted = 0
     for seed in range(6):
         case = known.random_crash(seed)
@@ -165,7 +181,11 @@ def test_beyond_dimension_10_plain_flights_bound_what_fails_without_warning():
 
 @pytest.mark.parametrize("case", known.switched_cases(), ids=lambda case: case.name)
 def test_rare_switches_are_counted(case):
-    """All were refused for two switches, 10 of 24 for eight; more seeds are in benchmarks/rare_coverage.py --missed."""
+    """Check that cases with switches get estimates.
+
+    Formerly all were rejected for two switches, 10 of 24 for eight; more seeds are in
+    benchmarks/rare_coverage.py --missed.
+    """
     accepted = below = 0
     for seed in range(4):
         result, strata = estimate_switched(case.severity, case.rates, SubsetPlan(4, 0.0, seed))
@@ -183,7 +203,10 @@ def test_rare_switches_are_counted(case):
 
 
 def test_what_plain_flights_see_takes_no_levels():
-    """One switch of 5 % always fails; few flights are left for a pilot of 32 combinations and of all others."""
+    """Estimate with a switch of 5 % that always fails.
+
+    Few flights are left for a pilot of 32 combinations and of all others.
+    """
     case = known.switched(1, 0.05, 8.0, fatal=1)
     result, _ = estimate_switched(case.severity, case.rates, SubsetPlan(3, 0.0, 1))
     assert (

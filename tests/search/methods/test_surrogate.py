@@ -1,4 +1,7 @@
-"""Gaussian processes beside OpenTURNS', and the estimates made of them on probabilities that are known."""
+"""Tests of Gaussian processes against OpenTURNS.
+
+Their estimates are compared with known probabilities.
+"""
 
 import numpy as np
 import openturns as ot

@@ -5,7 +5,10 @@ from abhv_mc.search.methods.worst import search_worst
 
 
 def bowl(dimension, sharpness=2.0):
-    """Turned, stretched bowl with its top inside the box, and the place of the top; 2: a parabola, less: sharper."""
+    """Return a rotated, stretched bowl and the location of its maximum, inside the box.
+
+    A sharpness of 2 is a parabola; a smaller value gives a sharper peak.
+    """
     draw = np.random.default_rng(dimension)
     top = draw.uniform(-0.7, 0.7, dimension)
     turn, _ = np.linalg.qr(draw.standard_normal((dimension, dimension)))
