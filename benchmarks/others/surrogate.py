@@ -2,10 +2,10 @@
 
     python -m benchmarks.others.surrogate [--seeds 20] [--first-seed 30000] [--held-out] [--json FILE]
 
-The ten problems are the first of otbenchmark's list with at most ten dimensions; ``--held-out`` takes all others of
-them. At most 400 evaluations each. Accepted if of all intervals given 90 % contain the published value, six of ten
-problems have one in at least half of the repetitions, and no interval is wider than a factor of 10. The packages are
-those of `benchmarks.others.reliability`.
+The ten problems are the first of otbenchmark's list with at most ten dimensions; ``--held-out``
+takes all others of them. At most 400 evaluations each. Accepted if of all intervals given 90 %
+contain the published value, six of ten problems have one in at least half of the repetitions, and
+no interval is wider than a factor of 10. The packages are those of `benchmarks.others.reliability`.
 """
 
 import argparse

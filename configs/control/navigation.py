@@ -1,9 +1,10 @@
 """An error-state navigation filter before TLC or LQR, which fly with its estimates.
 
-Strapdown integration of position, velocity and attitude over the rotating WGS-84 Earth, eq. (2) of the paper, from
-the measured specific force and body rates. The errors (position, velocity and attitude in north, east, down; biases
-of gyros and accelerometers) are truth minus estimate; the attitude's turns the estimate in the local frame. Position
-and velocity are corrected at ``update_rate``. The Earth's rotation and curvature are left out of the errors' growth.
+Strapdown integration of position, velocity and attitude over the rotating WGS-84 Earth, eq. (2) of
+the paper, from the measured specific force and body rates. The errors (position, velocity and
+attitude in north, east, down; biases of gyros and accelerometers) are truth minus estimate; the
+attitude's turns the estimate in the local frame. Position and velocity are corrected at
+``update_rate``. The Earth's rotation and curvature are left out of the errors' growth.
 """
 
 from collections import namedtuple

@@ -120,7 +120,8 @@ HALF_WIDTH = {
     "rad": 0.002,
     "rad/s": 0.001,
 }  # of what adds, by unit
-AGREEMENT = 1e-8  # m, m/s, rad, kg over 60 s: rounding and libm; 2e-10 found. Promised are 1e-6 m of altitude.
+# m, m/s, rad, kg over 60 s: rounding and libm; 2e-10 found. Promised are 1e-6 m of altitude.
+AGREEMENT = 1e-8
 
 
 def disperse():

@@ -63,7 +63,8 @@ def test_rate_limits_and_stops_are_followed(plan):
 
 
 def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
-    # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell of the tables.
+    # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell
+    # of the tables.
     constants = plan.vehicle.constants._replace(surface_limit=10.0)
     actuators = plan.vehicle.actuators.copy()
     actuators[:3, [LOW_LIMIT, HIGH_LIMIT, RATE_LIMIT, BAND]] = -10.0, 10.0, 1e6, 20.0

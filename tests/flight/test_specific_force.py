@@ -92,7 +92,8 @@ def test_it_is_the_derivative_of_the_inertial_velocity_less_gravity(plan):
     block = fly(fine, rows_of({}), 1, keep_states=True)
     position, velocity, body = to_inertial(block.states[0], block.times, plan.earth)
     seen = np.einsum("tij,tj->ti", body, seen_by(block)[0])
-    # Over a tick the velocity gains the integral of the acceleration: Simpson's rule over two ticks.
+    # Over a tick the velocity gains the integral of the acceleration: Simpson's rule over two
+    # ticks.
     total = seen + attraction(position, plan.earth)
     gained = velocity[2:] - velocity[:-2]
     integral = (total[:-2] + 4.0 * total[1:-1] + total[2:]) * plan.timing.tick / 3.0

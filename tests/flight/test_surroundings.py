@@ -252,7 +252,8 @@ def test_warmer_air_is_thinner_and_slows_the_mach_number(tmp_path):
         kelvin = usual + offsets
         sound = np.sqrt(1.4 * gas * kelvin)
         pressure = [atmosphere(height)[1] for height in altitude]
-        # The profile is held over a tick, and the pressure of the last stage is that of its own altitude.
+        # The profile is held over a tick, and the pressure of the last stage is that of its own
+        # altitude.
         assert rows_end[:, s.RHO] == pytest.approx(pressure / (gas * kelvin), rel=2e-5)
         assert rows_end[:, s.V_MACH] == pytest.approx(speed / sound, rel=2e-5)
         nominal_sound = plan.reference[0, REFERENCE.index("sound_speed")]

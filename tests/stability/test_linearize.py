@@ -30,7 +30,8 @@ from abhv_mc.stability.points import flown_points
 from abhv_mc.stability.probe import ask_plant
 from abhv_mc.stability.steady import make_steady_plan, trim_points
 
-# An independent simulator: gain down and up (dB), phase (deg), delay (ms), sensitivity of each loop; None for none.
+# An independent simulator: gain down and up (dB), phase (deg), delay (ms), sensitivity of each
+# loop; None for none.
 WORKED = {
     "tlc": {
         "aileron": (-1.31, 11.08, 20.7, 60.9, 6.18),
@@ -147,7 +148,8 @@ def test_a_banked_trim_turns_as_its_reference_does():
     ],
 )
 def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
-    # Without fuel flow: a difference of the throttle is one of the mass too, which is no state of the model.
+    # Without fuel flow: a difference of the throttle is one of the mass too, which is no state of
+    # the model.
     dispersions = parameters(sensor__delay=delay, propulsion__specific_impulse=1e9)
     assert_predicted(flight_plan(controller, 3.0), dispersions, 100, 100, every=4)
 
@@ -155,7 +157,8 @@ def test_a_small_disturbance_flies_as_the_linear_model_says(controller, delay):
 NEUTRAL = [
     ("ghame_x", "level", "tlc", "aileron", "gain_low"),
     ("ghame_x", "level", "lqr_retuned_ghame_x", "aileron", "gain_high"),
-    # TLC's slope over its last deflections is nothing here: steps of any size must stay in the tables' cells.
+    # TLC's slope over its last deflections is nothing here: steps of any size must stay in the
+    # tables' cells.
     ("winged_cone", "level_mach15", "tlc", "rudder", "gain_low"),
     pytest.param(
         "winged_cone", "level_mach15", "tlc", "rudder", "gain_high", marks=pytest.mark.thorough

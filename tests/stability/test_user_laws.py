@@ -18,7 +18,8 @@ from abhv_mc.stability.steady import trim_points
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "control"
 
-# Level flight with an integral of the speed error and a filtered pitch rate: a memory that moves the loop.
+# Level flight with an integral of the speed error and a filtered pitch rate: a memory that moves
+# the loop.
 FILTERED = """\
 from typing import NamedTuple
 from abhv_mc.extend import Command, controller, sqrt, wrap
@@ -143,7 +144,8 @@ def test_a_law_without_slopes_has_no_margins(tmp_path):
 
 def test_a_law_behind_its_own_limit_at_the_trim_is_linearized_where_it_comes_to_rest():
     plan, steady = plans_of(CONFIGS / "f16_autopilot.yaml", "f16_level", "f16", 60.0)
-    # Centre of gravity and lift each at an end: at no error of altitude the autopilot asks for all of the elevator.
+    # Centre of gravity and lift each at an end: at no error of altitude the autopilot asks for all
+    # of the elevator.
     side = np.array([-0.09, 0.09])
     dispersions = parameters(2, mass__center_of_gravity_x=side, aero__lift=np.array([1.1, 0.9]))
     points = trim_points(steady, dispersions)

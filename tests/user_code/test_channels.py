@@ -12,7 +12,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
 from abhv_mc.simulators.make_plans import make_plans
 
-# A memory of more numbers than numba takes in one call with choices, see abhv_mc.user_code.compiled.
+# A memory of more numbers than numba takes in one call with choices, see
+# abhv_mc.user_code.compiled.
 LAW = """\
 from collections import namedtuple
 from abhv_mc.extend import Command, controller

@@ -60,8 +60,8 @@ def read_air_table(
 ) -> Floats:
     """Return altitude and the columns of the first available choice [level, column].
 
-    Altitudes may rise or fall in the file, and rise in the result. Wind is the velocity to the north
-    and east, density a factor on that of the standard atmosphere, followed by that of the
+    Altitudes may rise or fall in the file, and rise in the result. Wind is the velocity to the
+    north and east, density a factor on that of the standard atmosphere, followed by that of the
     temperature if the table has one. Raise InputError if the table is invalid.
     """
     table = read_foreign_table(path)

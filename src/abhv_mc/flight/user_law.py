@@ -58,9 +58,9 @@ def open_law(
 ) -> Iterator[UserCode]:
     """Yield the addresses of a plan's custom code for ``width`` lanes, zeros for none.
 
-    With ``memory_in_rows`` a law in plain Python or native code has its memory in the lane memory, as
-    a compiled law does, see :func:`law_memory`. With ``dispersed`` each flight has its own settings
-    of the law. Raise ValueError if a source is missing, as in a stored plan.
+    With ``memory_in_rows`` a law in plain Python or native code has its memory in the lane memory,
+    as a compiled law does, see :func:`law_memory`. With ``dispersed`` each flight has its own
+    settings of the law. Raise ValueError if a source is missing, as in a stored plan.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
     runner: Any = None  # referenced while the kernel uses it

@@ -43,7 +43,8 @@ class FlightPoint(NamedTuple):
     flight_path_rate: float = 0.0  # gamma'
     density_factor: float = 1.0  # on the standard atmosphere's, with the temperature's
     temperature_factor: float = 1.0
-    # What custom dynamics add: forces along body x and z, N; pitching moment about the centre of gravity, N m.
+    # What custom dynamics add: forces along body x and z, N; pitching moment about the centre of
+    # gravity, N m.
     push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -52,7 +52,8 @@ class Stability(NamedTuple):
 class FlightMargins(NamedTuple):
     """Smallest margins of each flight over loops and times; 0 if a flight has none."""
 
-    table: Floats  # [flight, 4] gain (dB, the smaller side), phase (deg), delay (ms), disk of all loops at once
+    # [flight, 4] gain (dB, the smaller side), phase (deg), delay (ms), disk of all loops at once
+    table: Floats
     faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
 
 

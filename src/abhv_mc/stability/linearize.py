@@ -1,9 +1,9 @@
 """Linearization of the closed loop about points of flights as a sampled system.
 
 The plant is continuous in path coordinates; surfaces and engine have their kind of actuator without
-limits, dead zones and backlash; the zero-order hold over the control period is exact; the controller
-is represented by the slopes of its compiled tick, including its memory. The first dimension of
-arrays is the point.
+limits, dead zones and backlash; the zero-order hold over the control period is exact; the
+controller is represented by the slopes of its compiled tick, including its memory. The first
+dimension of arrays is the point.
 """
 
 from collections.abc import Sequence
@@ -44,8 +44,8 @@ _FELT = 1e-8  # slope of a rate over a control below which it is rounding
 def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
     """Return linear models at points of flights.
 
-    `held` path coordinates stay as they are and are no states of A and B; their rates in the continuous
-    plant are zero.
+    `held` path coordinates stay as they are and are no states of A and B; their rates in the
+    continuous plant are zero.
     """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
@@ -170,7 +170,8 @@ def hold(
     together[:, 10:last, 10:last] = actuator_A
     together[:, 10:last, n : n + k] = actuator_B
     together[:, moved, n + k :] = held_B[:, :, : size - n - k]
-    # Rates in units of the position times their bandwidth: the exponential's argument is then small.
+    # Rates in units of the position times their bandwidth: the exponential's argument is then
+    # small.
     scale = np.ones((len(plant_A), size))
     scale[:, 11:last:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
     balanced = together * scale[:, None, :] / scale[:, :, None]

@@ -63,7 +63,8 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     count, width = points.shape
     value, cells = function(points, np.arange(count))
     expected = np.ones((count, width), dtype=bool)
-    # Central where all points of the difference are in the cell, otherwise to the side that has more of it.
+    # Central where all points of the difference are in the cell, otherwise to the side that has
+    # more of it.
     answer, near = _ask(function, points, steps, expected, np.tile(_CENTRAL[0], (count, width, 1)))
     inside = (near == cells[:, None, None, :]).all(axis=-1)
     slope = np.einsum("pcov,o->pvc", answer, _CENTRAL[1]) / steps[:, None, :]

@@ -334,7 +334,10 @@ class Effector(SurfaceActuator):
         return self
 
     def complete(self, surfaces: Surfaces) -> tuple[ActuatorKind, dict[str, float]]:
-        """Return kind and dynamics, by default those of the surfaces. Raise Refusal if incomplete."""
+        """Return kind and dynamics, by default those of the surfaces.
+
+        Raise Refusal if incomplete.
+        """
         own = {"bandwidth": self.bandwidth, "damping": self.damping, "rate_limit": self.rate}
         moves = self.rate is not None or self.bandwidth is not None
         kind = self.response or surfaces.response or "second_order"

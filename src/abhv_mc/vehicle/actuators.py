@@ -122,8 +122,8 @@ def _axis_shares(mix: Floats) -> Floats:
     """Return the projection of deflections onto each axis [axis, effector, effector].
 
     Effectors are grouped into sets of equal |mix|, in the file's order: each joins the first set in
-    which its row of the mix is linearly independent, or starts a new one. In a single set, pairs with
-    different limits would count as commands of other axes.
+    which its row of the mix is linearly independent, or starts a new one. In a single set, pairs
+    with different limits would count as commands of other axes.
     """
     sets: list[list[int]] = []
     for e, row in enumerate(mix):

@@ -1,8 +1,8 @@
 """Warnings about implausible vehicles: no fuel, units or signs of derivatives, drag.
 
-A derivative per degree instead of per radian is 57.3 times too small. The ranges are wider than those
-of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B; GHAME; NASA's
-winged cone). Derivatives are medians over the nodes of the tables.
+A derivative per degree instead of per radian is 57.3 times too small. The ranges are wider than
+those of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B; GHAME;
+NASA's winged cone). Derivatives are medians over the nodes of the tables.
 """
 
 from typing import Any
@@ -25,8 +25,8 @@ _ALTITUDE = 20_000.0  # m
 _BISECTIONS = 30
 _SECOND_MINIMUM = 0.05  # depth of a second minimum of the drag, of the least drag
 
-# Coefficient, variable, least and greatest usual magnitude (per radian or per dimensionless rate), sign
-# of a stable vehicle in the conventions of a vehicle file, and the meaning of the other sign.
+# Coefficient, variable, least and greatest usual magnitude (per radian or per dimensionless rate),
+# sign of a stable vehicle in the conventions of a vehicle file, and the meaning of the other sign.
 _USUAL = (
     ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift falls with the angle of attack"),
     ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),  # instability in pitch is common
@@ -87,8 +87,8 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
 def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     """Return a sentence for each implausible property of drag and lift.
 
-    They are evaluated at the tables' nodes within the limits and at the limits. Deflections are zero
-    for the drag, and balance the aerodynamic pitching moment for the lift-to-drag ratio.
+    They are evaluated at the tables' nodes within the limits and at the limits. Deflections are
+    zero for the drag, and balance the aerodynamic pitching moment for the lift-to-drag ratio.
     """
     limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
     machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))

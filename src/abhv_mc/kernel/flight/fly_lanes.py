@@ -104,9 +104,9 @@ COMPACTION = 500  # ticks after which lanes of ended flights are given to others
 class Active(NamedTuple):
     """Effects that are active in any lane; others are not computed.
 
-    If ``active`` is None, there are only calm air, a vehicle of tables without failures whose surfaces
-    move together, measurements without errors except biases, and a built-in law. Code for other
-    effects is not compiled then.
+    If ``active`` is None, there are only calm air, a vehicle of tables without failures whose
+    surfaces move together, measurements without errors except biases, and a built-in law. Code for
+    other effects is not compiled then.
     """
 
     disturbances: Disturbances
@@ -380,10 +380,10 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
 def fly_groups(plan, memory, results, width, law, find, first_flight, last_flight):
     """Simulate flights from ``first_flight`` to before ``last_flight`` in groups.
 
-    They start at the mission's start, or from the plan's saved memory. If the results save memory, they
-    end before the measurement of the last tick, where other flights continue. As many flights as the
-    memory can save are simulated for some ticks group by group; then the lanes are compacted: those of
-    ended flights are given to others.
+    They start at the mission's start, or from the plan's saved memory. If the results save memory,
+    they end before the measurement of the last tick, where other flights continue. As many flights
+    as the memory can save are simulated for some ticks group by group; then the lanes are
+    compacted: those of ended flights are given to others.
     """
     saved, order, keeps = memory.saved, memory.order, results.saved.shape[1] > 0
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
@@ -478,9 +478,10 @@ def start_active(plan, memory, width, active):
 def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
     """Return the flight for ``capacity`` lanes, compiled at its first call and cached on disk.
 
-    A ``lean`` one compiles twice as fast and simulates flights without the effects in :class:`Active`,
-    with the same bits. The number of lanes is a constant of the machine code, but not for numba, which
-    would optimize functions for each constant separately and unroll small loops into scalar code.
+    A ``lean`` one compiles twice as fast and simulates flights without the effects in
+    :class:`Active`, with the same bits. The number of lanes is a constant of the machine code, but
+    not for numba, which would optimize functions for each constant separately and unroll small
+    loops into scalar code.
     """
 
     def fly_lanes(plan, memory, results):

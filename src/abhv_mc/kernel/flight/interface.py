@@ -93,8 +93,8 @@ class KernelResults(NamedTuple):
     end_tick: NDArray[np.int64]  # [flight]
     history: NDArray[np.float32]  # [flight, sample, channel]
     states: Floats  # [flight, sample, state]; no samples unless requested
-    # [sample, channel] least and greatest value of all flights, from the sample to the tick before the
-    # next; low above high if no flight was simulated then. No samples unless requested.
+    # [sample, channel] least and greatest value of all flights, from the sample to the tick before
+    # the next; low above high if no flight was simulated then. No samples unless requested.
     low: Floats
     high: Floats
     saved: Floats  # [flight, row] memory before the last tick; no rows unless requested

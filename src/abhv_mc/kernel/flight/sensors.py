@@ -1,7 +1,7 @@
 """Sensor models: lag, scale, bias, white noise, sampling and delay, in this order.
 
-Control laws receive only the result. Flights without errors have factors of one and additions of zero,
-which leave their bits unchanged.
+Control laws receive only the result. Flights without errors have factors of one and additions of
+zero, which leave their bits unchanged.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
 """Control allocation (19): nominal moment and its slopes with the axis deflections.
 
-Moments are about the centre of gravity. Coefficients are about the moment reference, so the force of a
-deflection contributes by its arm. The axes are those of the equations of motion.
+Moments are about the centre of gravity. Coefficients are about the moment reference, so the force
+of a deflection contributes by its arm. The axes are those of the equations of motion.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar

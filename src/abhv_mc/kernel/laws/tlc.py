@@ -1,8 +1,8 @@
 """Trajectory linearization control, one control tick in lanes.
 
-Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearized about the
-reference, so their gains are computed before the flight; sub-loops 3 and 4 are linearized here about
-the commands of the flight. The law uses only the nominal vehicle and the measurement.
+Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearized about
+the reference, so their gains are computed before the flight; sub-loops 3 and 4 are linearized here
+about the commands of the flight. The law uses only the nominal vehicle and the measurement.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar

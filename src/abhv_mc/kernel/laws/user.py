@@ -1,7 +1,7 @@
 """Custom control law, one control tick in lanes: inputs, call and commands.
 
-The code is compiled separately (:mod:`abhv_mc.user_code`) and called once a tick for all lanes by an
-address in the plan, so that the flight's machine code serves every law.
+The code is compiled separately (:mod:`abhv_mc.user_code`) and called once a tick for all lanes by
+an address in the plan, so that the flight's machine code serves every law.
 """
 
 import math

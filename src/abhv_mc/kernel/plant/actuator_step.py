@@ -1,8 +1,8 @@
 """Step of a second-order actuator (Zhu & Shen 2014, eq. (4)) with rate limit and stops.
 
-The command is constant over the step. Within the limits the step is exact. A step that may meet a limit
-is split into short steps, as a limit met within a long step would reduce the integrator's order. So is
-the step of a first-order actuator, or of one with a dead zone or backlash.
+The command is constant over the step. Within the limits the step is exact. A step that may meet a
+limit is split into short steps, as a limit met within a long step would reduce the integrator's
+order. So is the step of a first-order actuator, or of one with a dead zone or backlash.
 """
 
 from typing import NamedTuple
@@ -11,9 +11,10 @@ from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 
-# Columns of ``Vehicle.actuators``, the list of actuators, SI and radians: limits of the position, greatest rate,
-# bandwidth in rad/s, damping ratio (0.5 for first order: 2 damping / bandwidth is the time constant), one of the kinds;
-# the error between command and position that an actuator does not feel, and the play between it and what it moves.
+# Columns of ``Vehicle.actuators``, the list of actuators, SI and radians: limits of the position,
+# greatest rate, bandwidth in rad/s, damping ratio (0.5 for first order: 2 damping / bandwidth is
+# the time constant), one of the kinds; the error between command and position that an actuator does
+# not feel, and the play between it and what it moves.
 COLUMNS = (
     *("low", "high", "rate_limit", "bandwidth", "damping", "kind"),
     *("dead_zone", "backlash"),
@@ -85,7 +86,8 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     share = (end_rate - rate) / (free - rate if meets_limit else 1.0)
     end_position = position + step * (end_rate - 0.5 * share * (end_rate - rate))
     end_position = end_position if meets_limit else command + (e11 * error + e12 * rate)
-    # A surface moves linearly to a stop, rests there, and returns in the time left if its command is inside.
+    # A surface moves linearly to a stop, rests there, and returns in the time left if its command
+    # is inside.
     stop = clamp(end_position, low, high)
     stopped = stop != end_position
     path = stop - position
@@ -132,7 +134,8 @@ def mean_within(a, b, zone):
 def slack_step(position, rate, command, response, bandwidth, step, low, high, rate_limit, zone):
     """Return what :func:`short_step` does, of any kind of actuator that feels the error beyond a dead zone alone.
 
-    That is as if the command were the nearest within the zone about the position; ``bandwidth`` is 0 for second order.
+    That is as if the command were the nearest within the zone about the position; ``bandwidth`` is
+    0 for second order.
     """
     error = position - command
     if bandwidth > 0.0:

@@ -45,8 +45,9 @@ from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
-# Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of the stages, both after
-# the step, its command, the factor on its rate limit, how far the actuator is ahead; then what the actuator needs.
+# Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of
+# the stages, both after the step, its command, the factor on its rate limit, how far the actuator
+# is ahead; then what the actuator needs.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
@@ -75,7 +76,10 @@ class Actuator(NamedTuple):
 
 @scalar
 def actuator_rows(i):
-    """Rows of an actuator of the list in its memory. Surfaces are alike: the three axes share a block."""
+    """Rows of an actuator of the list in its memory.
+
+    Surfaces are alike: the three axes share a block.
+    """
     if i >= FIRST_EFFECTOR:
         first = (i - FIRST_EFFECTOR) * N_EFFECTOR_ROWS
         return Actuator(
@@ -153,9 +157,9 @@ def prepare_actuator(Z, lane, block, bandwidth, damping, step):
 def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
     """Compute an actuator's step: its end, and the position of the middle stages.
 
-    The middle position makes the integrator's sum over the step the integral of the position: it equals
-    the position half-way to the integrator's order, and is correct at limits, too. ``low``, ``high`` and
-    ``rate_limit`` are [lane]. A recorded actuator has its rate in the command row.
+    The middle position makes the integrator's sum over the step the integral of the position: it
+    equals the position half-way to the integrator's order, and is correct at limits, too. ``low``,
+    ``high`` and ``rate_limit`` are [lane]. A recorded actuator has its rate in the command row.
     """
     slow, block = 0, rows.block
     for lane in range(width):

@@ -1,8 +1,8 @@
 """First loop of a stage: air data and variables of the tables from the state.
 
-The mission's nominal air is wind and a factor on the standard density against altitude, from a table;
-without a table it is not computed. The factor is constant over a control tick, as that of a dispersed
-profile is.
+The mission's nominal air is wind and a factor on the standard density against altitude, from a
+table; without a table it is not computed. The factor is constant over a control tick, as that of a
+dispersed profile is.
 """
 
 import math
@@ -164,7 +164,8 @@ def is_warm(Z, width, profile):
 def warm_air(Z, width, density_row, per_sound_row):
     """Change density and 1 / speed of sound by the profile's temperature and the flight's offset.
 
-    The density has the profile's already. The pressure stays. Below a tenth of its own temperature no air is cooled.
+    The density has the profile's already. The pressure stays. Below a tenth of its own temperature
+    no air is cooled.
     """
     for lane in range(width):
         per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]
@@ -178,7 +179,8 @@ def warm_air(Z, width, density_row, per_sound_row):
 def air_data(Z, width, vehicle, earth, warm):
     """Air data and variables of the stage's state ``XS``, dispersions included; ``warm``: :func:`is_warm`.
 
-    Damping terms use the body rates relative to the air, which rotates with the Earth and rotary gusts.
+    Damping terms use the body rates relative to the air, which rotates with the Earth and rotary
+    gusts.
     """
     constants = vehicle.constants
     atmosphere_lanes(

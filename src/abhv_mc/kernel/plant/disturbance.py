@@ -145,8 +145,8 @@ def gust(Z, width, time):
 def turbulence(Z, width, span, dt, first):
     """Add Dryden turbulence along and about body axes, stationary from the start.
 
-    The rotation of the air follows from the gusts' slopes along the path, q = -dw/dx and r = dv/dx, each
-    with a lag that depends on the span.
+    The rotation of the air follows from the gusts' slopes along the path, q = -dw/dx and r = dv/dx,
+    each with a lag that depends on the span.
     """
     if first:
         seed_stream(Z, width, TURBULENCE, _SEED, 0)

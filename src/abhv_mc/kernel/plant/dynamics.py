@@ -1,7 +1,7 @@
 """Custom dynamics of a vehicle: states of a custom function, integrated with the vehicle.
 
-The function is called once a stage, after all other forces, and receives the acceleration that these
-cause. Its force and moment are added to the derivatives, which are linear in them.
+The function is called once a stage, after all other forces, and receives the acceleration that
+these cause. Its force and moment are added to the derivatives, which are linear in them.
 """
 
 from abhv_mc.kernel.jit import lanes

@@ -1,8 +1,8 @@
 """Effectors: surfaces mixed from the axis deflections, or with separate actuators.
 
-If effectors have actuators, the axes have none: axis commands are mixed before the actuators, and axis
-deflections are those that the effectors produce together. Actuators of effectors have the memory
-``A[row, lane]``, which vehicles without them do not use.
+If effectors have actuators, the axes have none: axis commands are mixed before the actuators, and
+axis deflections are those that the effectors produce together. Actuators of effectors have the
+memory ``A[row, lane]``, which vehicles without them do not use.
 """
 
 import math
@@ -66,9 +66,9 @@ def set_effectors(Z, width, mix):
 def place_effectors(Z, A, width, vehicle, failing, without):
     """Set the deflections of the stage, from effective axis deflections or actuators.
 
-    ``failing`` means that an effector of some flight fails, see :mod:`abhv_mc.kernel.plant.failures`.
-    ``without`` is an axis whose contribution is omitted, -1 for none; its deflection among the variables
-    is 0 then.
+    ``failing`` means that an effector of some flight fails, see
+    :mod:`abhv_mc.kernel.plant.failures`. ``without`` is an axis whose contribution is omitted, -1
+    for none; its deflection among the variables is 0 then.
     """
     driven = count_driven(vehicle)
     for e in range(driven):
@@ -119,7 +119,8 @@ def leave_effectors(Z, width, vehicle):
 def share_commands(Z, width, vehicle):
     """Complete the commands of a law that commands effectors directly.
 
-    Other effectors follow the mix of the axes; the axes' commands become those of all effectors together.
+    Other effectors follow the mix of the axes; the axes' commands become those of all effectors
+    together.
     """
     mix, axes, count = vehicle.effectors.mix, vehicle.effectors.axes, count_driven(vehicle)
     for lane in range(width):

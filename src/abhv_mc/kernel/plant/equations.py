@@ -1,7 +1,7 @@
 """Last loop of a stage: forces, derivatives of the 22 states, and integrator's sums.
 
-Body axes are forward-right-down, the local frame north-east-down, the Earth a rotating ellipsoid; Zhu &
-Shen (2014), eqs. (2)-(4) in these axes; moments are about the centre of gravity.
+Body axes are forward-right-down, the local frame north-east-down, the Earth a rotating ellipsoid;
+Zhu & Shen (2014), eqs. (2)-(4) in these axes; moments are about the centre of gravity.
 """
 
 import math
@@ -57,7 +57,8 @@ class Stage(NamedTuple):
 def runge_kutta_stage(stage, step):
     """Return a stage 0..3 of the classical method of order 4, see :func:`finish_step`.
 
-    Stage -1 does not change sum and state; it evaluates the forces at a control tick, for measurement.
+    Stage -1 does not change sum and state; it evaluates the forces at a control tick, for
+    measurement.
     """
     moves = 0.0 if stage < 0 else 1.0
     return Stage(
@@ -77,8 +78,8 @@ def accumulate(Z, lane, i, derivative, stage):
 def equations_of_motion(Z, width, vehicle, earth, stage, active):
     """Compute the derivatives at the stage's state ``XS``, and the next stage's state.
 
-    Actuators are computed separately. If ``active`` is not None, there may be the moment of a thrust
-    function and an offset of the thrust from the thrust line.
+    Actuators are computed separately. If ``active`` is not None, there may be the moment of a
+    thrust function and an offset of the thrust from the thrust line.
     """
     constants = vehicle.constants
     for lane in range(width):
@@ -186,7 +187,8 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
 
-        # Attitude: body rate relative to the local frame, which rotates with the Earth and the flight.
+        # Attitude: body rate relative to the local frame, which rotates with the Earth and the
+        # flight.
         n_x, n_y, n_z = rotate_to_body(
             q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat
         )

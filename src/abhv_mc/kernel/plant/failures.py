@@ -132,8 +132,8 @@ def hold_stuck(Z, lane, row, target, position, stuck):
 def fail_surfaces(Z, width, actuators, time):
     """Apply failures to aileron, rudder and elevator.
 
-    A surface that sticks at its position stops immediately; one that sticks elsewhere is driven there by
-    its actuator.
+    A surface that sticks at its position stops immediately; one that sticks elsewhere is driven
+    there by its actuator.
     """
     for i in range(N_AXES):
         for lane in range(width):
@@ -198,7 +198,8 @@ def has_failed(Z, lane, times, time):
 def fail_effectors(Z, A, width, vehicle, time, tick):
     """Apply failures to the effectors, which are mixed from the three axis deflections.
 
-    A slow effector follows its mix at a reduced rate limit of the surfaces, and is constant over the tick.
+    A slow effector follows its mix at a reduced rate limit of the surfaces, and is constant over
+    the tick.
     """
     constants, mix = vehicle.constants, vehicle.effector_mix
     fastest = vehicle.actuators[0, RATE_LIMIT]

@@ -1,8 +1,8 @@
 """Custom coefficient function of a vehicle in flight, called once for all lanes.
 
 Dispersions act as with tables. The factor on a coefficient's dependence on a variable multiplies
-``f(x) - f(x with that variable 0)``, or for an axis the difference without the axis' contribution to
-all deflections, by an additional evaluation for each dispersed variable.
+``f(x) - f(x with that variable 0)``, or for an axis the difference without the axis' contribution
+to all deflections, by an additional evaluation for each dispersed variable.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -98,8 +98,8 @@ def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
 def nominal_slopes(Z, width, vehicle, user_code, first_row):
     """Compute slopes with aileron, rudder, elevator and sideslip.
 
-    They are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the variables are
-    unchanged.
+    They are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the
+    variables are unchanged.
     """
     for c in range(N_COEFFICIENTS):
         for lane in range(width):

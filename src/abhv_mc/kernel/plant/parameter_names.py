@@ -12,7 +12,8 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS, MAX_ENGINE
 NEVER = math.inf  # time of a failure that does not happen
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
-# Parts that may fail: axis deflections, effectors and engines by their number in the vehicle file, sensors.
+# Parts that may fail: axis deflections, effectors and engines by their number in the vehicle file,
+# sensors.
 AXES = ("aileron", "rudder", "elevator")
 EFFECTORS = tuple(f"effector_{i}" for i in range(MAX_EFFECTORS))
 ENGINES = tuple(f"engine_{i}" for i in range(MAX_ENGINES))

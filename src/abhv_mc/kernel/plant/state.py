@@ -1,7 +1,7 @@
 """Rows of the lane memory ``Z[row, lane]``.
 
-One block with constant rows shows the compiler that nothing overlaps, which lets it vectorize the loops
-over lanes.
+One block with constant rows shows the compiler that nothing overlaps, which lets it vectorize the
+loops over lanes.
 """
 
 from typing import Any
@@ -60,8 +60,8 @@ MAX_TABLE_ROWS = (
 )
 MAX_AXES = 64  # different grids
 
-# Contiguous blocks of the lane memory Z. The module that owns a block defines its number of rows; named
-# rows are counted by unpacking, which fails for a range of another length.
+# Contiguous blocks of the lane memory Z. The module that owns a block defines its number of rows;
+# named rows are counted by unpacking, which fails for a range of another length.
 X = 0  # state at the start of the step
 XS = X + N_STATES  # state at the stage of the integrator
 SUM = XS + N_STATES  # weighted sum of the stages' derivatives
@@ -92,7 +92,8 @@ FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
 )  # arguments and results of custom functions of the vehicle
 EFFECTOR_COMMAND = FOREIGN + 23  # direct commands of effectors by a law, infinite if there is none
-# Effectors with actuators: position, unlimited command, whether either is at its limit; whether any is.
+# Effectors with actuators: position, unlimited command, whether either is at its limit; whether any
+# is.
 EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (
     EFFECTOR_COMMAND + i * MAX_ACTUATORS for i in range(1, 4)
 )
@@ -100,8 +101,9 @@ ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
 ENGINE_WHOLE = (
     ANY_SATURATED + 1
 )  # factor on the thrust of all engines, then of each; position of the remaining thrust
-# Custom dynamics (abhv_mc.kernel.plant.dynamics): states at the start of the step and at the stage, weighted
-# sum of their rates, rates; motion as argument of the function, and its results; settings by flight.
+# Custom dynamics (abhv_mc.kernel.plant.dynamics): states at the start of the step and at the stage,
+# weighted sum of their rates, rates; motion as argument of the function, and its results; settings
+# by flight.
 MAX_STATES = 32  # of a vehicle's custom dynamics
 MAX_SETTINGS = 128  # of a vehicle's functions, including initial values of its states
 CUSTOM_STATE = ENGINE_WHOLE + 1 + len(ENGINES) + 3
@@ -115,8 +117,8 @@ LAW = SETTING + MAX_SETTINGS  # rows of control and flight follow, starting with
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
-# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes; velocity of
-# the air and specific force in body axes; thrust.
+# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes;
+# velocity of the air and specific force in body axes; thrust.
 _FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
 SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
@@ -148,10 +150,11 @@ GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
     GUST, TURBULENCE
 )
-# Commands of the actuators; factors on rate and effectiveness of the three surfaces; engine: factor on
-# thrust, increments of drag and pitching moment, whether it has failed; deflections of stuck surfaces;
-# inlet: whether it is unstarted and the last time outside its range; last time of a failed engine;
-# effectors: gain, offset, deflections of stuck and of slow ones; then frozen measurements.
+# Commands of the actuators; factors on rate and effectiveness of the three surfaces; engine: factor
+# on thrust, increments of drag and pitching moment, whether it has failed; deflections of stuck
+# surfaces; inlet: whether it is unstarted and the last time outside its range; last time of a
+# failed engine; effectors: gain, offset, deflections of stuck and of slow ones; then frozen
+# measurements.
 ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
 STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = (
@@ -165,8 +168,9 @@ EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
 )
 ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 
-# Custom functions: density and airspeed as arguments; thrust, moment and fuel flow; coefficients with
-# dispersions and without; 1 / mass at the stage, or a stored variable; whether they are dispersed.
+# Custom functions: density and airspeed as arguments; thrust, moment and fuel flow; coefficients
+# with dispersions and without; 1 / mass at the stage, or a stored variable; whether they are
+# dispersed.
 F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
 F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
 F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
@@ -202,7 +206,8 @@ def variable_row(name: str) -> int:
     return VAR + VARIABLES.index(name)
 
 
-# Rows read by several modules: variables, and dispersions of mass and inertia, engine, actuators, air.
+# Rows read by several modules: variables, and dispersions of mass and inertia, engine, actuators,
+# air.
 V_ONE, V_MACH, V_ALPHA, V_BETA, V_P_HAT, V_Q_HAT, V_R_HAT, V_DELTA_A, V_DELTA_R, V_DELTA_E = range(
     VAR, VAR + 10
 )

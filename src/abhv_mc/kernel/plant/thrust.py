@@ -8,7 +8,8 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.rigid_body import add_derivative, add_force, add_moment
 from abhv_mc.kernel.plant.state import XS, parameter_rows
 
-# Settings that a function is called with: of the vehicle file, or of each flight, the rows from ``SETTING``.
+# Settings that a function is called with: of the vehicle file, or of each flight, the rows from
+# ``SETTING``.
 NOMINAL, DISPERSED = range(2)
 _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 
@@ -98,8 +99,8 @@ def is_misaligned(Z, width):
 def turn_thrust(Z, width, vehicle, by_function, stage):
     """Turn the thrust about the point where it acts, upward, then to the right; the next stage's state is there.
 
-    What that changes of the force and its moment is added to the derivatives, which are linear in both. A moment that
-    an engine function gives besides its force stays.
+    What that changes of the force and its moment is added to the derivatives, which are linear in
+    both. A moment that an engine function gives besides its force stays.
     """
     constants, foreign = vehicle.constants, vehicle.foreign
     for lane in range(width):

@@ -1,7 +1,7 @@
 """Packed form of a vehicle: named tuples of arrays that the compiled plant reads.
 
-They are arguments of the compiled code, not constants: one compiled flight serves every vehicle, and a
-changed table never meets a stale cache.
+They are arguments of the compiled code, not constants: one compiled flight serves every vehicle,
+and a changed table never meets a stale cache.
 """
 
 import math
@@ -15,8 +15,8 @@ MAX_EFFECTORS = 16
 MAX_ACTUATORS = MAX_EFFECTORS + 3  # including axes that the aerodynamics use directly
 MAX_ENGINES = 4
 
-# Variables of table axes and build-up terms, SI and radians. Effectors are surfaces of the vehicle, mixed
-# from the three axis deflections.
+# Variables of table axes and build-up terms, SI and radians. Effectors are surfaces of the vehicle,
+# mixed from the three axis deflections.
 VARIABLES = (
     "one",
     "mach",
@@ -34,7 +34,8 @@ VARIABLES = (
     *(f"effector_{i}" for i in range(MAX_EFFECTORS)),
 )
 
-# Lift and drag are in stability axes (from alpha), side force along body y; moments about body axes.
+# Lift and drag are in stability axes (from alpha), side force along body y; moments about body
+# axes.
 COEFFICIENTS = ("lift", "drag", "side_force", "rolling_moment", "pitching_moment", "yawing_moment")
 
 # Quantities that the plant reads from every vehicle's tables: entry i is table row
@@ -151,7 +152,8 @@ class Constants(NamedTuple):
     area: float  # reference area, m2
     span: float  # reference span (roll and yaw), m
     chord: float  # reference chord (pitch), m
-    capture_thrust: float  # T = capture_thrust * eta * rho * V * ca * Isp: stoichiometric ratio * cowl area * g0
+    # T = capture_thrust * eta * rho * V * ca * Isp: stoichiometric ratio * cowl area * g0
+    capture_thrust: float
     standard_gravity: float  # g0 of the specific impulse, m/s2: fuel flow = T / (g0 Isp)
     thrust_cos: float  # cosine and sine of the thrust line's upward inclination
     thrust_sin: float

@@ -95,8 +95,8 @@ def make_probe_begin(lean: bool) -> Callable[..., Any]:
     def probe_begin(plan, memory, before, moving, numbers, tick, sensed, acting):
         """Start a tick from the memory ``before`` [point, row] and ``moving`` of effectors.
 
-        ``sensed`` [point, row] is the memory after the measurement, ``acting`` after failures of the
-        plant.
+        ``sensed`` [point, row] is the memory after the measurement, ``acting`` after failures of
+        the plant.
         """
         if has_width(memory, LANES):
             find = lean_active if lean else find_active
@@ -179,8 +179,9 @@ def make_probe_plant(lean: bool) -> Callable[..., Any]:
         """Fill ``answer`` for ``states`` [point, state] and memory ``acting`` [flight, row].
 
         ``custom`` [point, state] are custom states; ``positions`` [point, effector] are those of
-        effectors with actuators. ``flight`` [point] is the flight of a point, ``numbers`` [point] its
-        number. Slow effectors keep their deflection or, with ``centred``, are set by the state's mix.
+        effectors with actuators. ``flight`` [point] is the flight of a point, ``numbers`` [point]
+        its number. Slow effectors keep their deflection or, with ``centred``, are set by the
+        state's mix.
         """
         if has_width(memory, LANES):
             find = lean_active if lean else find_active
