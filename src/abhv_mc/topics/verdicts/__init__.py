@@ -54,7 +54,7 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
         ]
         if "ESTIMATE" in statuses:
             counts = [f"{count_of(verdicts.kept(name), len(statuses))} met in every flight"]
-        parts.append(f"{names.label(name)} {joined(counts)}")
+        parts.append(f"{names.subject(name)} {joined(counts)}")
     return [f"Requirements: {'; '.join(parts)}.{_together_words(verdicts, names)}"]
 
 
@@ -65,9 +65,9 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
         return ""
     risk = f"at most {percent(joint.risk, 2)} chance of any false PASS among {joint.verdicts} verdicts (Holm)"
     if verdicts.family_risk or not joint.dropped:
-        return f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} jointly, with {risk}."
+        return f" {'They hold' if verdicts.family_risk else 'All PASS verdicts also hold'} jointly, with {risk}."
     dropped = [
-        f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in joint.dropped
+        f"{verdicts.requirements[i].words} ({names.subject(name)})" for i, name in joint.dropped
     ]
     passed = joint.stand + len(dropped)
     named = f"; not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
