@@ -60,7 +60,7 @@ def test_the_recommended_next_command_works(abhv_mc, tmp_path, probability, met)
     campaign = write_campaign(tmp_path / "files", requirements=requirements)
     runs = 20 if met == "yes" else 300
     output = abhv_mc("run", campaign, "--runs", runs)[1]
-    (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`\.$", output, re.M)
+    (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`$", output, re.M)
     assert output.splitlines()[0] in abhv_mc("runs", "reports/fake")[1].splitlines()[0]
     code, output, err = abhv_mc(*shlex.split(command))
     if met == "yes":

@@ -52,6 +52,15 @@ class Names:
         """Return a controller's printed name."""
         return self.controllers.get(controller, controller)
 
+    def subject(self, controller: str) -> str:
+        """Return a controller's name for a sentence; a name in lower case is quoted."""
+        label = self.label(controller)
+        return (
+            f"\N{LEFT DOUBLE QUOTATION MARK}{label}\N{RIGHT DOUBLE QUOTATION MARK}"
+            if label[:1].islower()
+            else label
+        )
+
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
     """Return a campaign's names; its folder is relative to that of ``page``, if given."""

@@ -81,11 +81,8 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
 def test_lost_flights_lead_what_is_better(tmp_path):
     requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
     judgement, _ = judged(tmp_path / "c", requirements, failing=20)
-    assert (
-        judgement.better == "tlc"
-        and judgement.because[0].startswith("Lost flights: ")
-        and len(judgement.because) <= 3
-    )
+    assert judgement.better == "tlc" and len(judgement.because) <= 3
+    assert "TLC is better than LQR: 0 against 20 of 60 flights lost." in judgement.answer
     assert judged(tmp_path / "one", requirements, controllers=["tlc"])[0].better == ALONE
     assert (
         judged(tmp_path / "lhs", requirements, sampling="lhs", runs=16)[0].better == NO_DIFFERENCE
@@ -105,7 +102,7 @@ def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
     limit = float(worst[order[0]][-1] + 1e-6)  # met by one in all flights, and missed by the other
     if order[0] == "tlc":
         judgement, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
-        assert judgement.answer.startswith("TLC meets the requirement.")
+        assert judgement.answer.startswith("TLC meets the requirement; LQR ")
     else:
         judgement, _ = judged(tmp_path / "one", [REQUIRED.format(limit=limit, probability=0.9)])
         assert judgement.answer.startswith("TLC misses the max speed error requirement (")
@@ -148,6 +145,27 @@ def test_a_question_about_other_controllers_is_rejected_with_its_place(tmp_path,
                 asks=f"{{compare: {compare}}}",
             )
         )
+
+
+def test_the_answer_names_two_missed_requirements_and_every_controller(tmp_path):
+    """Regression: a controller that does not determine the exit code was left out."""
+    metrics = {"speed_error_max_mps": 1e-9, "sideslip_max_deg": 1e-9, "altitude_error_max_m": 1e9}
+    requirements = [
+        f"{{metric: {metric}, below: {limit}, probability: 0.9}}"
+        for metric, limit in metrics.items()
+    ]
+    judgement, _ = judged(tmp_path / "c", requirements, controllers=["tlc", "slow"])
+    words = judgement.answer.replace("\u201cslow\u201d", "SLOW")
+    for name in ("TLC", "SLOW"):
+        (shortfall,) = (text for text in words.split("; ") if text.startswith(f"{name} misses"))
+        assert all(text in shortfall for text in ("2 of 3", "max speed error", "max sideslip"))
+    assert "slow" not in words
+
+
+def test_risks_are_stated_only_for_verdicts_and_winners_that_exist(tmp_path):
+    judgement, _ = judged(tmp_path / "c", [REQUIRED.format(limit=1e-9, probability=0.9)])
+    assert "PASS" not in judgement.sure
+    assert ("wrong winner" in judgement.sure) == (judgement.better in ("tlc", "lqr"))
 
 
 def test_fewer_flights_than_the_file_asks_for_are_said_first(tmp_path):

@@ -33,6 +33,8 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
+_NAMED = 2  # most missed requirements and metrics that are named
+_FAILS_STAY = "FAIL verdicts rarely change"
 _MOST_WORDS = 80  # on the first screen; further reasons are in the sections
 _SAME_USAGE = 0.05  # largest deviation from 1 of a ratio of control effort that is not mentioned
 
@@ -45,10 +47,15 @@ def judge_campaign(models: Models) -> Judgement:
     met: Met = "nothing required"
     if statuses:
         met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
-    sentences = [_runs_words(models), _asked_words(models), _met_words(models)]
-    answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
-    because, following = list(_reasons(models))[:_REASONS], _next_step(models, met)
-    sure = " ".join(filter(None, (_changed_words(models), _confidence_words(models))))
+    following = _next_step(models, met)
+    sure = " ".join(filter(None, (_changed_words(models), _confidence_words(models, better))))
+    answer = ""
+    for detail in (3, 2, 1, 0):
+        sentences = [_runs_words(models), _asked_words(models), _met_words(models, detail)]
+        answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
+        if _count_words(answer, sure, following) <= _MOST_WORDS:
+            break
+    because = list(_reasons(models, better))[:_REASONS]
     while because and _count_words(answer, *because, sure, following) > _MOST_WORDS:
         because.pop()
     return Judgement(met, better, tuple(because), sure, following, answer)
@@ -116,11 +123,14 @@ def _worst_words(models: Models) -> str:
         f"{spoken_name(item.parameter)} {shown_value(item.parameter, item.value, parameters)}"
         for item in worst.largest
     )
-    return f"The worst flight of {names.label(name)}, {worst.flight}, {text} ({dispersions})."
+    return f"The worst flight of {names.subject(name)}, {worst.flight}, {text} ({dispersions})."
 
 
-def _met_words(models: Models) -> str:
-    """Return the sentence on controllers that meet all requirements and those that do not."""
+def _met_words(models: Models, detail: int) -> str:
+    """Return the sentence on controllers that meet all requirements and those that do not.
+
+    A larger `detail`, up to 3, adds more names and counts of the missed requirements.
+    """
     verdicts, names = models[VERDICTS], models.names
     number = len(verdicts.requirements)
     if not number:
@@ -132,9 +142,8 @@ def _met_words(models: Models) -> str:
         for name, entries in own.items()
         if all(verdict and verdict.status == "PASS" for _, verdict in entries)
     ]
-    concerned = dict.fromkeys((*bound, *names.campaign.compared))
-    falling = [name for name in concerned if name not in meeting]
-    requirements = f"all {number} requirements" if number > 1 else "the requirement"
+    falling = [name for name in _concerned_controllers(models) if name not in meeting]
+    requirements = f"{_all_of(number)} requirements" if number > 1 else "the requirement"
     if any(len(own[name]) < number for name in meeting):
         requirements = (
             "all of their requirements" if len(meeting) > 1 else "all of its requirements"
@@ -144,7 +153,14 @@ def _met_words(models: Models) -> str:
         if meeting
         else ""
     )
-    short = [f"{names.label(name)} {_short_words(own[name], names)}" for name in falling]
+    short: list[str] = []
+    previous: list[Requirement] = []
+    for name in falling:
+        listed = [item for item, _ in _listed_entries(own[name])]
+        is_named = len(listed) == 1 and listed == previous
+        words = _short_words(own[name], names, detail, is_named=is_named)
+        short.append(f"{names.subject(name)} {words}")
+        previous = listed
     if len(short) > _REASONS:
         short = [
             f"{_name_controllers(falling, names)} miss requirements or are not shown to meet them"
@@ -156,7 +172,22 @@ def _met_words(models: Models) -> str:
 def _name_controllers(controllers: list[str], names: Names) -> str:
     if len(controllers) > _REASONS:
         return f"{len(controllers)} {names.campaign.kind}s"
-    return joined(list(map(names.label, controllers)))
+    return joined(list(map(names.subject, controllers)))
+
+
+def _all_of(number: int) -> str:
+    """Return 'both' or 'all 3'."""
+    return "both" if number == 2 else f"all {number}"
+
+
+def _concerned_controllers(models: Models) -> list[str]:
+    """Return the controllers that the answer is about.
+
+    These are the bound ones and those in the question; all if the campaign has no question.
+    """
+    campaign = models.results.campaign
+    asked = campaign.compared if campaign.model.asks else tuple(models.names.controllers)
+    return list(dict.fromkeys((*_binding_statuses(models[VERDICTS]), *asked)))
 
 
 def _binding_verdicts(
@@ -170,31 +201,100 @@ def _binding_verdicts(
     return [(item.asked, item.controllers.get(name)) for item in binding or verdicts.requirements]
 
 
-def _short_words(own: list[tuple[Requirement, ControllerVerdict | None]], names: Names) -> str:
-    """Return 'misses the speed error requirement (101 of 1000 flights)' or 'misses 2 of 5 ...'."""
+def _listed_entries(
+    own: list[tuple[Requirement, ControllerVerdict | None]],
+) -> list[tuple[Requirement, ControllerVerdict | None]]:
+    """Return the missed requirements with their verdicts, or those not shown if none is missed."""
     missed = [entry for entry in own if entry[1] and entry[1].status == "FAIL"]
-    unshown = [entry for entry in own if not entry[1] or entry[1].status not in ("PASS", "FAIL")]
-    verb, listed = ("misses", missed) if missed else ("is not shown to meet", unshown)
-    if len(listed) > 1:
-        all_of_them = "all" if missed else "any of"
-        number = f"{len(listed)} of" if len(listed) < len(own) else all_of_them
-        return f"{verb} {number} {len(own)} requirements"
-    ((item, verdict),) = listed
-    counts = f" ({count_of(verdict.failures, verdict.flights, 'flights')})" if verdict else ""
-    return f"{verb} the {names.metrics[item.metric].phrase} requirement{counts if missed else ''}"
+    return missed or [entry for entry in own if not entry[1] or entry[1].status != "PASS"]
+
+
+def _short_words(
+    own: list[tuple[Requirement, ControllerVerdict | None]],
+    names: Names,
+    detail: int,
+    *,
+    is_named: bool,
+) -> str:
+    """Return 'misses the speed error requirement (101 of 1000 flights; 1 % allowed)'.
+
+    Of two missed requirements return 'misses 2 of 5: speed error and sideslip', of more their
+    number. A requirement that `is_named` before is 'it'.
+    """
+    listed = _listed_entries(own)
+    missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
+    verb = "misses" if missed else "is not shown to meet"
+    passed = sum(verdict is not None and verdict.status == "PASS" for _, verdict in own)
+    others = len(own) - len(listed) - passed
+    suffix = f", with {others} other{'s' * (others > 1)} not shown yet" if others else ""
+    phrases, counts = [], []
+    for item, verdict in listed:
+        phrases.append(names.metrics[item.metric].phrase)
+        count = count_of(verdict.failures, verdict.flights, "flights") if verdict else ""
+        allowed = f"; {percent(1.0 - item.probability)} allowed"
+        with_allowed = detail > 1 and not is_named
+        counts.append(f" ({count}{allowed if with_allowed else ''})" if count and detail else "")
+    if len(listed) == 1:
+        subject = "it" if is_named else f"the {phrases[0]} requirement"
+        return f"{verb} {subject}{counts[0]}{suffix}"
+    number = f"{len(listed)} of {len(own)}"
+    if len(listed) == len(own):
+        number = _all_of(len(own)) if missed else f"any of {len(own)}"
+    if len(listed) > _NAMED or not detail:
+        return f"{verb} {number} requirements{suffix}"
+    if detail > 2:
+        phrases = [phrase + count for phrase, count in zip(phrases, counts, strict=True)]
+    noun = " requirements" if len(listed) == len(own) or detail > 2 else ""
+    return f"{verb} {number}{noun}: {joined(phrases)}{suffix}"
 
 
 def _better_words(models: Models, better: str) -> str:
     """Return the sentence on the better controller, if the statistics name one."""
-    names = models.names
+    names, pairs = models.names, _compared_pairs(models)
     if better == ALONE:
         return ""
-    if better == NO_DIFFERENCE:
-        return f"No {names.campaign.kind} is shown to be better."
-    if better == MIXED:
-        two = len(_compared_pairs(models)) == 1
-        return f"{'Neither' if two else 'None'} is better on every metric."
-    return f"{names.label(better)} is better."
+    if better in (NO_DIFFERENCE, MIXED):
+        shown = "is shown to be" if better == NO_DIFFERENCE or _losing(pairs) else "is"
+        suffix = "" if shown == "is shown to be" else " on every metric"
+        if len(pairs) == 1:
+            a, b = names.subject(pairs[0].a), names.subject(pairs[0].b)
+            return f"Neither {a} nor {b} {shown} better than the other{suffix}."
+        return f"No {names.campaign.kind} {shown} better than the others{suffix}."
+    if better == pairs[0].a:
+        return _better_than(better, pairs, names)
+    sentence = _better_than(better, [pair for pair in pairs if pair.b == better], names)
+    others = [pair for pair in pairs if pair.b != better]
+    return f"{sentence} {_better_than(pairs[0].a, others, names)}" if others else sentence
+
+
+def _losing(pairs: Sequence[ControllerPair]) -> bool:
+    """Return whether a controller of any pair is shown to lose more flights."""
+    return any(pair.losing for pair in pairs)
+
+
+def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> str:
+    """Return 'TLC is better than LQR: 2 against 9 of 100 flights lost.' for pairs of `better`."""
+    if len(pairs) == 1 and pairs[0].losing:
+        pair, lost = pairs[0], pairs[0].ended_early
+        counts = {pair.a: lost.both + lost.only_a, pair.b: lost.both + lost.only_b}
+        (rival,) = counts.keys() - {better}
+        compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
+        return f"{names.subject(better)} is better than {names.subject(rival)}: {compared} flights lost."
+    rivals: dict[str, list[str]] = {}  # by the reason
+    for pair in pairs:
+        reason = "by losing fewer flights"
+        if not pair.losing:
+            standings = standing(pair, names)
+            won = standings["better" if better == pair.a else "worse"]
+            total = sum(map(len, standings.values()))
+            listed = joined(won) if len(won) <= _NAMED else ""
+            reason = f"on {len(won)} of {total} metrics" + (f" ({listed})" if listed else "")
+            reason = f"{reason} and worse on none" if total > 1 else f"on {listed}"
+        rivals.setdefault(reason, []).append(names.subject(pair.b if better == pair.a else pair.a))
+    if len(rivals) > _NAMED:
+        return f"{names.subject(better)} is better than {_all_of(len(pairs))} others."
+    reasons = [f"than {shorten_list(labels)} {reason}" for reason, labels in rivals.items()]
+    return f"{names.subject(better)} is better {'; '.join(reasons)}."
 
 
 def _compared_pairs(models: Models) -> list[ControllerPair]:
@@ -230,18 +330,20 @@ def _better_controller(models: Models) -> str:
     return NO_DIFFERENCE if set(outcomes) <= {"open", "better"} else MIXED
 
 
-def _reasons(models: Models) -> Iterator[str]:
+def _reasons(models: Models, better: str) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
     lost = [
-        f"{names.label(name)} {count_of(count.failed, count.flown)}"
+        f"{names.subject(name)} {count_of(count.failed, count.flown)}"
         for name, count in flights.items()
         if count.failed
     ]
-    if lost:
+    pairs = _compared_pairs(models)
+    is_answered = len(names.controllers) == 2 and better in names.controllers and _losing(pairs)
+    if lost and not is_answered:
         yield f"Lost flights: {shorten_list(lost)}."
     margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
     loops = [
-        f"{names.label(name)} {least.words[0] if least.stable else 'unstable'}"
+        f"{names.subject(name)} {least.words[0] if least.stable else 'unstable'}"
         for name, least in margins.items()
         if least and (not least.stable or least.gain < GAIN_MARGIN.customary)
     ]
@@ -251,24 +353,21 @@ def _reasons(models: Models) -> Iterator[str]:
     for item in verdicts.requirements:
         for name in item.asked.controllers:
             if name in item.controllers and item.controllers[name].status == "FAIL":
-                missed.setdefault(names.label(name), []).append(
+                missed.setdefault(names.subject(name), []).append(
                     names.metrics[item.asked.metric].phrase
                 )
     several = [
         f"{label} in {shorten_list(phrases)}"
         for label, phrases in missed.items()
-        if len(phrases) > 1
+        if len(phrases) > _NAMED
     ]
-    if several:  # a single missed requirement is named in the answer
+    if several:  # fewer missed requirements are named in the answer
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
-        pairs = [
-            pair
-            for pair in by_strength(models[COMPARISON], names)
-            if pair in _compared_pairs(models)
-        ]
-        angles = [*filter(None, (_angle_words(pair, names) for pair in pairs))]
-        yield from angles or filter(None, (_error_words(pair, names) for pair in pairs[:1]))
+        ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
+        angles = [*filter(None, (_angle_words(pair, names) for pair in ranked))]
+        if angles or better in (MIXED, NO_DIFFERENCE) or _losing(pairs):
+            yield from angles or filter(None, (_error_words(pair, names) for pair in ranked[:1]))
 
 
 def shorten_list(items: list[str]) -> str:
@@ -291,13 +390,13 @@ def _error_words(pair: ControllerPair, names: Names) -> str:
         for side, metrics in standing(pair, names).items()
     }
     parts = (
-        [f"{names.label(pair.a)} has the smaller {metrics_by_side['better']}"]
+        [f"{names.subject(pair.a)} has the smaller {metrics_by_side['better']}"]
         if metrics_by_side["better"]
         else []
     )
     if metrics_by_side["worse"]:
         parts.append(
-            f"{names.label(pair.b)} {'' if parts else 'has '}the smaller "
+            f"{names.subject(pair.b)} {'' if parts else 'has '}the smaller "
             f"{metrics_by_side['worse']}{_usage_words(pair)}"
         )
     return f"{', '.join(parts)}." if parts else ""
@@ -320,7 +419,7 @@ def _angle_words(pair: ControllerPair, names: Names) -> str:
     ]
     phrase = ", ".join(parts) if parts else "in no angle"
     return (
-        f"{names.label(pair.a)} has a smaller rms error than {names.label(pair.b)} {phrase}."
+        f"{names.subject(pair.a)} has a smaller rms error than {names.subject(pair.b)} {phrase}."
         if angles
         else ""
     )
@@ -338,7 +437,7 @@ def _usage_words(pair: ControllerPair) -> str:
     return f" at {significant(1.0 / ratios[0], 2)} times the control effort"
 
 
-def _confidence_words(models: Models) -> str:
+def _confidence_words(models: Models, better: str) -> str:
     """Return the sentence on the risk of each verdict and of all jointly."""
     verdicts, state = models[VERDICTS], models.results.manifest.state
     if state != "complete":
@@ -351,16 +450,20 @@ def _confidence_words(models: Models) -> str:
         return f"Estimates, no verdicts: {why}."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = joint.stand + len(joint.dropped)
-    text = f"{'Each' if passed else 'A'} PASS has at most {percent(risk, 2)} consumer's risk"
-    if passed > 1:
-        jointly = f"all {passed}" if joint.stand == passed else f"{joint.stand} of {passed}"
-        if joint.stand:
-            text += f"; {jointly} also hold{'s' * (joint.stand == 1)} jointly"
-        else:
-            text += f"; jointly, none of the {passed} holds"
-    if models.names.campaign.judged and _compared_pairs(models):
-        text += f". The risk of naming a wrong winner is at most {percent(WINNERS_RISK, 2)}"
-    return f"{text}."
+    sentences = []
+    if passed:
+        text = f"Each PASS holds with at most {percent(risk, 2)} consumer's risk"
+        if passed > 1 and joint.stand:
+            jointly = f"all {passed}" if joint.stand == passed else f"{joint.stand} of {passed}"
+            text += f"; {jointly} PASS verdicts also hold{'s' * (joint.stand == 1)} jointly"
+        elif passed > 1:
+            text += f"; jointly, none of the {passed} PASS verdicts holds"
+        sentences.append(f"{text}.")
+    if better in models.names.controllers:
+        sentences.append(
+            f"The risk of naming a wrong winner is at most {percent(WINNERS_RISK, 2)}."
+        )
+    return " ".join(sentences)
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
@@ -389,18 +492,27 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     """Return the next step: an explanation of failures, or more flights, or none."""
     if models.results.manifest.state != "complete":
         return None
-    if missing := _missing_runs(models):
-        return NextStep(
-            "resume the campaign", f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}"
-        )
+    statuses = _concerned_statuses(models)
+    missing, unshown = _missing_runs(models), statuses.count("NOT SHOWN")
+    if missing and (unshown or "FAIL" not in statuses):
+        remaining = fixed(missing - models.results.campaign.runs_at_point, 0)
+        why = f"run the remaining {remaining} flights of the campaign file"
+        if unshown:
+            why = f"run the remaining {remaining} flights to decide {unshown} open verdict"
+            why += "s" * (unshown > 1)
+        elif "PASS" in statuses:
+            why += "; no verdict is open"
+        if "FAIL" in statuses:
+            why += f"; {_FAILS_STAY}"
+        return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
     if not models.names.campaign.independent:
         return None
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
-    why_failed = NextStep("see why flights fail", "abhv-mc explain DIR --all")
-    if not flies:
-        why_failed = NextStep("see 'Failure analysis' in the report")
-    if met == "no":
-        return why_failed
+    if met == "no" or (missing and "FAIL" in statuses):
+        stay = f"; with more flights, {_FAILS_STAY}" if missing else ""
+        if flies:
+            return NextStep(f"see why flights fail{stay}", "abhv-mc explain DIR --all")
+        return NextStep(f"see 'Failure analysis' in the report{stay}")
     if met == "not shown":
         binding = [
             verdict
@@ -414,7 +526,21 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         return _longer_run(
             jointly, f"all hold jointly with {fixed(jointly, 0)} flights if no more fail", flies
         )
-    return NextStep("no further flights are needed") if met == "yes" else None
+    if met != "yes":
+        return None
+    bound = list(_binding_statuses(verdicts))
+    scope = f" for {_name_controllers(bound, models.names)}" if unshown else ""
+    return NextStep(f"no further flights are needed{scope}")
+
+
+def _concerned_statuses(models: Models) -> list[str]:
+    """Return the statuses of the verdicts on the controllers that the answer is about."""
+    return [
+        verdict.status
+        for name in _concerned_controllers(models)
+        for _, verdict in _binding_verdicts(models[VERDICTS], name)
+        if verdict
+    ]
 
 
 def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:

@@ -35,10 +35,8 @@ def judgement_lead(judgement: Judgement, folder: str) -> Lead:
     """Return the assessment in words; ``folder`` is the results folder in commands."""
     following = ""
     if judgement.next:
-        command = (
-            f": `{judgement.next.command.replace('DIR', folder)}`" if judgement.next.command else ""
-        )
-        following = f"Next: {judgement.next.why}{command}."
+        command = judgement.next.command.replace("DIR", folder)
+        following = f"Next: {judgement.next.why}{f': `{command}`' if command else '.'}"
     return Lead(judgement.answer, judgement.because, judgement.sure, following)
 
 

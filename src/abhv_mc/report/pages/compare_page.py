@@ -266,12 +266,12 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
     for title, pair, names in pairs:
         metrics_by_side, first, second = (
             standing(pair, names),
-            names.label(pair.a),
-            names.label(pair.b),
+            names.subject(pair.a),
+            names.subject(pair.b),
         )
         answer_of = {
-            "better": f"{first} is better",
-            "worse": f"{second} is better",
+            "better": f"{first} is better than {second}",
+            "worse": f"{second} is better than {first}",
             "mixed": "mixed",
             "open": "no difference is shown",
         }
@@ -296,11 +296,11 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
         answers.setdefault(answer, []).append(title)
     text = "; ".join(f"{answer} ({joined(titles)})" if len(answers) > 1 else answer
                          for answer, titles in answers.items())  # fmt: skip
-    command = f" with `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
+    command = f": `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
     if not b.campaign.can_rerun:
-        command = " in the report of the second campaign"
+        command = " in the report of the second campaign."
     failed = any(pair.any_failure.only_b for _, pair, _ in pairs)
-    following = f"Next: find out why flights fail{command}." if failed else ""
+    following = f"Next: find out why flights fail{command}" if failed else ""
     return Lead(f"{text[0].upper()}{text[1:]}.", tuple(because[:3]), next=following)
 
 

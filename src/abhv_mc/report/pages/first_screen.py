@@ -142,14 +142,15 @@ def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
 
 
 def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
+    unit = entry.unit.removeprefix("-")
     low, median, high = (
-        significant(value, 3) if math.isfinite(value) else "lost"
+        f"{significant(value, 3)} {unit}".strip() if math.isfinite(value) else "(lost)"
         for value in (cell.low, cell.median, cell.high)
     )
-    tolerance = (
-        "" if cell.tolerance is None else f", tolerance limit {significant(cell.tolerance, 3)}"
-    )
-    return f"{label}: median {median}, 5 to 95 % {low} to {high}{tolerance} {entry.unit}".strip()
+    words = f"{label}: median {median}, 5 to 95 % {low} to {high}"
+    if cell.tolerance is None:
+        return words
+    return f"{words}, tolerance limit {significant(cell.tolerance, 3)} {unit}".strip()
 
 
 def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
@@ -237,7 +238,7 @@ def baseline_line(baseline: Baseline | None, names: Names) -> str:
             sum(counts_by_side.values()),
         )
         change = f"{changes} of" if changes else "no difference shown in"
-        text = f"{names.label(pair.controllers[0])} {change} {total} metric{'s' * (total != 1)}"
+        text = f"{names.subject(pair.controllers[0])} {change} {total} metric{'s' * (total != 1)}"
         if failed.only_a or failed.only_b:
             text += f", newly failed {fixed(failed.only_a, 0)}, no longer {fixed(failed.only_b, 0)}"
         parts.append(text)

@@ -180,14 +180,13 @@ def make_page(
     origin = campaign.simulator.origin
     drawn = f"adopted from {origin}" if origin else seeds
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
-    title = campaign.name.replace("_", " ")
     return (
         make_environment()
         .get_template("page.html.j2")
         .render(
-            title=title,
+            title=campaign.name,
             kicker=" \N{MIDDLE DOT} ".join(
-                filter(None, (title, *_facts(models, f"{flown} flights each, {drawn}")))
+                filter(None, (campaign.name, *_facts(models, f"{flown} flights each, {drawn}")))
             ),
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,

@@ -87,11 +87,11 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
     *wins, values = entry.better_at
     if values > 1 and any(wins):
         sides = zip((pair.a, pair.b), wins, strict=True)
-        win_counts = [f"{names.label(side)} at {count}" for side, count in sides if count]
+        win_counts = [f"{names.subject(side)} at {count}" for side, count in sides if count]
         return (
             f"better on more flights: {joined(win_counts)} of the {values} values of the unknowns"
         )
-    better = names.label(entry.closer) if entry.closer else "one"
+    better = names.subject(entry.closer) if entry.closer else "one"
     reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
     reasons += ["more flights lost"] if entry.loses_more else []
     return f"{better} is better on more flights but has {joined(reasons)}"
@@ -137,14 +137,14 @@ def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
     if not names.campaign.judged:
         return [f"No winner is named: {names.campaign.dependence}."]
     verdicts = {verdict_of(pair, names) for pair in pairs}
-    name = names.label(pairs[0].a)
+    name = names.subject(pairs[0].a)
     overall = {
         "better": f"{name} is better: ",
         "worse": f"{name} is worse: ",
         "open": "No difference is shown: ",
     }
     sentences = [
-        f"against {names.label(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, "
+        f"against {names.subject(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, "
         f"{pair_words(pair, names)}."
         for pair in pairs
     ]
@@ -157,7 +157,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
     An example is 'TLC is better on more flights in ...; TLC uses ...'.
     """
-    standings, first = standing(pair, names, full=True), names.label(pair.a)
+    standings, first = standing(pair, names, full=True), names.subject(pair.a)
     openings = {
         "better": "it is better on more flights in",
         "worse": "it is worse on more flights in",
@@ -204,7 +204,7 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
     sentences: list[str] = []
     open_: dict[str, str] = {}  # rival -> the sentence that no difference is shown
     for pair in comparison.pairs.values():
-        failures, a, b = pair.ended_early, names.label(pair.a), names.label(pair.b)
+        failures, a, b = pair.ended_early, names.subject(pair.a), names.subject(pair.b)
         alone = failures.only_a, failures.only_b
         if not any(alone):
             continue
@@ -222,7 +222,7 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
         else:
             open_[b] = f"No difference is shown between {a} and {b} in lost flights: {counts_text}"
     if len(open_) > _OPEN:
-        first = names.label(next(iter(names.controllers)))
+        first = names.subject(next(iter(names.controllers)))
         return [
             *sentences,
             f"No difference in lost flights is shown between {first} and {joined(list(open_))}.",

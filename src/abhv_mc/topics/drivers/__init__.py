@@ -270,7 +270,7 @@ def otherwise_words(shares: Sequence[Share]) -> list[str]:
 def driver_sentences(drivers: Drivers, names: Names) -> Sequence[str]:
     """Return sentences on the largest drivers of the first controllers."""
     first = list(drivers.controllers.items())[:_MOVED]
-    return [*filter(None, (_sentence(names.label(name), entry, names) for name, entry in first))]
+    return [*filter(None, (_sentence(names.subject(name), entry, names) for name, entry in first))]
 
 
 def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:

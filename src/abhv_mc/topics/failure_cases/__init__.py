@@ -159,7 +159,7 @@ def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequenc
     for entry in failure_cases.cases:
         if entry.case != NO_FAILURE and " + " not in entry.case:
             counts = [
-                f"{names.label(name)} {count_of(cell.flights - cell.lost, cell.flights)}"
+                f"{names.subject(name)} {count_of(cell.flights - cell.lost, cell.flights)}"
                 for name, cell in entry.controllers.items()
             ]
             clauses.append(f"{entry.case}: {', '.join(counts)}")

@@ -55,7 +55,7 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
         ]
         if "ESTIMATE" in statuses:
             counts = [f"{count_of(verdicts.kept(name), len(statuses))} met in every flight"]
-        parts.append(f"{names.label(name)} {joined(counts)}")
+        parts.append(f"{names.subject(name)} {joined(counts)}")
     return [f"Requirements: {'; '.join(parts)}.{_together_words(verdicts, names)}"]
 
 
@@ -70,11 +70,11 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
     )
     if verdicts.family_risk or not joint.dropped:
         return (
-            f" {'They hold' if verdicts.family_risk else 'All PASS also hold'} jointly, with "
-            f"{risk}."
+            f" {'They hold' if verdicts.family_risk else 'All PASS verdicts also hold'} jointly, "
+            f"with {risk}."
         )
     dropped = [
-        f"{verdicts.requirements[i].words} ({names.label(name)})" for i, name in joint.dropped
+        f"{verdicts.requirements[i].words} ({names.subject(name)})" for i, name in joint.dropped
     ]
     passed = joint.stand + len(dropped)
     named = f"; not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
