@@ -16,16 +16,25 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, wrapped
 from paper_figures import plot_axis, plot_track
-from paper_vehicle_box import FREE, make_mission, make_vehicle
+from paper_vehicle_box import FREE, MACH, make_mission, make_vehicle
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_export import ABHV
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, READING, TRAITS
-from paper_vehicle_sides import find_trim, measure, table
-from paper_vehicle_tables import claim, figures, largest_misses, left_by, predictions, vehicles
+from paper_vehicle_sides import SIDES, control_powers, excesses, find_trim, measure, table
+from paper_vehicle_tables import (
+    claim,
+    figures,
+    largest_misses,
+    left_by,
+    powers,
+    predictions,
+    vehicles,
+)
 
 from abhv_mc.control.controller_file import TlcController
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {
@@ -163,27 +172,44 @@ dispersed flights.
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-The figures alone also admit vehicles that could not be built, so each member is within the \
-limits of this table
-(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at the size of \
-an X-51; the wing
-loading has no effect on the flights. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with \
-GHAME's growth over
-the Mach number. The tables begin at Mach 2.
+The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
+(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at a length of 8.6 m, a little more
+than an X-51 with its booster. The wing loading is chosen: a common factor on mass, inertias, coefficients and cowl area
+changes no flight. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over the Mach number;
+deflections have no drag. The tables begin at Mach 2.
 
 [CLASS]
 
-GHAME itself is outside most of these limits: its trimmed L/D here is {ghame_lift_to_drag}, its \
-thrust over weight
-{ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight \
-flight to about 1.2 at
-50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use \
-GHAME's drag. The X-43A
-had a wing loading of 380 kg/m2 (Marshall et al., AIAA 2005-3332). Kuechemann's limit at Mach \
-4.74 is an L/D of 6.5;
-slender lifting bodies reach 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)).
+Two limits have a source: Kuechemann's 4 (M + 3)/M, an L/D of 6.5 at Mach 4.74, and the wing loading, which was
+380 kg/m2 for the X-43A (Marshall et al., AIAA 2005-3332). The others are engineering judgement. The limit
+of both arms is half the length.
+
+The limits, not only the figures, determine some traits. Traits within a tenth of their unit in the search of a
+limit, and the number of members: {near}.
 
 {sides}
+
+GHAME itself is outside {ghame_outside} of these {sides_number} limits: its trimmed L/D here is {ghame_lift_to_drag},
+its thrust over weight {ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight
+flight to about 1.2 at 50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use
+GHAME's drag. This requirement rests on GHAME's specific impulse, which the members share: at Mach 4.74 it is
+{impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and {impulse_rich:.0f} s at 1.5. That it
+rises beyond 1 is GHAME's law, not combustion physics: fuel beyond 1 does not burn. Slender lifting bodies reach an L/D
+of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the members are above them, where waveriders are. The
+winged cone's least CD is one node, Mach 8 and -1 deg, of its polynomial fit.
+
+## Control powers
+
+Derivatives are per rad, at the trim. Each arm is also given at the span or chord of `abhv`.
+
+[POWERS]
+
+The control powers of the members are what the deflections in the paper's figures demand of a vehicle of this size, and
+do not come from a layout of surfaces. They do not fit together as one set: the aileron of `abhv` is {aileron_ratio:.1f}
+times as powerful as GHAME's and its rudder {rudder_ratio:.0f} times, but its elevator has {elevator_ratio:.1f} times
+the lift. So aileron and elevator must be different surfaces, not elevons, and 20 deg of aileron would roll the vehicle
+about {roll_ratio:.1f} times as fast as GHAME. Either the paper's vehicle had such surfaces or its tables were not those
+of an aircraft; the figures cannot tell. The flights use about 1 deg of aileron and 0.4 deg of rudder.
 """
 
 
@@ -322,10 +348,58 @@ def sides_words(members: list[dict[str, Any]]) -> str:
     return f"Ends of the search box on which members lie: {listed or 'none'}."
 
 
+def near_words(members: list[dict[str, Any]]) -> str:
+    """Return the traits near a limit, and on how many members."""
+    counts = {}
+    for name, side in SIDES.items():
+        traits = [member["class_traits"][name] for member in members]
+        ends = (side.low, side.high)
+        near = sum(min(abs(trait - end) for end in ends) <= 0.1 * side.unit for trait in traits)
+        if near:
+            counts[side.label] = near
+    return "; ".join(f"{label}: {count}" for label, count in counts.items())
+
+
+def plausibility(members: list[dict[str, Any]]) -> str:
+    """Return the page on the plausibility of the vehicles."""
+    class_traits = {member["name"]: member["class_traits"] for member in members}
+    surfaces = {}
+    for member in members:
+        vehicle = make_vehicle(member["values"])
+        surfaces[member["name"]] = control_powers(vehicle, *find_trim(vehicle)[:2])
+    for name, label in (("ghame", "GHAME"), ("winged_cone", "winged cone")):
+        vehicle = load_vehicle(ROOT / f"configs/vehicle/{name}.yaml")
+        point = find_trim(vehicle)
+        class_traits[label] = measure(vehicle, *point)
+        surfaces[label] = control_powers(vehicle, *point[:2])
+    ratio = {name: x / surfaces["GHAME"][name] for name, x in surfaces[ABHV].items()}
+    ghame = load_vehicle(ROOT / "configs/vehicle/ghame.yaml")
+    etas = np.array([0.25, 1.0, 1.5])
+    impulse = evaluate_fixed(ghame, make_variables(ghame, mach=MACH, equivalence_ratio=etas))[
+        "specific_impulse"
+    ]
+    facts = {
+        "near": near_words(members),
+        "sides": sides_words(members),
+        "sides_number": len(SIDES),
+        "ghame_outside": np.count_nonzero(excesses(class_traits["GHAME"])),
+        **{
+            f"ghame_{name}": f"{class_traits['GHAME'][name]:.2f}"
+            for name in ("lift_to_drag", "thrust_to_weight")
+        },
+        **dict(zip(("impulse_lean", "impulse_even", "impulse_rich"), impulse, strict=True)),
+        "aileron_ratio": ratio["Cl_da"],
+        "rudder_ratio": ratio["Cn_dr"],
+        "elevator_ratio": ratio["CL_de"],
+        "roll_ratio": ratio["steady roll p b/2V at 20 deg of aileron"],
+    }
+    return _fill(PLAUSIBILITY, {"CLASS": table(class_traits), "POWERS": powers(surfaces)}, facts)
+
+
 def page(
     result: dict[str, Any], judged: dict[str, Any], flights: int, south: dict[str, float]
-) -> tuple[str, str]:
-    """Return the page of the comparison and the page on the plausibility of the vehicles."""
+) -> str:
+    """Return the page of the comparison."""
     members, shipped = result["ensemble"], judged[ABHV]
     for member in judged.values():
         if any(
@@ -333,10 +407,6 @@ def page(
             for law in LAWS
         ):
             raise SystemExit("a member is unstable, loses a flight or saturates")
-    class_traits = {member["name"]: member["class_traits"] for member in members}
-    for name, label in (("ghame", "GHAME"), ("winged_cone", "winged cone")):
-        vehicle = load_vehicle(ROOT / f"configs/vehicle/{name}.yaml")
-        class_traits[label] = measure(vehicle, *find_trim(vehicle))
     disk = {
         law: between([member["margins"][law]["disk"] for member in judged.values()], 2)
         for law in LAWS
@@ -355,7 +425,6 @@ def page(
     tables = {
         "FIGURES": figures(shipped),
         "VEHICLES": vehicles(members),
-        "CLASS": table(class_traits),
         "CLAIM": claim(members, judged),
         "CLAIM_WORDS": claim_words(judged),
         "PREDICTIONS": predictions(result),
@@ -364,10 +433,6 @@ def page(
     facts = {
         "number": len(members),
         "searches": SEARCHES,
-        **{
-            f"ghame_{name}": f"{class_traits['GHAME'][name]:.2f}"
-            for name in ("lift_to_drag", "thrust_to_weight")
-        },
         "abhv": ABHV,
         "flights": flights,
         "south": f"{south['tlc']:.3f} km (TLC) and {south['lqr']:.3f} km (LQR)",
@@ -375,12 +440,11 @@ def page(
         "furthest_lqr": furthest["lqr"],
         "ends": ends_words(judged),
         "spread": spread_words(members),
-        "sides": sides_words(members),
         "predicted": predicted_words(result),
         "disk_tlc": disk["tlc"],
         "disk_lqr": disk["lqr"],
     }
-    return _fill(TEXT, tables, facts), _fill(PLAUSIBILITY, tables, facts)
+    return _fill(TEXT, tables, facts)
 
 
 def _fill(text: str, tables: dict[str, Iterator[str]], facts: dict[str, Any]) -> str:
@@ -432,7 +496,7 @@ def main() -> None:
     south = {
         law: radius * float(np.deg2rad(angles[0] - angles[-1])) for law, angles in latitude.items()
     }
-    text, plausibility = page(result, judged, arguments.flights, south)
+    text = page(result, judged, arguments.flights, south)
     mirrored = {end["figure"]: end["mirrored"] for end in judged[ABHV]["ends"]}
     for name in IMAGES:
         if name == "paper_fig02":
@@ -442,7 +506,9 @@ def main() -> None:
         channel = next(axis.channels[0] for axis in AXES if axis.channels[0].startswith(stem))
         write_png(plot_axis(channel, flown, mirrored), ROOT / f"docs/images/{name}.png")
     (ROOT / "docs/explanation/paper.md").write_text(text, encoding="utf-8")
-    (ROOT / "docs/explanation/paper-vehicles.md").write_text(plausibility, encoding="utf-8")
+    (ROOT / "docs/explanation/paper-vehicles.md").write_text(
+        plausibility(result["ensemble"]), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

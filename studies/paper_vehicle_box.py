@@ -1,7 +1,8 @@
 """Vehicles of the class of GHAME with the paper's S: free parameters, their box and tables.
 
 The base is `ghame_x` (CADAC++ GHAME6, P. H. Zipfel, at a smaller size) with `HEAVIER` times its
-mass and inertias, and a wing loading of 393 kg/m2. Most free parameters are factors on GHAME's
+mass and inertias, and a wing loading of 393 kg/m2. The inertias follow GHAME's straight line over
+mass, but the fuel is GHAME's volume of hydrogen at this size, about 2 m3. Most free parameters are factors on GHAME's
 coefficients. Comments give the corresponding factors of the winged cone (NASA TM-102610,
 `winged_cone.yaml`) relative to GHAME at the Mach number and angle of attack of the S, with full
 tanks and inertias over mass times area. Yaw by aileron, roll rate and yaw rate has the sign of both
@@ -66,6 +67,7 @@ def _signed(low: float, high: float, first: tuple[float, float]) -> Free:
 
 
 HEAVIER = 2.3  # mass and inertias over those of ghame_x
+FUEL = 140.0  # kg with full tanks: GHAME's 81646 kg times 0.12^3; half of it at the start
 ALPHA_LIMIT = np.deg2rad(15.0)  # the upper limit of the angle of attack
 FREE = {
     "inertia_xx": Free(0.5, 3.0, (0.9, 1.6)),  # cone 1.13
@@ -225,7 +227,7 @@ def _make_base() -> Vehicle:
     constants, tables, factor = _GHAME_X.constants, _GHAME_X.tables, HEAVIER
     constants = constants._replace(
         mass_start=factor * constants.mass_start,
-        mass_empty=factor * constants.mass_empty,
+        mass_empty=factor * constants.mass_start - 0.5 * FUEL,
         angle_of_attack_max=ALPHA_LIMIT,
     )
     grid, inverse_step, data = tables.grid.copy(), tables.inverse_step.copy(), tables.data.copy()

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 from experiment import ROOT, Floats, wrapped
-from paper_vehicle_box import BASE, TABLES, cells_of, changed_tables, grids_of
+from paper_vehicle_box import BASE, FUEL, TABLES, cells_of, changed_tables, grids_of
 from paper_vehicle_sides import LEAST_MACH
 
 ABHV = "seed-2"  # the member that configs/vehicle/abhv.yaml is
 _PER_DEGREE = ("sideslip", "aileron", "rudder", "elevator")
 _DIGITS = 6
 _MASS = """mass:
-  start: {start} kg # half of the fuel
+  start: {start} kg # half of the fuel: full tanks hold {fuel:g} kg, about 2 m3 of hydrogen
   empty: {empty} kg
   points: # linear in between; empty and full
 {points}
@@ -57,17 +57,29 @@ def write_tables(values: dict[str, float], folder: Path) -> dict[str, Floats]:
 
 def mass_text(nodes: dict[str, Floats]) -> str:
     """Return the section on mass."""
-    (masses,) = grids_of("inertia_xx")
+    line = [rounded(mass, 7) for mass in grids_of("inertia_xx")[0]]
+    inertias = {
+        name: [rounded(value, _DIGITS) for value in nodes[name].ravel()]
+        for name in nodes
+        if name.startswith("inertia")
+    }
+    start, empty = (rounded(m, 7) for m in (BASE.constants.mass_start, BASE.constants.mass_empty))
     points = []
-    for i, mass in enumerate(masses):
+    for mass in (empty, rounded(empty + FUEL, 7)):
         points.append(f"    - mass: {mass:.7g} kg")
+        # The inertias differ little between empty and full: their slope takes more digits.
         points += [
-            f"      {name}: {nodes[name].ravel()[i]:.{_DIGITS}g} kg m2"
-            for name in nodes
-            if name.startswith("inertia")
+            f"      {name}: {np.interp(mass, line, values):.{_DIGITS + 4}g} kg m2"
+            for name, values in inertias.items()
         ]
-    start, empty = (f"{m:.7g}" for m in (BASE.constants.mass_start, BASE.constants.mass_empty))
-    return _MASS.format(start=start, empty=empty, points="\n".join(points))
+    return _MASS.format(
+        start=f"{start:.7g}", empty=f"{empty:.7g}", fuel=FUEL, points="\n".join(points)
+    )
+
+
+def rounded(value: float, digits: int) -> float:
+    """Return a value with the significant digits of the files."""
+    return float(f"{value:.{digits}g}")
 
 
 def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
@@ -100,10 +112,11 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
     )
     origin = (
         f"Identified by studies/paper_vehicle.py (member {member['name']}), written by "
-        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or "
-        "with an offset, and a drag polar, on a vehicle of the size of an X-51 and the wing "
-        "loading of an X-43A, within sides that vehicles of the class keep "
-        "(studies/paper_vehicle_sides.py). The factors: "
+        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or with an offset, and a "
+        "drag polar, on a vehicle little longer than an X-51 with its booster, with the wing loading of an X-43A, "
+        "within the limits of docs/explanation/paper-vehicles.md and on some of them. Deflections have no drag, which "
+        "is negligible in the S (0.4 deg of rudder), not with saturated surfaces. "
+        "The factors: "
         + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
         + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the "
         "aileron's roll."

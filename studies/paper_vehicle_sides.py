@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from experiment import ROOT, Floats
-from paper_vehicle_box import MACH, make_vehicle
+from paper_vehicle_box import BASE, MACH, make_vehicle
 
 from abhv_mc.control.design.design_model import Environment, make_environment, wrench_at
 from abhv_mc.control.design.lqr_design import Nominal, attitude_slopes
@@ -219,6 +219,26 @@ def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict
         "rudder_height": slope["Cl", "rudder"] / slope["CY", "rudder"],
         "elevator_arm": -slope["Cm", "elevator"] * c.chord / slope["CL", "elevator"],
         "dutch_roll": dutch_roll_ratio(vehicle, alpha, elevator, eta),
+    }
+
+
+def control_powers(vehicle: Vehicle, alpha: float, elevator: float) -> dict[str, float]:
+    """Return the surfaces' derivatives (per rad), arms and steady roll at a known trim."""
+    slope = slopes_at(vehicle, alpha, elevator)
+    rudder_arm = -slope["Cn", "rudder"] / slope["CY", "rudder"]
+    elevator_arm = -slope["Cm", "elevator"] / slope["CL", "elevator"]
+    roll = -slope["Cl", "aileron"] / slope["Cl", "p"] * DEFLECTION
+    return {
+        "Cl_da": slope["Cl", "aileron"],
+        "CL_de": slope["CL", "elevator"],
+        "Cm_de": slope["Cm", "elevator"],
+        "CY_dr": slope["CY", "rudder"],
+        "Cn_dr": slope["Cn", "rudder"],
+        "steady roll p b/2V at 20 deg of aileron": roll,
+        "rudder arm over the span": rudder_arm,
+        "elevator arm over the chord": elevator_arm,
+        "rudder arm at this span, m": rudder_arm * BASE.constants.span,
+        "elevator arm at this chord, m": elevator_arm * BASE.constants.chord,
     }
 
 

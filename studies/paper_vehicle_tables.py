@@ -47,6 +47,14 @@ def vehicles(members: list[dict[str, Any]]) -> Iterator[str]:
         yield f"| {member['name']} | {' | '.join(numbers)} |"
 
 
+def powers(traits: dict[str, dict[str, float]]) -> Iterator[str]:
+    """Yield a row for each control power of each vehicle."""
+    yield "| control power | " + " | ".join(traits) + " |"
+    yield "|" + "---|" * (1 + len(traits))
+    for name in next(iter(traits.values())):
+        yield f"| {name} | " + " | ".join(f"{x[name]:.3g}" for x in traits.values()) + " |"
+
+
 def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str]:
     """Yield a row for each member: percentage of flights with smaller error of TLC, and usage.
 

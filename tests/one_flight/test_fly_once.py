@@ -70,6 +70,17 @@ def test_trims_are_a_table_by_bank():
     assert level is None and "limits" in steep
 
 
+def test_a_trim_below_the_tables_is_warned_of_once():
+    """The tables of abhv begin at Mach 2."""
+    inside, outside = (
+        abhv_mc.trim("abhv", "15 km", speed, [0.0, 0.1]).attrs["warnings"]
+        for speed in ("700 m/s", "500 m/s")
+    )
+    assert not inside
+    (warning,) = outside
+    assert "mach" in warning
+
+
 def test_a_gain_sweep_needs_no_files(tmp_path):
     content = {
         "name": "sweep",

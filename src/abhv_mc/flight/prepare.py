@@ -52,7 +52,7 @@ from abhv_mc.kernel.laws.columns import (
 )
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.vehicle import VARIABLES, Vehicle
+from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.earth import Earth, radii
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
@@ -66,6 +66,7 @@ from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands,
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.pack import table_range
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
@@ -342,10 +343,7 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
     faults = []
     tables = vehicle.tables
     for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):
-        low, high = -np.inf, np.inf
-        for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(name)):
-            grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]
-            low, high = max(low, grid[0]), min(high, grid[-1])
+        low, high = table_range(tables, name)
         slack = 1e-9 * (1.0 + np.abs(column[name]))
         outside = (column[name] < low - slack) | (column[name] > high + slack)
         if np.sum(outside) * tick >= _OUTSIDE:

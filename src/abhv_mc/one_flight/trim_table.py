@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from abhv_mc.control.design.flying_qualities import FlyingQualities
+    from abhv_mc.kernel.plant.vehicle import Vehicle
     from abhv_mc.plant.trim import TrimPoint
 
 COLUMNS = {  # unit, after the bank
@@ -88,7 +89,8 @@ def trim(
     -------
     pandas.DataFrame
         One row for each bank angle, indexed by ``bank_deg``. ``attrs`` has ``units`` by column,
-        ``mass_kg`` and ``warnings`` about implausible properties of the vehicle. ``trimmed`` is
+        ``mass_kg`` and ``warnings`` about implausible properties of the vehicle and points outside
+        its tables. ``trimmed`` is
         False if the vehicle's limits allow no balance, and ``fault`` is the reason. The static
         margin is aerodynamic, about the centre of gravity with fixed elevator. Frequencies,
         dampings, times to double (infinite if the motion decays) and control powers (angular
@@ -137,13 +139,14 @@ def trim(
         raise InputError(document.path, "a vehicle without surfaces", "one with them, to trim it")
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     weighed = craft.constants.mass_start if kilograms is None else kilograms
-    rows, faults = [], []
+    rows, faults, trims = [], [], []
     for angle in angles:
         flight_point = FlightPoint(bank=angle, **point)
         balanced = balance(craft, earth, flight_point, weighed)
         qualities = find_flying_qualities(craft, earth, flight_point, balanced, weighed)
         rows.append(_make_row(balanced, qualities, craft.constants.area, weighed))
         faults.append(balanced.fault)
+        trims.append(balanced)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     table["trimmed"] = [not fault for fault in faults]
     table["fault"] = pd.Series([fault or None for fault in faults], dtype=object)  # None stays None
@@ -151,9 +154,32 @@ def trim(
     table.attrs = {
         "units": {"bank_deg": "deg"} | COLUMNS,
         "mass_kg": weighed,
-        "warnings": find_vehicle_warnings(craft),
+        "warnings": find_vehicle_warnings(craft)
+        + _find_range_warnings(craft, trims, point["altitude"], weighed),
     }
     return table
+
+
+def _find_range_warnings(
+    vehicle: "Vehicle", trims: "list[TrimPoint]", altitude: float, mass: float
+) -> list[str]:
+    """Return one sentence if a trimmed point lies outside the tables' ranges."""
+    from abhv_mc.vehicle.pack import table_range
+
+    outside = []
+    for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):
+        fixed = {"altitude": altitude, "mass": mass}
+        values = [fixed[name] if name in fixed else getattr(trim, name) for trim in trims]
+        low, high = table_range(vehicle.tables, name)
+        slack = 1e-9 * (1.0 + max(map(abs, values)))
+        if min(values) < low - slack or max(values) > high + slack:
+            outside.append(name.replace("_", " "))
+    if not outside:
+        return []
+    return [
+        f"a trimmed point lies outside the vehicle's tables in {', '.join(outside)}: values at the edge "
+        "are used there"
+    ]
 
 
 def _make_row(

@@ -128,6 +128,15 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
     return packed, rows[: len(tables)]
 
 
+def table_range(tables: Tables, variable: str) -> tuple[float, float]:
+    """Return the range of a variable within all tables over it; infinite if there are none."""
+    low, high = -np.inf, np.inf
+    for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(variable)):
+        grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]
+        low, high = max(low, float(grid[0])), min(high, float(grid[-1]))
+    return low, high
+
+
 def nodes_of(tables: Tables, variable: str) -> Floats:
     """Return the nodes of all tables over a variable, in ascending order."""
     axes = np.flatnonzero(tables.axis_variable == VARIABLES.index(variable))
