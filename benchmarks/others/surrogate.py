@@ -1,11 +1,16 @@
-"""otbenchmark's reliability problems by `rare --surrogate`, beside their published probabilities.
+"""Comparison of `rare --surrogate` with published probabilities of otbenchmark's problems.
 
-    python -m benchmarks.others.surrogate [--seeds 20] [--first-seed 30000] [--held-out] [--json FILE]
+    python -m benchmarks.others.surrogate \\
+        [--seeds 20] [--first-seed 30000] [--held-out] [--json FILE]
 
 The ten problems are the first of otbenchmark's list with at most ten dimensions; ``--held-out``
-takes all others of them. At most 400 evaluations each. Accepted if of all intervals given 90 %
-contain the published value, six of ten problems have one in at least half of the repetitions, and
-no interval is wider than a factor of 10. The packages are those of `benchmarks.others.reliability`.
+runs the remaining ones. Each estimate takes at most 400 evaluations. The method is accepted if
+
+- 90 % of all intervals contain the published value,
+- six of ten problems have an interval in at least half of the repetitions, and
+- no interval is wider than a factor of 10.
+
+The packages are those of `benchmarks.others.reliability`.
 """
 
 import argparse
@@ -25,36 +30,38 @@ HEADS = ("problem", "inputs", "published", "calls", "given", "right", "mean / pu
 
 
 def study(problem: Any, first: int, seeds: int) -> dict[str, Any]:
-    """What the seeds of one problem say."""
+    """Return the estimates of one problem over its seeds, compared with the published value."""
     case = make_case(problem)
     with one_blas_thread():
         estimates = [
             estimate_by_surrogate(case.severity, SubsetPlan(case.dimension, case.threshold, seed))
             for seed in range(first, first + seeds)
         ]
-    given = [one for one in estimates if one.refusal is None]
-    missed = [one for one in given if not one.low <= case.probability <= one.high]
-    ratios = [one.probability / case.probability for one in given]
+    intervals = [estimate for estimate in estimates if estimate.refusal is None]
+    missed = [
+        estimate for estimate in intervals if not estimate.low <= case.probability <= estimate.high
+    ]
+    ratios = [estimate.probability / case.probability for estimate in intervals]
     return {
         "case": case.name,
         "dimension": case.dimension,
         "probability": case.probability,
         "seeds": [first, first + seeds - 1],
-        "given": len(given),
-        "right": len(given) - len(missed),
-        "widest": max((one.high / one.low for one in given), default=None),
-        "mean_over_published": float(np.mean(ratios)) if given else None,
-        "evaluations": float(np.mean([one.flights for one in estimates])),
-        "most_evaluations": max(one.flights for one in estimates),
-        "missed": [f"{one.low:.3g} .. {one.high:.3g}" for one in missed],
-        "refusals": sorted({one.refusal for one in estimates if one.refusal}),
+        "given": len(intervals),
+        "right": len(intervals) - len(missed),
+        "widest": max((estimate.high / estimate.low for estimate in intervals), default=None),
+        "mean_over_published": float(np.mean(ratios)) if intervals else None,
+        "evaluations": float(np.mean([estimate.flights for estimate in estimates])),
+        "most_evaluations": max(estimate.flights for estimate in estimates),
+        "missed": [f"{estimate.low:.3g} .. {estimate.high:.3g}" for estimate in missed],
+        "refusals": sorted({estimate.refusal for estimate in estimates if estimate.refusal}),
     }
 
 
 def describe(row: dict[str, Any]) -> str:
-    """A row of the page's table."""
+    """Return a row of the page's table."""
     mean, widest = row["mean_over_published"], row["widest"]
-    words = [
+    cells = [
         row["case"],
         f"{row['dimension']}",
         f"{row['probability']:.3g}",
@@ -64,7 +71,7 @@ def describe(row: dict[str, Any]) -> str:
         "-" if mean is None else f"{mean:.2f}",
         "-" if widest is None else f"{widest:.1f}",
     ]
-    return f"| {' | '.join(words)} |"
+    return f"| {' | '.join(cells)} |"
 
 
 def main() -> None:
@@ -90,8 +97,8 @@ def main() -> None:
         print(describe(rows[-1]), flush=True)
         if arguments.json:
             write_json(arguments.json, rows)
-    given, right = sum(row["given"] for row in rows), sum(row["right"] for row in rows)
-    print(f"{right} of {given} intervals hold the published value", flush=True)
+    total, right = sum(row["given"] for row in rows), sum(row["right"] for row in rows)
+    print(f"{right} of {total} intervals hold the published value", flush=True)
 
 
 if __name__ == "__main__":

@@ -48,7 +48,10 @@ def write_names(path: Path) -> None:
     for group, names in groups.items():
         positions = ", ".join(f"{name.replace('.', '_')} = {i}" for i, name in enumerate(names))
         lines.append(f"namespace {group} {{ enum : int {{ {positions}, count = {len(names)} }}; }}")
-    gains = f"guidance = {LQR_GUIDANCE}, elevator = {LQR_ELEVATOR}, lateral = {LQR_LATERAL}, count = {len(LQR_GAINS)}"
+    gains = (
+        f"guidance = {LQR_GUIDANCE}, elevator = {LQR_ELEVATOR}, lateral = {LQR_LATERAL}, count = "
+        f"{len(LQR_GAINS)}"
+    )
     lines.append(f"namespace actuators {{ constexpr int substeps = {SUBSTEPS}; }}")
     lines.append(f"namespace gain {{ enum : int {{ {gains} }}; }}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,10 +1,10 @@
-"""An error-state navigation filter before TLC or LQR, which fly with its estimates.
+"""Error-state navigation filter whose estimates replace the measurements of TLC or LQR.
 
 Strapdown integration of position, velocity and attitude over the rotating WGS-84 Earth, eq. (2) of
 the paper, from the measured specific force and body rates. The errors (position, velocity and
 attitude in north, east, down; biases of gyros and accelerometers) are truth minus estimate; the
-attitude's turns the estimate in the local frame. Position and velocity are corrected at
-``update_rate``. The Earth's rotation and curvature are left out of the errors' growth.
+attitude error is a rotation vector in the local frame. Position and velocity are corrected at
+``update_rate``. The growth of the errors neglects the Earth's rotation and curvature.
 """
 
 from collections import namedtuple
@@ -51,7 +51,7 @@ NONE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def radii(latitude, altitude):
-    """Metres per radian of latitude and of longitude; sine and cosine of the latitude."""
+    """Return metres per radian of latitude and of longitude; sine and cosine of the latitude."""
     sine, cosine = sincos(latitude)
     w2 = 1.0 - E2 * sine * sine
     normal = RADIUS / sqrt(w2)
@@ -59,7 +59,7 @@ def radii(latitude, altitude):
 
 
 def gravity(altitude, sine, cosine):
-    """Gravity to the north and down, with J2 and the centrifugal acceleration."""
+    """Return gravity to the north and down, with J2 and the centrifugal acceleration."""
     normal = RADIUS / sqrt(1.0 - E2 * sine * sine)
     rho, z = (normal + altitude) * cosine, (normal * (1.0 - E2) + altitude) * sine
     r2 = rho * rho + z * z
@@ -70,7 +70,7 @@ def gravity(altitude, sine, cosine):
 
 
 def product(a, b):
-    """Product of two quaternions."""
+    """Return the product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -80,20 +80,20 @@ def product(a, b):
 
 
 def turn(x, y, z):
-    """Quaternion of a small rotation vector."""
+    """Return the quaternion of a small rotation vector."""
     squared = 0.25 * (x * x + y * y + z * z)
     half = 0.5 - squared / 12.0
     return 1.0 - 0.5 * squared, half * x, half * y, half * z
 
 
 def unit(q):
-    """Quaternion of length 1."""
+    """Return a quaternion scaled to length 1."""
     k = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return k * q[0], k * q[1], k * q[2], k * q[3]
 
 
 def axes(q):
-    """Matrix from body to north, east, down."""
+    """Return the rotation matrix from body axes to north, east, down."""
     q0, q1, q2, q3 = q
     return (
         (1.0 - 2.0 * (q2 * q2 + q3 * q3), 2.0 * (q1 * q2 - q0 * q3), 2.0 * (q1 * q3 + q0 * q2)),
@@ -103,7 +103,7 @@ def axes(q):
 
 
 def transpose(a):
-    """Matrix with rows and columns exchanged."""
+    """Return the transpose of a matrix."""
     return (
         (a[0][0], a[1][0], a[2][0]),
         (a[0][1], a[1][1], a[2][1]),
@@ -112,7 +112,7 @@ def transpose(a):
 
 
 def plus(a, k, b):
-    """A + k b."""
+    """Return a + k b."""
     return (
         (a[0][0] + k * b[0][0], a[0][1] + k * b[0][1], a[0][2] + k * b[0][2]),
         (a[1][0] + k * b[1][0], a[1][1] + k * b[1][1], a[1][2] + k * b[1][2]),
@@ -121,37 +121,37 @@ def plus(a, k, b):
 
 
 def more(a, b, c):
-    """A + b c."""
+    """Return a + b c."""
     return plus(a, 1.0, matmul(b, c))
 
 
 def less(a, b, c):
-    """A - b c."""
+    """Return a - b c."""
     return plus(a, -1.0, matmul(b, c))
 
 
 def even(a):
-    """The symmetric part."""
+    """Return the symmetric part of a matrix."""
     return plus(plus(NONE, 0.5, a), 0.5, transpose(a))
 
 
 def diagonal(x, y, z):
-    """Diagonal matrix."""
+    """Return a diagonal matrix."""
     return (x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)
 
 
 def square(m):
-    """Matrix of nine numbers."""
+    """Return nine numbers, given by rows, as a matrix."""
     return (m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8])
 
 
 def flat(a):
-    """Nine numbers of a matrix."""
+    """Return the nine numbers of a matrix by rows."""
     return a[0] + a[1] + a[2]
 
 
 def velocity_of(measured, settings):
-    """Measured velocity, north, east, down, and the covariance of its noise."""
+    """Return the measured velocity (north, east, down) and the covariance of its noise."""
     sin_g, cos_g = sincos(measured.flight_path_angle)
     sin_c, cos_c = sincos(measured.heading)
     speed = measured.speed
@@ -167,7 +167,7 @@ def velocity_of(measured, settings):
 
 
 def start(measured, settings):
-    """Estimate and covariance at the first measurement."""
+    """Return estimate and covariance at the first measurement."""
     velocity, noise = velocity_of(measured, settings)
     sine, cosine = sincos(0.5 * measured.yaw)
     q = cosine, 0.0, 0.0, sine
@@ -177,17 +177,21 @@ def start(measured, settings):
     q = product(q, (cosine, sine, 0.0, 0.0))
     p, t = settings.position_noise, settings.attitude_error
     g, a = settings.gyro_bias, settings.acceleration_bias
-    place = measured.latitude, measured.longitude, measured.altitude
+    position = measured.latitude, measured.longitude, measured.altitude
     blocks = (
         *(diagonal(p * p, p * p, p * p), NONE, NONE, NONE, NONE),
         *(noise, NONE, NONE, NONE, diagonal(t * t, t * t, t * t), NONE, NONE),
         *(diagonal(g * g, g * g, g * g), NONE, diagonal(a * a, a * a, a * a)),
     )
-    return place + velocity + q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), blocks
+    return position + velocity + q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), blocks
 
 
 def move(memory, rate, force, dt):
-    """Strapdown integration over a tick; the matrix from body to local frame and the specific force there."""
+    """Integrate the strapdown equations over a tick.
+
+    Return the estimate, and the means over the tick of the rotation matrix from body axes to the
+    local frame and of the specific force in the local frame.
+    """
     latitude, longitude, altitude, north, east, down, q0, q1, q2, q3 = memory[:10]
     per_latitude, per_longitude, sine, cosine = radii(latitude, altitude)
     latitude_rate, longitude_rate = north / per_latitude, east / per_longitude
@@ -197,14 +201,14 @@ def move(memory, rate, force, dt):
         -(SPIN + longitude_rate) * sine,
     )
     before = axes((q0, q1, q2, q3))
-    own = matmul(transpose(before), (w_n, w_e, w_d))
+    local_rate = matmul(transpose(before), (w_n, w_e, w_d))
     bias = memory.gyro_bias_x, memory.gyro_bias_y, memory.gyro_bias_z
     q = product(
         (q0, q1, q2, q3),
         turn(
-            dt * (0.5 * (memory.last_rate_x + rate[0]) - bias[0] - own[0]),
-            dt * (0.5 * (memory.last_rate_y + rate[1]) - bias[1] - own[1]),
-            dt * (0.5 * (memory.last_rate_z + rate[2]) - bias[2] - own[2]),
+            dt * (0.5 * (memory.last_rate_x + rate[0]) - bias[0] - local_rate[0]),
+            dt * (0.5 * (memory.last_rate_y + rate[1]) - bias[1] - local_rate[1]),
+            dt * (0.5 * (memory.last_rate_z + rate[2]) - bias[2] - local_rate[2]),
         ),
     )
     q = unit(q)
@@ -233,10 +237,10 @@ def move(memory, rate, force, dt):
     return moved + q, plus(plus(NONE, 0.5, before), 0.5, after), f
 
 
-def spread(P, turned, f, settings, dt):
-    """Covariance after a tick."""
+def spread(P, to_local, f, settings, dt):
+    """Return the covariance after a tick."""
     pp, pv, pt, pg, pa, vv, vt, vg, va, tt, tg, ta, gg, ga, aa = P
-    D = plus(NONE, -dt, turned)
+    D = plus(NONE, -dt, to_local)
     F = ((0.0, dt * f[2], -dt * f[1]), (-dt * f[2], 0.0, dt * f[0]), (dt * f[1], -dt * f[0], 0.0))
     F_t, D_t = transpose(F), transpose(D)
     # Rows of the position, the velocity and the attitude, then the columns.
@@ -256,9 +260,10 @@ def spread(P, turned, f, settings, dt):
 
 
 def correct(P, row, S, z):
-    """Covariance and errors after a measurement of three errors.
+    """Return covariance and errors after a measurement of three errors.
 
-    ``row``: their blocks of P; ``z`` and ``S``: innovation and its covariance.
+    ``row`` contains the blocks of P that belong to these errors; ``z`` and ``S`` are the innovation
+    and its covariance.
     """
     inverse = solve(S, diagonal(1.0, 1.0, 1.0))
     p, v, t = matmul(inverse, row[0]), matmul(inverse, row[1]), matmul(inverse, row[2])
@@ -280,20 +285,20 @@ def correct(P, row, S, z):
 
 
 def add(a, b):
-    """Sum of two vectors."""
+    """Return the sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def apply(x, d):
-    """The estimate with its errors removed."""
+    """Return the estimate corrected by its errors."""
     per_latitude, per_longitude, _, _ = radii(x[0], x[2])
     q = unit(product(turn(d[6], d[7], d[8]), x[6:10]))
-    place = x[0] + d[0] / per_latitude, x[1] + d[1] / per_longitude, x[2] - d[2]
-    return place + add(x[3:6], d[3:6]) + q
+    position = x[0] + d[0] / per_latitude, x[1] + d[1] / per_longitude, x[2] - d[2]
+    return position + add(x[3:6], d[3:6]) + q
 
 
 def update(x, gyro, bias, P, measured, settings):
-    """Estimate and covariance after measured position and velocity."""
+    """Return estimate and covariance after a measurement of position and velocity."""
     per_latitude, per_longitude, _, _ = radii(x[0], x[2])
     p = settings.position_noise
     z = (
@@ -312,7 +317,7 @@ def update(x, gyro, bias, P, measured, settings):
 
 
 def covariance(m):
-    """The blocks in a memory."""
+    """Return the blocks of the covariance from a memory."""
     return (
         *(square(m[22:31]), square(m[31:40]), square(m[40:49]), square(m[49:58])),
         *(square(m[58:67]), square(m[67:76]), square(m[76:85]), square(m[85:94])),
@@ -323,15 +328,15 @@ def covariance(m):
 
 @measurement_filter(units=UNITS)
 def law(measured, memory, settings, time, dt):
-    """What the law gets in place of the measurement."""
+    """Return the filtered measurement for the controller, and the memory."""
     rate = measured.roll_rate, measured.pitch_rate, measured.yaw_rate
     force = measured.acceleration_x, measured.acceleration_y, measured.acceleration_z
     if time == 0.0:
         x, gyro, bias, P = start(measured, settings)
     else:
-        x, turned, f = move(memory, rate, force, dt)
+        x, to_local, f = move(memory, rate, force, dt)
         gyro, bias = memory[10:13], memory[13:16]
-        P = spread(covariance(memory), turned, f, settings, dt)
+        P = spread(covariance(memory), to_local, f, settings, dt)
         count = int(time * settings.update_rate + 1e-6)
         if count > int((time - dt) * settings.update_rate + 1e-6):
             x, gyro, bias, P = update(x, gyro, bias, P, measured, settings)

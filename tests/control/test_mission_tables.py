@@ -20,8 +20,10 @@ def read(folder, text, choices=WIND, **heads):
     "text",
     [
         "altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n20000,40,5\n",
-        "altitude [km];wind_east [kt];wind_north (km/h)\n20;9,719222462203;144\n0;9,719222462203;0\n",
-        "altitude_ft,wind_speed_mps,wind_direction_deg\n0,5,270\n65616.79790026247,40.311288741492746,187.1250163489018\n",
+        "altitude [km];wind_east [kt];wind_north (km/h)\n"
+        "20;9,719222462203;144\n0;9,719222462203;0\n",
+        "altitude_ft,wind_speed_mps,wind_direction_deg\n0,5,270\n"
+        "65616.79790026247,40.311288741492746,187.1250163489018\n",
     ],
 )
 def test_wind_of_any_unit_order_and_form(tmp_path, text):
@@ -32,7 +34,8 @@ def test_wind_of_any_unit_order_and_form(tmp_path, text):
 def test_a_sounding_gives_wind_and_density(tmp_path):
     text = (
         "PRES   HGHT   TEMP   DRCT   SKNT\n hPa     m      C    deg   knot\n"
-        "--------------------------------\n850.0  1500    10.0    90     20\n500.0  5600   -20.0   180     40\n"
+        "--------------------------------\n850.0  1500    10.0    90     20\n"
+        "500.0  5600   -20.0   180     40\n"
     )
     headers = {"altitude": "HGHT", "pressure": "PRES", "temperature": "TEMP"}
     table = read(tmp_path, text, DENSITIES, **headers)
@@ -56,7 +59,10 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
         ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "altitudes that fall"),
         ("altitude_m,density_factor\n0,1\n9,-1\n", DENSITIES, (3, 3), "a factor above zero"),
         ("altitude_m,pressure_hPa,temperature\n0,1,1\n9,1,1\n", DENSITIES, (1, 25), "one of K"),
-        ("altitude_m,density_factor\n" + "".join(f"{i},1\n" for i in range(10_001)), DENSITIES, (None, None), "10001"),
+        (
+            "altitude_m,density_factor\n" + "".join(f"{i},1\n" for i in range(10_001)),
+            DENSITIES, (None, None), "10001",
+        ),
     ],
 )  # fmt: skip
 def test_an_invalid_table_is_rejected(tmp_path, text, choices, location, fragment):

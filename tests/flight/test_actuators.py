@@ -1,4 +1,7 @@
-"""Surfaces and effectors in flight against a brute-force integration of the same hybrid model in steps of 5 us."""
+"""Tests of surfaces and effectors against a brute-force integration of the same model.
+
+Its steps are 5 us long.
+"""
 
 import dataclasses
 
@@ -36,7 +39,10 @@ def move(position, rate, command, bandwidth, damping, fastest, low, high):
 
 @pytest.fixture(scope="module")
 def plan():
-    """The first 0.4 s of the S manoeuvre, whose step of bank drives aileron and rudder to rate limit and stop."""
+    """Return the first 0.4 s of the S manoeuvre.
+
+    Its step of bank drives aileron and rudder to their rate limits and stops.
+    """
     return short_plan(40)
 
 
@@ -57,14 +63,14 @@ def test_rate_limits_and_stops_are_followed(plan):
     assert (np.abs(rate[:, 1:]) == fastest).sum() > 30  # at the rate limit,
     assert (np.abs(position[:, 1:]) == limit).sum() > 10  # and at a stop
     assert (np.abs(position[:, 1:]) <= limit).all() and (np.abs(rate[:, 1:]) <= fastest).all()
-    # commands are recorded in single precision, and Euler's steps of 5 us err by 2e-5 rad
+    # Commands are recorded in single precision; the error of the Euler steps of 5 us is 2e-5 rad.
     assert position[:, 1:] == pytest.approx(expected[0], abs=1e-4)
     assert rate[:, 1:] == pytest.approx(expected[1], abs=0.02)
 
 
 def test_without_limits_a_flight_with_moving_surfaces_is_of_order_four(plan):
-    # A tick of 0.1 s and a slow actuator, so that errors stand out of the rounding; within one cell
-    # of the tables.
+    # With a tick of 0.1 s and a slow actuator the errors exceed rounding. The flight stays within
+    # one cell of the tables.
     constants = plan.vehicle.constants._replace(surface_limit=10.0)
     actuators = plan.vehicle.actuators.copy()
     actuators[:3, [LOW_LIMIT, HIGH_LIMIT, RATE_LIMIT, BAND]] = -10.0, 10.0, 1e6, 20.0
@@ -110,7 +116,7 @@ HALF = ", ".join(f'"flap_{i}": step' for i in range(0, COUNT, 2))
 
 
 def make_plan(folder, commands=HALF, how=""):
-    """Plan of a law that commands half of sixteen effectors directly."""
+    """Return the plan of a law that commands half of sixteen effectors directly."""
     effectors = {}
     for i, (low, high, fastest, bandwidth) in enumerate(
         np.column_stack([LOW, HIGH, FASTEST, BANDWIDTH]).tolist()
@@ -135,7 +141,7 @@ def sixteen(tmp_path_factory):
 
 
 def positions(plan, ticks, parameters):
-    """Return the deflections [tick, flight, effector] at the given ticks."""
+    """Return the deflections [tick, flight, effector] at some ticks."""
     first = s.variable_row("effector_0")
     saved, rows = None, []
     for tick in ticks:
@@ -162,7 +168,7 @@ def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen) -> N
     simulated = positions(
         sixteen, ticks.tolist(), rows_of({"actuator.bandwidth": 1.2, "actuator.rate_limit": 0.8})
     )[:, 0]
-    # rad; a stop met within a step of the brute force costs most
+    # The unit is rad. The largest error is that of a stop met within a step of the brute force.
     assert np.abs(simulated - np.array(expected)[ticks - 1]).max() < 2e-4
 
 
@@ -232,8 +238,12 @@ def command_at(time):
 
 
 def integrate_actuator(kind, zone, play, commands, start, bandwidth=40.0, fastest=0.4, length=0.01):
-    """Position after each tick, by scipy with kinks resolved, and by the play operator on a fine grid."""
-    at, rate, surface, found = start, 0.0, start, []
+    """Return the position after each tick.
+
+    scipy integrates the actuator with resolved kinks; the play operator on a fine grid gives the
+    position of the surface.
+    """
+    actuator, rate, surface, surface_positions = start, 0.0, start, []
     for command in commands.tolist():
         fine = np.linspace(0.0, length, 1001)
 
@@ -241,7 +251,7 @@ def integrate_actuator(kind, zone, play, commands, start, bandwidth=40.0, fastes
             return command - x - np.clip(command - x, -zone, zone)
 
         if kind == "ideal":
-            path = np.full(fine.size, command + np.clip(at - command, -zone, zone))
+            path = np.full(fine.size, command + np.clip(actuator - command, -zone, zone))
         else:
             derivatives = {
                 "second_order": lambda _, y: [
@@ -256,7 +266,7 @@ def integrate_actuator(kind, zone, play, commands, start, bandwidth=40.0, fastes
             path, rates = solve_ivp(
                 derivatives[kind],
                 (0.0, length),
-                [at, rate],
+                [actuator, rate],
                 "DOP853",
                 fine,
                 rtol=1e-11,
@@ -264,22 +274,22 @@ def integrate_actuator(kind, zone, play, commands, start, bandwidth=40.0, fastes
                 max_step=1e-3,
             ).y
             rate = rates[-1]
-        at = path[-1]
+        actuator = path[-1]
         for x in path:
             surface = min(max(surface, x - play), x + play)
-        found.append(surface)
-    return np.array(found)
+        surface_positions.append(surface)
+    return np.array(surface_positions)
 
 
 def test_each_kind_of_actuator_with_dead_zone_and_backlash_follows_its_equation(tmp_path) -> None:
-    effectors, given, expected, ticks = {}, [], [], 60
+    effectors, assignments, expected, ticks = {}, [], [], 60
     for kind, dynamics in KINDS.items():
         for slack in SLACKS:
             name = f"flap_{len(effectors)}"
-            given.append(f'"{name}": step')
+            assignments.append(f'"{name}": step')
             effectors[name] = {"kind": kind, "elevator": 1.0, "limits": ["-1 rad", "1 rad"]}
             effectors[name] |= dynamics | slack
-    law = write_law(tmp_path, SLACK_LAW.format(given=", ".join(given)))
+    law = write_law(tmp_path, SLACK_LAW.format(given=", ".join(assignments)))
     engine = {"throttle_kind": "first_order", "bandwidth": "10 rad/s", "damping": None}
     engine |= {"rate_limit": "1.5 1/s", "dead_zone": 0.02, "backlash": 0.03}
     vehicle = {"base": "ghame_x", "effectors": effectors}
@@ -291,13 +301,15 @@ def test_each_kind_of_actuator_with_dead_zone_and_backlash_follows_its_equation(
         for slack in SLACKS:
             zone, play = ZONE * ("dead_zone" in slack), 0.5 * PLAY * ("backlash" in slack)
             expected.append(integrate_actuator(kind, zone, play, commands, start))
-    given = 0.5 + 4.0 * commands
-    expected.append(integrate_actuator("first_order", 0.02, 0.015, given, throttle, 10.0, 1.5))
-    kept, found = None, []
+    throttle_commands = 0.5 + 4.0 * commands
+    expected.append(
+        integrate_actuator("first_order", 0.02, 0.015, throttle_commands, throttle, 10.0, 1.5)
+    )
+    saved, simulated = None, []
     for tick in range(1, ticks + 1):
-        kept = fly_until(plan, nominal_parameters(), tick, kept)
+        saved = fly_until(plan, nominal_parameters(), tick, saved)
         first = s.variable_row("effector_0")
-        deflections = kept.rows[0, first : first + len(effectors)]
-        found.append(np.append(deflections, kept.rows[0, s.X + s.ETA]))
-    errors = np.abs(np.array(found) - np.array(expected).T)
+        deflections = saved.rows[0, first : first + len(effectors)]
+        simulated.append(np.append(deflections, saved.rows[0, s.X + s.ETA]))
+    errors = np.abs(np.array(simulated) - np.array(expected).T)
     assert errors.max() < 1e-6, errors.max(axis=0)

@@ -1,4 +1,7 @@
-"""The shipped navigation filter is as good as its covariance says, and is found out if that is wrong by two."""
+"""Tests of the shipped navigation filter's consistency: errors against their covariance.
+
+A covariance that is wrong by a factor of two is detected.
+"""
 
 import math
 import runpy
@@ -25,7 +28,10 @@ Q = ("gyro_noise", "acceleration_noise")
 
 
 def test_at_rest_on_the_turning_earth_it_stays_where_it_is():
-    """Specific force is minus gravity, the rates are the Earth's, level and facing north: no error may grow."""
+    """At rest, level and facing north no error grows.
+
+    The specific force is minus gravity, and the body rates are those of the Earth.
+    """
     names = runpy.run_path(str(shipped_configs() / "control" / "navigation.py"))
     law, latitude, dt = names["law"], 0.7, 0.01
     north, down = gravity_ned(WGS84, 100.0, math.sin(latitude), math.cos(latitude))
@@ -45,7 +51,7 @@ def test_at_rest_on_the_turning_earth_it_stays_where_it_is():
 
 
 def nees(folder, seed, factors=()):
-    """Mean NEES [quantity, instant] of a campaign whose filter believes in other settings."""
+    """Return the mean NEES [quantity, instant] of a campaign with changed filter settings."""
     law = yaml.safe_load(find_input("tlc_navigation", "control").read_text(encoding="utf-8"))
     law |= {name: str(shipped_configs() / "control" / law[name]) for name in ("file", "around")}
     for name, factor in factors:
@@ -74,7 +80,7 @@ def nees(folder, seed, factors=()):
 
 
 def inside(means):
-    """Share of the means [..., instant] within 95 % of what the mean of 200 flights is."""
+    """Return the share of means [..., instant] in the 95 % interval for 200 flights."""
     return ((means > LOW) & (means < HIGH)).mean(axis=-1)
 
 

@@ -25,7 +25,8 @@ from abhv_mc.extend import Command, controller
 @controller(compiled=False)
 def law(measured, reference):
     alpha, p = measured.angle_of_attack - reference.angle_of_attack, measured.roll_rate
-    return Command(-0.1 * p, 0.0, reference.elevator + 2.0 * alpha, reference.equivalence_ratio, bank=measured.{name})
+    return Command(-0.1 * p, 0.0, reference.elevator + 2.0 * alpha, reference.equivalence_ratio, \
+bank=measured.{name})
 """
 
 
@@ -96,7 +97,8 @@ def test_noise_of_the_additional_measurements_has_separate_random_numbers():
     assert abs(np.corrcoef(mach, alone)[0, 1]) < 0.05
 
 
-SEEN = {  # in which channel of an eastbound flight with 30 m/s of tail wind, and how near
+# Channel and tolerance of measurements in an eastbound flight with 30 m/s of tail wind.
+SEEN = {
     **{
         "airspeed": ("speed_mps", 0.014),
         "mach": ("mach", 5e-5),

@@ -1,4 +1,4 @@
-"""Accelerations as measured quantities: the specific force in body axes, against the derivative of the velocity."""
+"""Tests of measured accelerations: specific force against the derivative of the velocity."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
 
-# Flies well enough for some seconds; its commanded bank and angles are what it measures.
+# The law is stable for some seconds. It outputs the measurements as commanded bank and angles.
 WATCH = """\
 from abhv_mc.extend import Command, controller
 
@@ -35,7 +35,7 @@ COMMANDS = [
 
 
 def seen_by(block):
-    """The accelerations [flight, tick, axis] that the law has seen."""
+    """Return the accelerations [flight, tick, axis] that the law has measured."""
     return np.deg2rad(block.history[:, :, COMMANDS].astype(float))
 
 
@@ -46,7 +46,7 @@ def plan(tmp_path_factory):
 
 
 def to_inertial(states, times, earth):
-    """Position and velocity [tick, 3] in an inertial frame, and the axes [tick, 3, 3] of the body and of NED there."""
+    """Return position, velocity [tick, 3] and body axes [tick, 3, 3] in an inertial frame."""
     a, e2 = earth.equatorial_radius, earth.flattening * (2.0 - earth.flattening)
     h, latitude = states[:, s.ALTITUDE], states[:, s.LATITUDE]
     longitude = states[:, s.LONGITUDE] + earth.rotation_rate * times
@@ -78,7 +78,7 @@ def to_inertial(states, times, earth):
 
 
 def attraction(position, earth):
-    """Gradient of the potential with J2 [tick, 3]; the Earth's axis is z."""
+    """Return the gradient of the potential with J2 [tick, 3]; the Earth's axis is z."""
     r = np.linalg.norm(position, axis=1, keepdims=True)
     z2 = (position[:, 2:] / r) ** 2
     j2 = 1.5 * earth.j2 * (earth.equatorial_radius / r) ** 2
@@ -108,7 +108,7 @@ def test_it_is_the_derivative_of_the_inertial_velocity_less_gravity(plan):
 
 
 def loads(block):
-    """Magnitude of the specific force [flight, tick] as the flight's channel has it, m/s2."""
+    """Return the specific force's magnitude [flight, tick] from the load factor channel, m/s2."""
     return 9.80665 * block.history[:, :, CHANNEL_INDEX["load_factor_g"]].astype(float)
 
 
@@ -133,7 +133,8 @@ from abhv_mc.extend import Effect, Sensed, dynamics
 
 @dynamics
 def pushed(states, motion, air, controls, settings):
-    return Effect(rates=(-states.lag,), force=(0.0, 0.0, -8000.0), sensed=Sensed(acceleration_z=0.5))
+    return Effect(rates=(-states.lag,), force=(0.0, 0.0, -8000.0), \
+sensed=Sensed(acceleration_z=0.5))
 """
 
 

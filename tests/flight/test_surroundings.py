@@ -109,7 +109,10 @@ def test_a_flame_out_follows_the_engines_lag_and_it_relights_in_its_time():
     ("parameter", "ratio"), [("propulsion.thrust", 1.0), ("propulsion.specific_impulse", 1.05)]
 )
 def test_thrust_is_dispersed_at_the_same_fuel_flow(plan, parameter, ratio):
-    """In the first control period the engine has not yet answered: both flights burn at the same equivalence ratio."""
+    """Compare the fuel burned in the first control period.
+
+    The engine has not responded yet, so both flights have the same equivalence ratio.
+    """
     states = fly(cut(plan, 1), rows_of({}, {parameter: 1.05}), 1, keep_states=True).states
     nominal, dispersed = states[:, 0, s.MASS] - states[:, 1, s.MASS]
     assert nominal > 0.01  # kg in 10 ms
@@ -152,7 +155,7 @@ def test_rotary_gusts_have_the_rms_of_their_spectra():
 
 
 def test_neighbours_do_not_matter(plan):
-    """Next to flights with turbulence and sensor errors, each flight is bit-identical to one alone."""
+    """Check that a flight's bits do not depend on turbulence or sensor errors of others."""
     rough = {
         "wind.turbulence": 3.0,
         "sensor.bank_noise": 0.01,

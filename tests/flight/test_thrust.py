@@ -1,4 +1,4 @@
-"""Thrust that is misaligned, of tables and of a function, against the force and moment of a turned vector."""
+"""Tests of misaligned thrust, of tables and of a function, against a rotated vector."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.vehicle.evaluate import evaluate_fixed, evaluate_tables, make_variables
 
 UP, RIGHT = 0.02, -0.03  # rad
-MORE = 1.0  # share of thrust that shows its force
+MORE = 1.0  # relative increase of thrust, from which its force is computed
 STEP = 1e-6  # s, so short that the rotation does not turn the velocity
 
 
@@ -35,7 +35,7 @@ def test_a_misaligned_thrust_turns_about_the_point_where_it_acts(inputs, arm):
     mass = states[0, s.MASS]
     variables = make_variables(plan.vehicle, mass=mass)
     fixed = evaluate_fixed(plan.vehicle, variables, evaluate_tables(plan.vehicle.tables, variables))
-    value = {name: float(found[0]) for name, found in fixed.items()}
+    value = {name: float(values[0]) for name, values in fixed.items()}
     inertia = np.diag([value[f"inertia_{axis}"] for axis in ("xx", "yy", "zz")])
     inertia[0, 2] = inertia[2, 0] = value["inertia_13"]
     speed, spin = slice(s.U, s.W + 1), slice(s.ROLL_RATE, s.YAW_RATE + 1)
@@ -46,7 +46,7 @@ def test_a_misaligned_thrust_turns_about_the_point_where_it_acts(inputs, arm):
         [[np.cos(RIGHT), -np.sin(RIGHT), 0.0], [np.sin(RIGHT), np.cos(RIGHT), 0.0], [0.0, 0.0, 1.0]]
     )
     turned = right @ up @ force - force
-    assert turned[1] < 0.0 and turned[2] < 0.0  # to the left, upward
+    assert turned[1] < 0.0 and turned[2] < 0.0  # to the left and upward
     lever = np.array(arm) - [value["center_of_gravity_x"], 0.0, value["center_of_gravity_z"]]
     size = np.linalg.norm(turned)
     assert mass * (rates[2, speed] - rates[0, speed]) == pytest.approx(turned, abs=1e-4 * size)

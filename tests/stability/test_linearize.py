@@ -1,4 +1,4 @@
-"""The linear model against flights of the compiled engine and against an independent simulator's numbers."""
+"""Tests of the linear model against compiled flights and an independent simulator."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ def test_margins_are_those_of_an_independent_simulator(controller, loop):
 
 
 def test_tlcs_throttle_is_the_simulators_with_shorter_cells_of_its_trim_tables(monkeypatch):
-    """Guidance divides by a secant over a cell of the trim tables, the simulator by the slope at the trim."""
+    """Use short cells, as guidance takes secants over cells and the simulator slopes."""
     monkeypatch.setitem(LONGEST, "equivalence_ratio", 0.0625 / 32)
     for module in (steady, prepare):  # which keep what they found of the vehicle and mission
         monkeypatch.setattr(

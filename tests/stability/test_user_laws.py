@@ -34,12 +34,15 @@ def law(measured, reference, memory, time, dt):
     pitch_rate = memory.pitch_rate + dt / 0.02 * (measured.pitch_rate - memory.pitch_rate)
     eta = reference.equivalence_ratio - 0.02 * speed - 0.001 * memory.speed
     path = measured.flight_path_angle - reference.flight_path_angle
-    alpha = reference.angle_of_attack - 0.9 * path - {altitude} * (measured.altitude - reference.altitude)
+    alpha = reference.angle_of_attack - 0.9 * path - {altitude} * \
+(measured.altitude - reference.altitude)
     elevator = reference.elevator + 2.0 * (measured.angle_of_attack - alpha) + {pitch} * pitch_rate
-    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, measured.roll_rate, measured.yaw_rate
+    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, \
+measured.roll_rate, measured.yaw_rate
     aileron = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r
     rudder = -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
-    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), Memory(memory.speed + dt * speed, pitch_rate)
+    return Command(aileron, rudder, elevator, eta, angle_of_attack=alpha), \
+Memory(memory.speed + dt * speed, pitch_rate)
 """
 
 
@@ -134,7 +137,7 @@ def test_the_time_is_that_of_the_point(tmp_path):
 
 
 def test_a_law_without_slopes_has_no_margins(tmp_path):
-    """The square root of what is zero at the reference's altitude is not a number on one side of it."""
+    """A square root of the altitude error is not a number below the reference altitude."""
     plan, steady = plans_of(
         write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))")
     )
@@ -175,7 +178,8 @@ from abhv_mc.extend import Command, controller, wrap
 def law(measured, reference):
     alpha = measured.angle_of_attack - reference.angle_of_attack
     elevator = reference.elevator + 2.0 * alpha + 1.5 * measured.pitch_rate
-    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, measured.roll_rate, measured.yaw_rate
+    bank, beta, p, r = wrap(measured.bank - reference.bank), measured.sideslip, \
+measured.roll_rate, measured.yaw_rate
     aileron = -0.26 * bank - 1.2 * beta - 0.08 * p + 0.06 * r
     rudder = -0.04 * bank - 0.2 * beta - 0.01 * p + 0.04 * r
     return Command(aileron, rudder, elevator, reference.equivalence_ratio)

@@ -29,7 +29,8 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compile
 HEAD = """\
 #include "abhv_law.h"
 #include "gain.h"
-typedef struct { double speed, *at; long ticks; } memory;  /* points into itself, as Simulink's coder writes it */
+typedef struct { double speed, *at; long ticks; } memory;  \
+/* points into itself, as Simulink's coder writes it */
 size_t abhv_law_state_size(void) { return sizeof(memory); }
 """
 INIT = """\
@@ -39,13 +40,15 @@ int abhv_law_init(const abhv_settings *s, const abhv_reference *first, void *sta
 }
 """
 STEP = """\
-int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, const abhv_settings *s,
+int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double *k, \
+const abhv_settings *s,
                   double time, double dt, void *state, abhv_command *c) {
     memory *own = state;
     (void)k, (void)time;
     %s
     double alpha = r->angle_of_attack - s->path[1] * (m->flight_path_angle - r->flight_path_angle);
-    double bank = abhv_wrap(m->bank - r->bank) + 0.01 * (m->mach - 6.0) + 0.1 * m->pitch + 1e-5 * m->cross_track;
+    double bank = abhv_wrap(m->bank - r->bank) + 0.01 * (m->mach - 6.0) + 0.1 * m->pitch \
++ 1e-5 * m->cross_track;
     bank += 1e-3 * m->acceleration_y;
     c->equivalence_ratio = r->equivalence_ratio - 0.02 * (m->speed - r->speed) - gain() * *own->at;
     c->elevator = r->elevator + 2.0 * (m->angle_of_attack - alpha) + 1.5 * m->pitch_rate;
@@ -59,7 +62,8 @@ int abhv_law_step(const abhv_measured *m, const abhv_reference *r, const double 
 """
 GET_SET = """\
 int abhv_law_state_get(const void *state, double *values) {
-    if (values) values[0] = ((const memory *)state)->speed, values[1] = (double)((const memory *)state)->ticks;
+    if (values) values[0] = ((const memory *)state)->speed, \
+values[1] = (double)((const memory *)state)->ticks;
     return 2;
 }
 int abhv_law_state_set(void *state, const double *values) {
@@ -266,7 +270,8 @@ def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
 
 
 def test_the_headers_functions_have_the_kernels_bits(tmp_path):
-    text = '#include "abhv_law.h"\nvoid all(const double *x, double *y, long n) { for (long i = 0; i < n; i++) {\n'
+    text = '#include "abhv_law.h"\n'
+    text += "void all(const double *x, double *y, long n) { for (long i = 0; i < n; i++) {\n"
     text += "abhv_sincos(x[i], y + 4 * i, y + 4 * i + 1); y[4 * i + 2] = abhv_wrap(x[i]);\n"
     text += "y[4 * i + 3] = abhv_clamp(x[i], -1.5, 2.5); } }\n"
     build(tmp_path, text, [], "all")

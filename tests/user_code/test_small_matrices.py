@@ -1,4 +1,4 @@
-"""Small matrices of custom laws against numpy: in plain Python, compiled to the same bits, and as a law uses them."""
+"""Tests of small matrices in custom laws against numpy, in plain Python and compiled code."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from abhv_mc.kernel.jit import scalar
 
 
 def rows(array):
-    """An array as tuples."""
+    """Return an array as tuples."""
     return tuple(map(rows, array)) if np.ndim(array) else float(array)
 
 
@@ -46,8 +46,8 @@ def test_compiled_code_has_the_bits_of_plain_python():
     a, b = matrices(3, 3)
     arguments = rows(a), rows(b), rows(a @ a.T + np.eye(3))
     compiled, plain = all_three(*arguments), all_three.py_func(*arguments)
-    for one, other in zip(compiled, plain, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for compiled_value, value in zip(compiled, plain, strict=True):
+        np.testing.assert_array_equal(compiled_value, value)
 
 
 def test_a_matrix_without_a_factor_or_an_inverse_gives_no_numbers():

@@ -1,4 +1,4 @@
-"""Vehicle files: packing in SI and radians, errors with location, warnings of implausible numbers."""
+"""Tests of vehicle files: packing in SI units, located errors, implausible numbers."""
 
 import re
 from dataclasses import replace
@@ -29,7 +29,8 @@ mass:
   empty: 60 kg
   points:
     - {mass: 50 kg, inertia_xx: 10 kg m2, inertia_yy: 20 kg m2, inertia_zz: 25 kg m2}
-    - {mass: 150 kg, inertia_xx: 30 kg m2, inertia_yy: 40 kg m2, inertia_zz: 45 kg m2, center_of_gravity_x: -10 cm}
+    - {mass: 150 kg, inertia_xx: 30 kg m2, inertia_yy: 40 kg m2, inertia_zz: 45 kg m2, \
+center_of_gravity_x: -10 cm}
 effectors:
   flap: {elevator: 2.0, aileron: 0.5}
 surfaces: {bandwidth: 50 rad/s, damping: 0.7, limit: 20 deg, rate_limit: 400 deg/s}

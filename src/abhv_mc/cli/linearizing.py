@@ -63,7 +63,8 @@ def margins(
         str | None,
         typer.Option(
             metavar="STATES",
-            help="Hold altitude, speed or heading, separated by commas: for a controller that leaves them open.",
+            help="Hold altitude, speed or heading, separated by commas: for a controller that "
+            "leaves them open.",
         ),
     ] = None,
     json: Json = None,

@@ -115,8 +115,8 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
             hint = f"; are its altitudes in {unit}?"
             break
     return [
-        f"{path.name} has levels from {low:g} to {high:g} m and the flight altitudes from {lowest:.0f} to "
-        f"{highest:.0f} m: beyond its ends the last level is used{hint}"
+        f"{path.name} has levels from {low:g} to {high:g} m and the flight altitudes from "
+        f"{lowest:.0f} to {highest:.0f} m: beyond its ends the last level is used{hint}"
     ]
 
 

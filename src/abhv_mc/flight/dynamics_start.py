@@ -169,7 +169,8 @@ def _check_step(
     if fastest * step <= _NOTED:
         return []
     return [
-        f"the custom dynamics have {phrase}, which adds damping: a step of at most {longest_step} follows them"
+        f"the custom dynamics have {phrase}, which adds damping: a step of at most {longest_step} "
+        "follows them"
     ]
 
 

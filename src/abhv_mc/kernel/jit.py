@@ -422,7 +422,8 @@ def load_compiler() -> _Compiler:
         except Exception as error:
             warnings.warn(
                 f"The private interface of numba {numba.__version__} is not supported "
-                f"({type(error).__name__}: {error}). Its public interface gives the same results, slower.",
+                f"({type(error).__name__}: {error}). Its public interface gives the same results, "
+                "slower.",
                 RuntimeWarning,
                 stacklevel=2,
             )

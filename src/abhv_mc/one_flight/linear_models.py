@@ -170,7 +170,10 @@ def take_point(
             expected = "surfaces with moments of their own, and a weight that they can hold"
             raise InputError(craft.path, message, expected) from None
         if taken.faults[0]:
-            expected = "a start that this vehicle can be trimmed at, or a time of the flight instead of the trim"
+            expected = (
+                "a start that this vehicle can be trimmed at, or a time of the flight instead of "
+                "the trim"
+            )
             raise InputError(mission_document.path, f"a start at which {taken.faults[0]}", expected)
     else:
         plan = prepare(craft, mission_document, law, name).lean_for(dispersions or ())
@@ -318,8 +321,9 @@ def margins(
     mission, vehicle, controller, at, bank, dispersions
         See :func:`abhv_mc.linearize`.
     hold
-        States among ``altitude``, ``speed`` and ``heading`` that are held constant, for a controller
-        that leaves them open, such as an attitude hold. A warning gives the poles that this removes.
+        States among ``altitude``, ``speed`` and ``heading`` that are held constant, for a
+        controller that leaves them open, such as an attitude hold. A warning gives the poles that
+        this removes.
 
     Returns
     -------

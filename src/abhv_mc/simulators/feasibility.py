@@ -108,8 +108,8 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         if needed <= campaign.runs_at_point:
             continue
         problem = (
-            f"a probability of {entry.probability:g} that no outcome of {campaign.runs_at_point} flights shows at a "
-            f"risk of {risk:g}"
+            f"a probability of {entry.probability:g} that no outcome of {campaign.runs_at_point} "
+            f"flights shows at a risk of {risk:g}"
         )
         expected = f"at least {needed} flights, or a lower probability"
         yield document.error(("requirements", i, "probability"), problem, expected)
@@ -133,7 +133,10 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
                 and marginal.density(np.array(1e-12)) < 1e-6
             ):
                 continue  # a distribution that approaches zero and never reaches it
-            expected = "values above zero, as of a truncated_normal or lognormal law: at or below it has no meaning"
+            expected = (
+                "values above zero, as of a truncated_normal or lognormal law: at or below it has "
+                "no meaning"
+            )
             entry = campaign.dispersions.get(name, {})
             width = entry.get("half_width", entry.get("sigma"))
             if isinstance(width, (int, float)) and width >= 1:

@@ -68,7 +68,10 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
         raise refuse_input(campaign, moving[0], conflict, STILL_AIR)
     failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
     if failing and plan.vehicle.constants.driven:
-        problem = f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators of their own"
+        problem = (
+            f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators "
+            "of their own"
+        )
         names = ", ".join(name_effectors(plan.vehicle))
         raise refuse_input(campaign, failing[0], problem, f"a failure of an effector: {names}")
 

@@ -120,7 +120,8 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
             value, node = np.rad2deg((x, grid[nearest])) if name in _DEGREES else (x, grid[nearest])
             unit = " deg" if name in _DEGREES else ""
             sentences.append(
-                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {owner}: slopes are those on its side"
+                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {owner}: slopes "
+                "are those on its side"
             )
     return sentences
 

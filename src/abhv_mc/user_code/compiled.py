@@ -51,7 +51,8 @@ ONBOARD_ROWS = (
 COMMANDS = "commands."  # before the name of a column that is one
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
-    r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return |[\w, ]+ = _|$)"
+    r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return "
+    r"|[\w, ]+ = _|$)"
 )
 
 

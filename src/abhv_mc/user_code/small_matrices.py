@@ -1,7 +1,8 @@
 """Products, Cholesky factors and solutions of small matrices in custom laws: tuples of rows.
 
-Each is a function of plain Python. Compiled code runs it once, while numba compiles, on values that
-emit the instruction of each operation: straight code without memory, with the bits of plain Python.
+The functions are plain Python. While numba compiles a law, it runs them once with values that emit
+an instruction for each operation. The compiled code has no loops or arrays and returns the same
+bits as plain Python.
 """
 
 import math
@@ -48,24 +49,27 @@ def solve(a: Any, b: Any) -> Any:
             rows[i] = [y - factor * x for x, y in zip(rows[k], rows[i], strict=True)]
     solved: list[Any] = [()] * n
     for k in reversed(range(n)):
-        known = zip(*solved[k + 1 :], strict=True) if k + 1 < n else [()] * len(rows[k][n:])
-        left = [
-            _less(side, rows[k][k + 1 : n], x) for side, x in zip(rows[k][n:], known, strict=True)
+        solved_columns = (
+            zip(*solved[k + 1 :], strict=True) if k + 1 < n else [()] * len(rows[k][n:])
+        )
+        numerators = [
+            _less(side, rows[k][k + 1 : n], x)
+            for side, x in zip(rows[k][n:], solved_columns, strict=True)
         ]
-        solved[k] = tuple(_ratio(side, rows[k][k]) for side in left)
+        solved[k] = tuple(_ratio(side, rows[k][k]) for side in numerators)
     return tuple(x[0] for x in solved) if vector else tuple(solved)
 
 
 def _dot(x: Any, y: Any) -> Any:
-    (first, *others) = (u * v for u, v in zip(x, y, strict=True))
+    (first, *products) = (u * v for u, v in zip(x, y, strict=True))
     total = first
-    for product in others:
+    for product in products:
         total = total + product
     return total
 
 
 def _less(value: Any, x: Any, y: Any) -> Any:
-    """Return a value less the products of two rows."""
+    """Return a value minus the products of two rows, subtracted in order."""
     for u, v in zip(x, y, strict=True):
         value = value - u * v
     return value
@@ -88,7 +92,7 @@ def _choose(condition: Any, x: Any, y: Any) -> Any:
 
 
 class _Emitted:
-    """A number of compiled code; its operations emit instructions."""
+    """Number of compiled code, whose operations emit instructions."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
@@ -112,7 +116,7 @@ class _Emitted:
         return self.builder.fcmp_ordered(">", self.value, other.value)
 
     def call(self, name: str) -> "_Emitted":
-        """Return an intrinsic of LLVM's of the number."""
+        """Return the result of an LLVM intrinsic applied to the number."""
         function = self.builder.module.declare_intrinsic(name, [self.value.type])
         return _Emitted(self.builder, self.builder.call(function, [self.value]))
 
@@ -126,7 +130,7 @@ def _compile_all() -> None:
     tuples: Any = types.BaseTuple
 
     def identity(kind: Any, row: int | None = None) -> Any:
-        """Return numbers in the shape of a type of tuples: those of an identity matrix."""
+        """Return an identity matrix in the shape of a tuple type."""
         if not isinstance(kind, tuples):
             raise TypeError(kind)
         return tuple(
@@ -160,17 +164,17 @@ def _compile_all() -> None:
         return ir.Constant(ir.DoubleType(), value)
 
     def make(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return numba's type of the result and what generates its code, None for misfits."""
+        """Return the result's numba type and code generator; None if the shapes do not fit."""
         try:
             result = type_of(function(*map(identity, arguments)))
         except (ValueError, IndexError, TypeError):
             return None
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            parts = (
+            operands = (
                 emitted(context, builder, *pair) for pair in zip(arguments, values, strict=True)
             )
-            return packed(context, builder, result, function(*parts))
+            return packed(context, builder, result, function(*operands))
 
         return result(*arguments), generate
 

@@ -273,8 +273,8 @@ def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> li
         f"speed, density, mach = {lane(airspeed)}, {lane(density)}, {of('mach')}",
         "sound = speed / mach if mach > 0.0 else 340.0",
         "pressure = density * sound * sound / 1.4",
-        f"air = _air({of('altitude')}, mach, density, pressure, sound, 0.5 * density * speed * speed, speed, "
-        f"{of('angle_of_attack')}, {of('sideslip')})",
+        f"air = _air({of('altitude')}, mach, density, pressure, sound, 0.5 * density * speed * "
+        f"speed, speed, {of('angle_of_attack')}, {of('sideslip')})",
         f"rates = _rates({of('roll_rate_hat')}, {of('pitch_rate_hat')}, {of('yaw_rate_hat')})",
         f"controls = _controls({', '.join(controls)})",
         f"throttle = {of('equivalence_ratio')}",

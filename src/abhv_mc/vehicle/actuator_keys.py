@@ -38,7 +38,7 @@ _DEAD_ZONE = (
 )
 _BACKLASH = "play between the actuator and what it moves, from side to side"
 
-# Keys that each kind of actuator needs; no other of the dynamics belongs to it.
+# Required keys of each kind of actuator; other keys of the dynamics are rejected.
 DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
     "second_order": ("bandwidth", "damping", "rate_limit"),
     "first_order": ("bandwidth", "rate_limit"),
@@ -58,7 +58,7 @@ class Actuator(StrictModel):
     ideal: bool = Field(False, description="true: the same as kind: ideal")
 
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
-        """Return the kind that the file gives, None if it gives none. Raise Refusal for two."""
+        """Return the kind from the file, None if missing. Raise Refusal if there are two."""
         if self.ideal and kind not in (None, "ideal"):
             raise Refusal(f"an ideal actuator of the kind {kind}", "one of both", ("ideal",))
         return "ideal" if self.ideal else kind
@@ -223,7 +223,10 @@ class _Inlets(StrictModel):
                 ("engines",),
             )
         if max(map(abs, moments)) > 1e-6:
-            problem = f"engines whose thrust acts {', '.join(f'{x:g}' for x in moments)} m from the line of thrust"
+            problem = (
+                f"engines whose thrust acts {', '.join(f'{x:g}' for x in moments)} m from the line "
+                "of thrust"
+            )
             raise Refusal(problem, "positions with the weighted mean 0", ("engines",))
         return self
 
@@ -318,7 +321,7 @@ class Effector(SurfaceActuator):
 
     @property
     def driven(self) -> bool:
-        """True if it has a separate actuator; missing values are those of ``surfaces``."""
+        """Whether the surface has a separate actuator; missing values are those of ``surfaces``."""
         return bool(self.model_fields_set - set(AXIS_DEFLECTIONS))
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Effectors and actuators of a vehicle: packing from the file, and queries of the packed vehicle."""
+"""Effectors and actuators of a vehicle: packing from the file, and queries."""
 
 from collections.abc import Mapping
 
@@ -36,9 +36,9 @@ _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effe
 def pack_effectors(
     effectors: Mapping[str, Effector], named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """Return the mix of the file's effectors, all effectors and the names of the file's.
+    """Return the mix of the file's effectors, all effectors, and the names of the file's.
 
-    Axes that the aerodynamics name are effectors, too.
+    The names are arrays of character codes. Axes that the aerodynamics name are effectors, too.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
@@ -57,21 +57,22 @@ def pack_effectors(
 
 
 def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
-    """Return the list of actuators [actuator, column]: three axes, engine, then the number of effectors.
+    """Return the list of actuators [actuator, column]: three axes, the engine, all effectors.
 
-    What an effector does not say is as the surfaces have it; axes among the effectors have those.
+    ``effectors`` is the number of effectors. Keys that an effector omits, and axes among the
+    effectors, have the values of the surfaces.
     """
     surfaces, engine = content.surfaces, content.propulsion
     limit = surfaces.limit if surfaces else 0.0
     axis = _make_row(surfaces, (-limit, limit), surfaces.response if surfaces else None)
     throttle = _make_row(engine, throttle_range(engine), engine.response if engine else None)
     rows = [axis, axis, axis, throttle]
-    for each in content.effectors.values():
+    for effector in content.effectors.values():
         row = axis
         if surfaces:
-            kind, dynamics = each.complete(surfaces)
-            row = axis | _make_row(each, each.limits or (-limit, limit), kind, dynamics)
-            row |= {name: axis[name] for name in SLACK if getattr(each, name) is None}
+            kind, dynamics = effector.complete(surfaces)
+            row = axis | _make_row(effector, effector.limits or (-limit, limit), kind, dynamics)
+            row |= {name: axis[name] for name in SLACK if getattr(effector, name) is None}
         rows.append(row)
     rows += [axis] * (effectors + FIRST_EFFECTOR - len(rows))
     return np.array([[row[name] for name in COLUMNS] for row in rows])
@@ -83,7 +84,7 @@ def _make_row(
     kind: ActuatorKind | None,
     dynamics: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
-    """Return a row of the list by columns; what there is not, is there and has no effect."""
+    """Return a row of the list by columns; missing keys have values without effect."""
     row = {"low": limits[0], "high": limits[1], "rate_limit": 0.0, "bandwidth": 1.0, "damping": 1.0}
     names = (*DYNAMICS["second_order"], *SLACK)
     row |= dict.fromkeys(SLACK, 0.0)
@@ -96,24 +97,27 @@ def _make_row(
 
 
 def has_slack(vehicle: Vehicle) -> bool:
-    """Return whether actuators at work are of first order, or have a dead zone or backlash."""
+    """Return whether active actuators are of first order, or have a dead zone or backlash."""
     actuators = vehicle.actuators[surface_list(vehicle)]
     return bool((actuators[:, KIND] == FIRST_ORDER).any() or actuators[:, DEAD_ZONE:].any())
 
 
 def slack_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a sentence (without its full stop) on the dead zones and backlash that margins leave out."""
+    """Return a warning of dead zones and backlash, which margins leave out, or none.
+
+    The warning is a sentence without its full stop.
+    """
     names = [*(name_effectors(vehicle) if vehicle.constants.driven else AXIS_DEFLECTIONS), "engine"]
     actuators = vehicle.actuators[surface_list(vehicle)]
-    parts = []
+    phrases = []
     for column, slack in enumerate(SLACK, DEAD_ZONE):
-        of = [name for name, row in zip(names, actuators, strict=True) if row[column] > 0.0]
-        if of:
-            parts.append(f"the {slack.replace('_', ' ')} of {', '.join(of)}")
-    if not parts:
+        affected = [name for name, row in zip(names, actuators, strict=True) if row[column] > 0.0]
+        if affected:
+            phrases.append(f"the {slack.replace('_', ' ')} of {', '.join(affected)}")
+    if not phrases:
         return []
     return [
-        f"stability margins and linear models leave out {' and '.join(parts)}: they hold for "
+        f"stability margins and linear models leave out {' and '.join(phrases)}: they hold for "
         "commands well above it, and say nothing about oscillations of its size"
     ]
 
@@ -159,7 +163,7 @@ def surface_list(vehicle: Vehicle) -> Ints:
 
 
 def surface_mix(vehicle: Vehicle) -> Floats:
-    """Return the deflections per axis deflection [surface, 3] of the surfaces that have actuators."""
+    """Return deflections per axis deflection [surface, 3] of the surfaces with actuators."""
     return vehicle.effectors.mix if vehicle.constants.driven else np.eye(AXES)
 
 
@@ -177,8 +181,8 @@ def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Return the range of deflections (rad) of an axis alone that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
-        own = vehicle.actuators[FIRST_EFFECTOR:]
-        for mix, actuator in zip(vehicle.effectors.mix[:, axis], own, strict=True):
+        actuators = vehicle.actuators[FIRST_EFFECTOR:]
+        for mix, actuator in zip(vehicle.effectors.mix[:, axis], actuators, strict=True):
             if mix != 0.0:
                 ends = sorted((actuator[LOW] / mix, actuator[HIGH] / mix))
                 low, high = max(low, ends[0]), min(high, ends[1])

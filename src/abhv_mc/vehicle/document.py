@@ -185,15 +185,16 @@ class AerodynamicsFunction(PythonFunction):
 
     function: str = Field("coefficients", description="name of the function")
     frame: Literal["body", "stability", "wind"] = Field(
-        description="axes of the force coefficients: body (CX CY CZ), stability (CL CD, CY along body y) "
-        "or wind (CL CD CC)"
+        description="axes of the force coefficients: body (CX CY CZ), stability (CL CD, CY along "
+        "body y) or wind (CL CD CC)"
     )
     reference_point: ReferencePoint = Field(
         ReferencePoint(), description="point about which the moments are"
     )
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
         default_factory=dict,
-        description="points where the function has kinks (angles in rad), which become nodes of trim tables",
+        description="points where the function has kinks (angles in rad), which become nodes of "
+        "trim tables",
     )
 
 

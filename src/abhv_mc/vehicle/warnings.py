@@ -46,7 +46,8 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
     warnings = slack_warnings(vehicle)
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append(
-            "the vehicle file has no mass.empty, so the engine burns no fuel and the mass is constant"
+            "the vehicle file has no mass.empty, so the engine burns no fuel and the mass is "
+            "constant"
         )
     nodes = [nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack")]
     machs, angles = (grid if grid.size else np.zeros(1) for grid in nodes)
@@ -70,14 +71,14 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
             continue
         finding = (
             f"the {coefficient.replace('_', '-')} coefficient changes by {value:.3g} per "
-            f"{'unit' if variable.endswith('_hat') else 'radian'} of {variable.removesuffix('_hat').replace('_', ' ')} "
-            "in the middle of the tables"
+            f"{'unit' if variable.endswith('_hat') else 'radian'} of "
+            f"{variable.removesuffix('_hat').replace('_', ' ')} in the middle of the tables"
         )
         if not least <= abs(value) <= most:
             other = np.degrees(value) if abs(value) < least else np.radians(value)
             warnings.append(
-                f"{finding}, outside the usual range of {least:g} to {most:g}; with degrees and radians "
-                f"exchanged it would be {other:.3g}"
+                f"{finding}, outside the usual range of {least:g} to {most:g}; with degrees and "
+                f"radians exchanged it would be {other:.3g}"
             )
         elif sign and np.sign(value) != sign:
             warnings.append(f"{finding}: {meaning}")
@@ -124,8 +125,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     if (drag <= 0.0).any():
         worst = np.unravel_index(np.argmin(drag), drag.shape)
         warnings.append(
-            f"drag is not positive at {np.sum(drag <= 0.0)} of {drag.size} nodes inside the limits: CD is "
-            f"{drag[worst]:.3g} {describe_point(mach[worst], alpha[worst])}"
+            f"drag is not positive at {np.sum(drag <= 0.0)} of {drag.size} nodes inside the "
+            f"limits: CD is {drag[worst]:.3g} {describe_point(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
         # Rise of the curve to each node from its lowest nodes on both sides.
@@ -137,7 +138,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
             minima = int(np.argmin(curve[:top])), top + int(np.argmin(curve[top:]))
             angles_text = " and ".join(f"{np.degrees(angles[i]):g}" for i in minima)
             warnings.append(
-                f"the drag at Mach {number:g} has two minima, at {angles_text} deg of angle of attack"
+                f"the drag at Mach {number:g} has two minima, at {angles_text} deg of angle of "
+                "attack"
             )
             break
 
@@ -155,7 +157,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     if (excess > 1.0).any():
         worst = np.unravel_index(np.argmax(excess), excess.shape)
         warnings.append(
-            f"the trimmed lift-to-drag ratio is {ratio[worst]:.1f} {describe_point(mach[worst], alpha[worst])}, where "
-            f"6 (M + 2) / M = {ratio[worst] / excess[worst]:.1f} exceeds that of every known vehicle"
+            f"the trimmed lift-to-drag ratio is {ratio[worst]:.1f} "
+            f"{describe_point(mach[worst], alpha[worst])}, where 6 (M + 2) / M = "
+            f"{ratio[worst] / excess[worst]:.1f} exceeds that of every known vehicle"
         )
     return warnings

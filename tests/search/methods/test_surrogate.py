@@ -1,7 +1,4 @@
-"""Tests of Gaussian processes against OpenTURNS.
-
-Their estimates are compared with known probabilities.
-"""
+"""Tests of Gaussian processes against OpenTURNS, and of estimates by known cases."""
 
 import numpy as np
 import openturns as ot
@@ -61,8 +58,8 @@ def test_openturns_predicts_the_same(smooth):
 def test_left_out_values_are_predicted_by_all_others():
     logs = np.r_[[-3.0] * 3, 0.5, -8.0, 0.3, 0.7]
     i = 4
-    others = gp.condition(np.delete(POINTS, i, 0), np.delete(VALUES, i), False, logs)
-    mean, sigma = others.predict(POINTS[[i]])
+    reduced = gp.condition(np.delete(POINTS, i, 0), np.delete(VALUES, i), False, logs)
+    mean, sigma = reduced.predict(POINTS[[i]])
     error = (VALUES[i] - mean[0]) / np.hypot(sigma[0], np.exp(0.5 * logs[4]))
     left_out = gp.condition(POINTS, VALUES, False, logs).left_out()
     assert left_out[i] == pytest.approx(error, rel=1e-6)
@@ -78,7 +75,7 @@ def test_left_out_values_are_predicted_by_all_others():
     ids=lambda case: case.name,
 )
 def test_right_within_its_interval(case):
-    """The full version, with twenty seeds, is benchmarks/others/surrogate.py."""
+    """Check one seed; benchmarks/others/surrogate.py checks twenty."""
     result = estimate(case, 11)
     assert result.refusal is None and result.low <= case.probability <= result.high
     assert result.high < 3.0 * result.low and result.flights <= 400

@@ -123,8 +123,8 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
     _COSINE,
 ) = map(int, Operation)
 (
-    _MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST, _REVERSALS, _SUM,
-    _QUANTILE,
+    _MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST,
+    _REVERSALS, _SUM, _QUANTILE,
 ) = map(int, Statistic)  # fmt: skip
 
 

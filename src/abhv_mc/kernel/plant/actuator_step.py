@@ -2,7 +2,8 @@
 
 The command is constant over the step. Within the limits the step is exact. A step that may meet a
 limit is split into short steps, as a limit met within a long step would reduce the integrator's
-order. So is the step of a first-order actuator, or of one with a dead zone or backlash.
+order. Steps of actuators that are of first order, or have a dead zone or backlash, are always
+split.
 """
 
 from typing import NamedTuple
@@ -13,17 +14,17 @@ from abhv_mc.kernel.numerics.lane_math import exp
 
 # Columns of ``Vehicle.actuators``, the list of actuators, SI and radians: limits of the position,
 # greatest rate, bandwidth in rad/s, damping ratio (0.5 for first order: 2 damping / bandwidth is
-# the time constant), one of the kinds; the error between command and position that an actuator does
-# not feel, and the play between it and what it moves.
+# the time constant), one of the kinds, half-width of the dead zone in the error between command and
+# position, and total backlash between the actuator and its surface.
 COLUMNS = (
     *("low", "high", "rate_limit", "bandwidth", "damping", "kind"),
     *("dead_zone", "backlash"),
 )
 LOW, HIGH, RATE_LIMIT, BANDWIDTH, DAMPING, KIND, DEAD_ZONE, BACKLASH = range(len(COLUMNS))
-SLACK = COLUMNS[DEAD_ZONE:]  # what makes an actuator nonlinear within its limits
+SLACK = COLUMNS[DEAD_ZONE:]  # nonlinearities within the limits
 KINDS = ("second_order", "first_order", "ideal")
 SECOND_ORDER, FIRST_ORDER, IDEAL = range(len(KINDS))
-AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # places in the list: three axes, the engine, effectors
+AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # indices of the list: three axes, the engine, effectors
 
 SUBSTEPS = 16  # short steps of an integrator step
 _TERMS = 40  # of the matrix exponential's series
@@ -105,7 +106,10 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
 
 @scalar
 def lag_step(position, command, bandwidth, step, low, high, rate_limit):
-    """Return what :func:`short_step` does, for a first-order actuator: at its rate limit first, then by its lag."""
+    """Return position, rate and the position's integral after a first-order actuator's step.
+
+    The actuator first moves at its rate limit, then approaches the command exponentially.
+    """
     error = abs(position - command)
     side = 1.0 if position > command else -1.0
     limited = clamp(error / rate_limit - 1.0 / bandwidth, 0.0, step) if error > 0.0 else 0.0
@@ -122,7 +126,7 @@ def lag_step(position, command, bandwidth, step, low, high, rate_limit):
 
 @scalar
 def mean_within(a, b, zone):
-    """Mean over x from ``a`` to ``b`` of x within +-zone."""
+    """Return the mean of x clamped to +-zone, over x from ``a`` to ``b``."""
     at_a, at_b = clamp(a, -zone, zone), clamp(b, -zone, zone)
     span = b - a
     short = abs(span) < 1e-9
@@ -132,10 +136,11 @@ def mean_within(a, b, zone):
 
 @scalar
 def slack_step(position, rate, command, response, bandwidth, step, low, high, rate_limit, zone):
-    """Return what :func:`short_step` does, of any kind of actuator that feels the error beyond a dead zone alone.
+    """Return position, rate and the position's integral after a step with a dead zone.
 
-    That is as if the command were the nearest within the zone about the position; ``bandwidth`` is
-    0 for second order.
+    Only the error beyond the dead zone acts: the effective command is the point of the zone about
+    the command that is nearest to the position. ``bandwidth`` is that of a first-order actuator, 0
+    for one of second order.
     """
     error = position - command
     if bandwidth > 0.0:
@@ -149,7 +154,10 @@ def slack_step(position, rate, command, response, bandwidth, step, low, high, ra
 
 @scalar
 def turning_point(position, rate, end_rate, step):
-    """Return the farthest position of a step on which the rate changes its sign, else the first one."""
+    """Return the position at which the rate changes its sign within a step.
+
+    If the rate keeps its sign, the position at the start of the step is returned.
+    """
     turns = (rate > 0.0) != (end_rate > 0.0)
     time = step * rate / (rate - end_rate if turns and rate != end_rate else 1.0)
     return position + (0.5 * rate * time if turns else 0.0)
@@ -157,5 +165,5 @@ def turning_point(position, rate, end_rate, step):
 
 @scalar
 def follow(surface, actuator, play):
-    """Return where an actuator has moved a surface through a play of twice ``play``."""
+    """Return the position of a surface moved by an actuator with a backlash of 2 ``play``."""
     return clamp(surface, actuator - play, actuator + play)

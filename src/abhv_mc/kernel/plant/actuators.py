@@ -1,9 +1,10 @@
-"""The list of actuators over an integrator step, in lanes: of the three axes and the engine, then of the effectors.
+"""Step of all actuators in lanes.
 
-The actuators depend only on their commands, which are constant over a tick, so they are computed
-before the equations of motion. Those of axes and engine have rows in the memory ``Z``; those of
-effectors (:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. ``M`` is the memory of the
-actuators that a function computes.
+The list contains the actuators of the three axes and the engine, then those of the effectors. They
+depend only on their commands, which are constant over a tick, so they are computed before the
+equations of motion. Those of axes and engine have rows in the memory ``Z``; those of effectors
+(:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. ``M`` is the memory of the actuators
+that a function computes.
 """
 
 from typing import NamedTuple
@@ -46,22 +47,26 @@ from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
 # Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of
-# the stages, both after the step, its command, the factor on its rate limit, how far the actuator
-# is ahead; then what the actuator needs.
+# the stages, both after the step, its command, the factor on its rate limit, the lead of the
+# actuator over the surface (backlash); then the block of :func:`prepare_actuator`.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
 
 @lanes
 def pass_commands(Z, width):
-    """Pass the commands of the law to the actuators."""
+    """Copy the controller's commands to the actuators."""
     for i in range(4):
         for lane in range(width):
             Z[s.ACTUATED + i, lane] = Z[s.CMD + i, lane]
 
 
 class Actuator(NamedTuple):
-    """Rows of one actuator: position and rate before the step, the stages' position, both after it, its command."""
+    """Rows of one actuator in its memory.
+
+    ``position`` and ``rate`` are those before the step, ``end`` and ``end_rate`` those after it;
+    ``middle`` is the position of the middle stages.
+    """
 
     position: int
     rate: int
@@ -70,15 +75,15 @@ class Actuator(NamedTuple):
     end_rate: int
     command: int
     slowed: int  # factor on the rate limit; the engine has none
-    ahead: int  # actuator minus position, which its backlash allows
-    block: int  # from here on what prepare_actuator makes
+    ahead: int  # actuator minus surface position, at most half the backlash
+    block: int  # first row of the coefficients from prepare_actuator
 
 
 @scalar
 def actuator_rows(i):
-    """Rows of an actuator of the list in its memory.
+    """Return the rows of an actuator of the list.
 
-    Surfaces are alike: the three axes share a block.
+    The three axes are alike and share a block.
     """
     if i >= FIRST_EFFECTOR:
         first = (i - FIRST_EFFECTOR) * N_EFFECTOR_ROWS
@@ -111,7 +116,7 @@ def actuator_rows(i):
 
 @lanes
 def limits_of(Z, lane, actuators, i):
-    """Lowest and highest position of an actuator; those of the axes are symmetric."""
+    """Return the lowest and highest position of an actuator; axes have symmetric limits."""
     if i == ENGINE:
         return actuators[i, LOW], actuators[i, HIGH] * Z[_K_ETA_LIMIT, lane]
     if i < AXES:
@@ -122,7 +127,7 @@ def limits_of(Z, lane, actuators, i):
 
 @lanes
 def prepare_actuators(Z, M, width, actuators, first, last, step):
-    """The blocks of actuators of the list; bandwidth and damping stay over a flight."""
+    """Compute the coefficients of actuators of the list, which are constant over a flight."""
     for i in range(first, last):
         block = actuator_rows(i).block
         for lane in range(width):
@@ -155,11 +160,12 @@ def prepare_actuator(Z, lane, block, bandwidth, damping, step):
 
 @lanes
 def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
-    """Compute an actuator's step: its end, and the position of the middle stages.
+    """Compute an actuator's state after a step, and the position of the middle stages.
 
-    The middle position makes the integrator's sum over the step the integral of the position: it
-    equals the position half-way to the integrator's order, and is correct at limits, too. ``low``,
-    ``high`` and ``rate_limit`` are [lane]. A recorded actuator has its rate in the command row.
+    The middle position is chosen so that the integrator's sum over the step equals the integral of
+    the position. It equals the position half-way to the integrator's order, also at limits.
+    ``low``, ``high`` and ``rate_limit`` are [lane]. The command row of a recorded actuator contains
+    its rate.
     """
     slow, block = 0, rows.block
     for lane in range(width):
@@ -212,15 +218,15 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
 
 @lanes
 def has_slack(actuators, i):
-    """Whether an actuator is of first order, or has a dead zone or backlash."""
+    """Return whether an actuator is of first order, or has a dead zone or backlash."""
     kind = actuators[i, KIND]
     return kind == FIRST_ORDER or actuators[i, DEAD_ZONE] > 0.0 or actuators[i, BACKLASH] > 0.0
 
 
 @lanes
 def find_slack(Z, width, actuators, i, zone, play):
-    """Dead zone and half of the backlash of an actuator [lane], with their dispersions."""
-    first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE  # the backlash's follows
+    """Compute dead zone and half the backlash of an actuator [lane], with dispersions."""
+    first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE  # then the backlash
     for lane in range(width):
         zone[lane] = actuators[i, DEAD_ZONE] * Z[first, lane]
         play[lane] = 0.5 * actuators[i, BACKLASH] * Z[first + 1, lane]
@@ -228,7 +234,7 @@ def find_slack(Z, width, actuators, i, zone, play):
 
 @lanes
 def command_ideal(Z, M, width, actuators, first, last):
-    """Actuators without dynamics: what is commanded for the tick, within the limits, from its start."""
+    """Set ideal actuators to their limited commands at the start of a tick."""
     zone, play = Z[s.LIMITS + 3], Z[s.LIMITS + 4]
     for i in range(first, last):
         if actuators[i, KIND] != IDEAL:
@@ -239,12 +245,12 @@ def command_ideal(Z, M, width, actuators, first, last):
             for lane in range(width):
                 low, high = limits_of(Z, lane, actuators, i)
                 position = M[rows.position, lane]
-                at = position + clamp(M[rows.ahead, lane], -play[lane], play[lane])
+                actuator = position + clamp(M[rows.ahead, lane], -play[lane], play[lane])
                 command = clamp(M[rows.command, lane], low, high)
-                at = command + clamp(at - command, -zone[lane], zone[lane])
-                position = follow(position, at, play[lane])
+                actuator = command + clamp(actuator - command, -zone[lane], zone[lane])
+                position = follow(position, actuator, play[lane])
                 M[rows.position, lane], M[rows.middle, lane] = position, position
-                M[rows.ahead, lane] = at - position
+                M[rows.ahead, lane] = actuator - position
         else:
             for lane in range(width):
                 low, high = limits_of(Z, lane, actuators, i)
@@ -261,9 +267,10 @@ def place_actuator(Z, lane, row, position):
 
 @routine
 def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step):
-    """What :func:`run_actuator` does, of an actuator that has slack, see :func:`has_slack`.
+    """Compute the step of an actuator that is of first order or has a dead zone or backlash.
 
-    ``bandwidth`` [lane]: of a first-order actuator, 0 for one of second order.
+    The results are those of :func:`run_actuator`. ``bandwidth`` [lane] is that of a first-order
+    actuator, 0 for one of second order.
     """
     short, block = step / SUBSTEPS, rows.block
     for lane in range(low.size):
@@ -308,9 +315,10 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
 
 @lanes
 def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
-    """Actuators of the list through a step, after its first stage; an ideal one stays where it is.
+    """Compute actuators of the list over a step, after its first stage.
 
-    Where ``active`` is None there are none with slack.
+    Ideal actuators keep their positions. If ``active`` is None, no actuator has slack
+    (:func:`has_slack`).
     """
     low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
     for i in range(first, last):
@@ -344,7 +352,7 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
 
 @lanes
 def set_actuators(Z, width):
-    """Axes and engine at the end of the step, for its last stage."""
+    """Set axes and engine to their state at the end of the step, for its last stage."""
     for i in range(s.AILERON, s.ETA_RATE + 1):
         for lane in range(width):
             Z[XS + i, lane] = Z[SUM + i, lane]

@@ -1,8 +1,8 @@
 """First loop of a stage: air data and variables of the tables from the state.
 
 The mission's nominal air is wind and a factor on the standard density against altitude, from a
-table; without a table it is not computed. The factor is constant over a control tick, as that of a
-dispersed profile is.
+table; without a table it is not computed. The factor is constant over a control tick, as is the
+factor of a dispersed profile.
 """
 
 import math
@@ -29,13 +29,15 @@ from abhv_mc.kernel.world.atmosphere import (
     atmosphere_lanes,
 )
 
+# Units: m, m/s towards north and east, factors on the standard atmosphere. The density factor
+# includes the effect of the temperature factor.
 PROFILE = (
     "altitude",
     "wind_north",
     "wind_east",
     "density",
     "temperature",
-)  # m, m/s towards north and east, factors on the standard atmosphere; the density has the temperature's
+)
 _ALTITUDE, _NORTH, _EAST, _DENSITY, _TEMPERATURE = range(5)
 _WARMER = parameter_row("atmosphere.temperature")
 
@@ -143,7 +145,7 @@ def between_knots(profile, column, altitude):
 
 @lanes
 def nominal_density(Z, width, profile):
-    """Multiply the factor on the density of the tick by the profile's, which has one on the temperature, too."""
+    """Multiply the tick's density factor by the profile's, and set the temperature factor."""
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[X + s.ALTITUDE, lane]
@@ -153,19 +155,19 @@ def nominal_density(Z, width, profile):
 
 @lanes
 def is_warm(Z, width, profile):
-    """Whether the air of a flight has another temperature than the standard one, which stays so."""
-    other = False
+    """Return whether a flight has a non-standard temperature, which holds for all its ticks."""
+    differs = False
     for knot in range(profile.shape[0]):
-        other |= profile[knot, _TEMPERATURE] != 1.0
-    return other or any_lane(Z, width, _WARMER, 1, 0.0)
+        differs |= profile[knot, _TEMPERATURE] != 1.0
+    return differs or any_lane(Z, width, _WARMER, 1, 0.0)
 
 
 @lanes
 def warm_air(Z, width, density_row, per_sound_row):
     """Change density and 1 / speed of sound by the profile's temperature and the flight's offset.
 
-    The density has the profile's already. The pressure stays. Below a tenth of its own temperature
-    no air is cooled.
+    The density already includes the profile's temperature. The pressure does not change. The offset
+    cools the air to a tenth of its temperature at most.
     """
     for lane in range(width):
         per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]
@@ -177,15 +179,14 @@ def warm_air(Z, width, density_row, per_sound_row):
 
 @lanes
 def air_data(Z, width, vehicle, earth, warm):
-    """Air data and variables of the stage's state ``XS``, dispersions included; ``warm``: :func:`is_warm`.
+    """Compute air data and table variables of the stage's state ``XS``, with dispersions.
 
-    Damping terms use the body rates relative to the air, which rotates with the Earth and rotary
-    gusts.
+    ``warm`` is the result of :func:`is_warm`. Damping terms use the body rates relative to the air,
+    which rotates with the Earth and rotary gusts.
     """
     constants = vehicle.constants
-    atmosphere_lanes(
-        Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH
-    )  # 1 / speed of sound, until the Mach number is known
+    # The row of the Mach number contains 1 / speed of sound until the airspeed is computed.
+    atmosphere_lanes(Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH)
     if warm:
         warm_air(Z, width, s.RHO, s.V_MACH)
     for lane in range(width):

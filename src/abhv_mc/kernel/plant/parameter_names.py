@@ -1,8 +1,8 @@
 """Names of all dispersible parameters, in the order of a flight's parameters.
 
-:mod:`abhv_mc.plant.parameters` describes them. New parameters are appended, as the position here is the
-dimension of a Sobol or Halton sequence and must not change. Related parameters may therefore be in
-several blocks; the kernel finds each block by the name of its first parameter.
+:mod:`abhv_mc.plant.parameters` describes them. New parameters are appended, as the position
+here is the dimension of a Sobol or Halton sequence and must not change. Related parameters may
+therefore be in several blocks; the kernel finds each block by the name of its first parameter.
 """
 
 import math

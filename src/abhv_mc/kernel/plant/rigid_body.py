@@ -1,4 +1,4 @@
-"""The vehicle as a rigid body: its angular acceleration, and forces added to the derivatives of a stage."""
+"""Rigid-body dynamics: angular acceleration, and forces added to a stage's derivatives."""
 
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import reciprocals
@@ -7,7 +7,7 @@ from abhv_mc.kernel.plant import state as s
 
 @scalar
 def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
-    """J^-1 (M - w x J w) with the product of inertia as matrix element 13 (eq. (3))."""
+    """Return J^-1 (M - w x J w), eq. (3), with the product of inertia as matrix element 13."""
     hx = ixx * p + i13 * r
     hy = iyy * q
     hz = izz * r + i13 * p
@@ -20,14 +20,17 @@ def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
 
 @lanes
 def add_derivative(Z, lane, i, derivative, stage):
-    """Add to what :func:`abhv_mc.kernel.plant.equations.accumulate` has put there."""
+    """Add a term to a derivative after :func:`abhv_mc.kernel.plant.equations.accumulate`."""
     Z[s.SUM + i, lane] += stage.weight * derivative
     Z[s.XS + i, lane] += stage.ahead * derivative
 
 
 @lanes
 def add_force(Z, lane, stage, per_mass, fx, fy, fz):
-    """Add a force (N, body axes) at the centre of gravity to the derivatives and to the specific force."""
+    """Add a force at the centre of gravity to the derivatives and the specific force.
+
+    The force is in N and body axes.
+    """
     x, y, z = fx * per_mass, fy * per_mass, fz * per_mass
     Z[s.SPECIFIC_X, lane] += x
     Z[s.SPECIFIC_Y, lane] += y

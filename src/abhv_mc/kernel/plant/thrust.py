@@ -1,4 +1,4 @@
-"""Thrust of tables and of a vehicle's own function, for the plant and for the nominal vehicle, and its misalignment."""
+"""Thrust from tables and from a custom engine function, and its misalignment."""
 
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.jit_pointer import call_address
@@ -8,35 +8,40 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.rigid_body import add_derivative, add_force, add_moment
 from abhv_mc.kernel.plant.state import XS, parameter_rows
 
-# Settings that a function is called with: of the vehicle file, or of each flight, the rows from
-# ``SETTING``.
+# Settings passed to the engine function: those of the vehicle file, or those of each flight (rows
+# from ``SETTING``).
 NOMINAL, DISPERSED = range(2)
 _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 
 
 @lanes
 def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
-    """Thrust, N: captured air times specific impulse, or dynamic pressure times a thrust area."""
+    """Return the thrust from tables, N.
+
+    It is captured air times specific impulse, or dynamic pressure times a thrust area.
+    """
     captured = constants.capture_thrust * eta * rho * airspeed * Z[s.CAPTURE, lane] * Z[s.ISP, lane]
     return captured + q_bar * Z[s.THRUST_AREA, lane]
 
 
 @lanes
 def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
-    """Thrust, moment and fuel flow of the nominal engine: the rows from ``F_THRUST``."""
+    """Compute thrust, moment and fuel flow of the nominal engine, in rows from ``F_THRUST``."""
     call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, NOMINAL)
 
 
 @lanes
 def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settings):
-    """Thrust, moment and fuel flow of the engine function: the rows from ``F_THRUST``.
+    """Compute thrust, moment and fuel flow by the engine function, in rows from ``F_THRUST``.
 
-    The moment is about the point about which the aerodynamics' is.
+    The moment is about the moment reference of the aerodynamics.
     """
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
-    given = vehicle.foreign.settings
-    call_address(user_code.propulsion, 0, Z, given, given, given, settings, 0.0)
+    file_settings = vehicle.foreign.settings
+    call_address(
+        user_code.propulsion, 0, Z, file_settings, file_settings, file_settings, settings, 0.0
+    )
     x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
     if x != 0.0 or z != 0.0:
         for lane in range(width):
@@ -48,9 +53,10 @@ def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settin
 
 @lanes
 def foreign_thrust(Z, width, vehicle, user_code):
-    """The engine function's thrust at the stage's state: the rows from ``F_THRUST`` as they act.
+    """Compute the dispersed thrust of the engine function at the stage's state.
 
-    The moment is about the centre of gravity, with that of engines which have failed.
+    The results are in the rows from ``F_THRUST``. The moment is about the centre of gravity and
+    includes the asymmetry due to failed engines.
     """
     call_propulsion(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED, DISPERSED)
     constants = vehicle.constants
@@ -81,7 +87,10 @@ def foreign_thrust(Z, width, vehicle, user_code):
 
 @lanes
 def add_thrust(Z, width, stage):
-    """Add that thrust's force to the derivatives, which are linear in it; the next stage's state is there."""
+    """Add the thrust of the engine function to derivatives that have been accumulated.
+
+    The derivatives are linear in the force, so the state of the next stage is updated, too.
+    """
     for lane in range(width):
         Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
         fx, fy, fz = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]
@@ -91,16 +100,17 @@ def add_thrust(Z, width, stage):
 
 @lanes
 def is_misaligned(Z, width):
-    """Whether the thrust of a flight has another direction than the nominal one, which stays so."""
+    """Return whether the thrust of a flight is misaligned, which holds for all its ticks."""
     return any_lane(Z, width, _INCLINATION, 2, 0.0)
 
 
 @lanes
 def turn_thrust(Z, width, vehicle, by_function, stage):
-    """Turn the thrust about the point where it acts, upward, then to the right; the next stage's state is there.
+    """Turn the thrust about its point of application, upward, then to the right.
 
-    What that changes of the force and its moment is added to the derivatives, which are linear in
-    both. A moment that an engine function gives besides its force stays.
+    The changes of force and moment are added to derivatives that have been accumulated: these are
+    linear in both, so the state of the next stage is updated, too. A moment that an engine function
+    returns in addition to its force does not change.
     """
     constants, foreign = vehicle.constants, vehicle.foreign
     for lane in range(width):

@@ -231,7 +231,7 @@ def make_probe_law(lean: bool) -> Callable[..., Any]:
     """Return the kernel of a law's tick; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
 
     def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
-        """Compute a tick of the plan's law from memory rows ``before`` [point, row] to ``after``."""
+        """Compute a tick of the law, from the memory rows ``before`` to ``after`` [point, row]."""
         if has_width(memory, LANES):
             _law_all(
                 plan,

@@ -38,10 +38,9 @@ def gravity_ned(
     """Return gravity (north, down), m/s2: attraction and centrifugal acceleration.
 
     ``altitude`` (m) and latitude are geodetic. The attraction is the exact gradient of the
-    potential
-    -(GM/r) (1 - J2 (a/r)^2 P2(z/r)), resolved along the ellipsoid's normal, without an east component.
-    On the WGS-84 ellipsoid it differs by at most 1.2e-4 m/s2 from normal gravity, which includes
-    the other even zonals.
+    potential -(GM/r) (1 - J2 (a/r)^2 P2(z/r)), resolved along the ellipsoid's normal, without an
+    east component. On the WGS-84 ellipsoid it differs by at most 1.2e-4 m/s2 from normal
+    gravity, which includes the other even zonals.
     """
     e2 = earth.flattening * (2.0 - earth.flattening)
     _, prime_vertical = radii(earth, sin_lat)

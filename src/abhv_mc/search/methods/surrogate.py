@@ -3,7 +3,7 @@
 B. Echard, N. Gayton, M. Lemaire, "AK-MCS", Structural Safety 33 (2011); candidates by subset
 simulation: M. Moustapha, S. Marelli, B. Sudret, "Active learning for structural reliability",
 Structural Safety 96 (2022). Candidates are drawn by importance sampling about all points that may
-fail; the next points are those whose values most reduce the misclassified weight of the
+fail. The next points to evaluate are those that most reduce the misclassified weight of the
 candidates: J. Bect, D. Ginsbourger, L. Li, V. Picheny, E. Vazquez, "Sequential design of computer
 experiments for the estimation of a probability of failure", Statistics and Computing 22 (2012).
 """
@@ -32,21 +32,22 @@ _PLACE = 1 << 23  # key of its random numbers
 _FIRST, _FIRST_OF_DIMENSION = 12, 3  # points of the first design
 _FIRST_SPREAD = 2.0  # standard deviations: failures are far out
 _STARTS = 3  # of the first fit; later ones start from the last optimum and one more
-_REFIT = 1.1  # growth of the runs that calls for another fit
+_REFIT = 1.1  # growth of the number of runs after which the processes are refitted
 _CHAINS, _REPETITIONS = 64, 4  # of subset simulation on the processes
 _CANDIDATES, _MOST_CANDIDATES = 2000, 32_000
-_FAILING = 400.0  # effective candidates that fail
+_FAILING = 400.0  # effective number of failing candidates
 _JOINT = 300  # candidates among which points are selected
 _SIGMAS = 1.96
 _TINY = 1e-10  # variance
-_TAILS, _WIDER = 0.3, 1.6  # share of normals so much wider
-_HEAVY = 1.5  # factor of the sampling error, for heavy weights that most samples miss
-_LARGEST = 30.0  # medians of the first runs' distances from failing; beyond, severities are alike
+_TAILS, _WIDER = 0.3, 1.6  # weight of the wider normals, and the factor on their width
+_HEAVY = 1.5  # factor on the sampling error, as most samples miss the largest weights
+# Severities are clipped at this multiple of the median distance from failure in the first runs.
+_LARGEST = 30.0
 
 
 @dataclass(frozen=True)
 class Step:
-    """State of knowledge after a batch."""
+    """Estimate after a batch."""
 
     runs: int
     failures: int  # of the runs
@@ -57,20 +58,20 @@ class Step:
 
 @dataclass(frozen=True)
 class SurrogateEstimate(RareEstimate):
-    """Estimate from candidates that Gaussian processes classify."""
+    """Estimate from candidates classified by Gaussian processes."""
 
     steps: tuple[Step, ...]
-    candidates: Floats  # [point, dimension]: distributed as failures are, by the fits
+    candidates: Floats  # [point, dimension]: sample of the failures predicted by the fits
 
     @property
     def failures(self) -> Floats:
-        """Candidates that fail."""
+        """Candidates that are predicted to fail."""
         return self.candidates
 
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Points of importance sampling with what the fits predict."""
+    """Points of importance sampling with the predictions of the fits."""
 
     points: Floats
     weights: Floats  # [point]: standard normal density over the sample's, divided by its size
@@ -89,7 +90,7 @@ class _Candidates:
 
     @property
     def effective(self) -> float:
-        """Least effective number of candidates that fail, of all fits."""
+        """Smallest effective number of failing candidates over all fits."""
         failing = np.where(self.means > 0.0, self.weights, 0.0)
         squares = (failing**2).sum(axis=1)
         return float(np.min(failing.sum(axis=1) ** 2 / np.where(squares > 0.0, squares, np.inf)))
@@ -103,9 +104,9 @@ def estimate_by_surrogate(
 ) -> SurrogateEstimate:
     """Return P(severity > threshold) of standard normal points, with a 95 % interval.
 
-    The severity has to be a smooth function of the point. The search converges when two looks in a
-    row have intervals that overlap and are as narrow as that of a normal estimate with
-    `target_cov`. The estimate is rejected if that takes more than `runs`, or none of them failed.
+    The severity has to be a smooth function of the point. The search converges when two consecutive
+    intervals overlap and are at most as wide as that of a normal estimate with `target_cov`. The
+    estimate is rejected if this takes more than `runs` evaluations or none of them failed.
     """
     key, dimension = (plan.seed, _PLACE), plan.dimension
     number = _FIRST + _FIRST_OF_DIMENSION * dimension
@@ -113,32 +114,32 @@ def estimate_by_surrogate(
     severities = evaluate(points) - plan.threshold
     fits: list[GaussianProcess] = []
     steps: list[Step] = []
-    fitted = settled = 0
+    fitted = narrow_steps = 0
     widest = np.exp(2.0 * _SIGMAS * target_cov)
     while True:
         generator = make_generator(*key, len(points))
         values = _scale(severities, number)
         is_last = len(points) + BATCH > runs
-        if settled or is_last or len(points) >= _REFIT * fitted:
+        if narrow_steps or is_last or len(points) >= _REFIT * fitted:
             fits = _fit(points, values, fits, generator)
             fitted = len(points)
         else:
             fits = [condition(points, values, fit.smooth, fit.logs) for fit in fits]
-        candidates = _draw_candidates(fits, plan, generator, settled > 0 or is_last)
+        candidates = _draw_candidates(fits, plan, generator, narrow_steps > 0 or is_last)
         step = _judge(candidates, severities)
         steps.append(step)
         is_narrow = step.failures > 0 and step.high <= widest * step.low
-        agrees = settled > 0 and step.low <= steps[-2].high and steps[-2].low <= step.high
-        settled = (2 if agrees else 1) if is_narrow else 0
-        if settled == 2 or is_last:
+        overlaps = narrow_steps > 0 and step.low <= steps[-2].high and steps[-2].low <= step.high
+        narrow_steps = (2 if overlaps else 1) if is_narrow else 0
+        if narrow_steps == 2 or is_last:
             break
-        chosen = _choose(fits, candidates, generator)
-        points = np.vstack([points, chosen])
-        severities = np.r_[severities, evaluate(chosen) - plan.threshold]
+        batch = _choose(fits, candidates, generator)
+        points = np.vstack([points, batch])
+        severities = np.r_[severities, evaluate(batch) - plan.threshold]
     refusal = None
     if not step.failures:
         refusal = f"none of {step.runs} flights failed"
-    elif settled < 2:
+    elif narrow_steps < 2:
         refusal = (
             f"not converged after {step.runs} flights: the last fits range from {step.low:.1g} to "
             f"{step.high:.1g}"
@@ -157,14 +158,14 @@ def estimate_by_surrogate(
 
 
 def _fit(
-    points: Floats, values: Floats, before: list[GaussianProcess], generator: np.random.Generator
+    points: Floats, values: Floats, previous: list[GaussianProcess], generator: np.random.Generator
 ) -> list[GaussianProcess]:
-    """Return a Matern process and a smooth one, each from its last optimum and random starts."""
+    """Return a Matern and a smooth process, fitted from the last optimum and random starts."""
     fits = []
     for i, smooth in enumerate((False, True)):
-        starts = draw_starts(points.shape[1], 1 if before else _STARTS, generator)
-        if before:
-            starts = np.vstack([before[i].logs, starts])
+        starts = draw_starts(points.shape[1], 1 if previous else _STARTS, generator)
+        if previous:
+            starts = np.vstack([previous[i].logs, starts])
         fits.append(fit_process(points, values, smooth, starts))
     return fits
 
@@ -179,7 +180,7 @@ def _spread_points(number: int, dimension: int, generator: np.random.Generator) 
 
 
 def _scale(severities: Floats, first: int) -> Floats:
-    """Return severities [point] without unit, linear near zero and logarithmic far from it."""
+    """Return dimensionless severities [point], linear near zero and logarithmic elsewhere."""
     inside = -severities[:first][severities[:first] < 0.0]
     scale = np.median(inside) if inside.size else 1.0
     values = np.arcsinh(np.clip(severities / scale, -_LARGEST, _LARGEST))
@@ -187,7 +188,7 @@ def _scale(severities: Floats, first: int) -> Floats:
 
 
 def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Floats]:
-    """Return means and standard deviations [fit, point], widened where left-out values say so."""
+    """Return means and standard deviations [fit, point], inflated by cross-validation."""
     predicted = [fit.predict(points) for fit in fits]
     return np.array([mean for mean, _ in predicted]), np.array(
         [fit.inflation * sigma for fit, (_, sigma) in zip(fits, predicted, strict=True)]
@@ -197,9 +198,9 @@ def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Float
 def _draw_candidates(
     fits: list[GaussianProcess], plan: SubsetPlan, generator: np.random.Generator, many: bool
 ) -> _Candidates:
-    """Return candidates about all points that fail by the upper end of a fit.
+    """Return candidates about all points at which the upper bound of a fit exceeds zero.
 
-    With `many`, so many that the failing ones count for 400.
+    If `many`, points are added until the effective number of failing ones is 400.
     """
 
     def upper(points: Floats) -> Floats:
@@ -210,9 +211,9 @@ def _draw_candidates(
     plan = SubsetPlan(plan.dimension, 0.0, seed, _CHAINS if many else _CHAINS // 2)
     repetitions = run_subset(upper, plan, range(_REPETITIONS), 1 << 30)
     centers = np.concatenate([repetition.failures for repetition in repetitions])
-    reached = [repetition.probability for repetition in repetitions if repetition.reached]
-    if reached:  # branches that the levels leave behind
-        chance = min(0.1, float(np.mean(reached)))
+    probabilities = [repetition.probability for repetition in repetitions if repetition.reached]
+    if probabilities:  # add failure regions that the levels of subset simulation miss
+        chance = min(0.1, float(np.mean(probabilities)))
         centers = np.vstack([centers, find_failures(upper, plan.dimension, 0.0, chance, seed)])
     else:
         centers = np.concatenate([repetition.points for repetition in repetitions])
@@ -230,7 +231,7 @@ def _draw_candidates(
 
 
 def _add_tails(mixture: Mixture) -> Mixture:
-    """Return the mixture with a share of wider normals about the same means."""
+    """Return the mixture with additional, wider normals about the same means."""
     return Mixture(
         np.r_[(1.0 - _TAILS) * mixture.weights, _TAILS * mixture.weights],
         np.r_[mixture.means, mixture.means],
@@ -239,7 +240,7 @@ def _add_tails(mixture: Mixture) -> Mixture:
 
 
 def _judge(candidates: _Candidates, severities: Floats) -> Step:
-    """Return what is known, with the widest interval of all fits."""
+    """Return the estimate after a batch, with the interval that covers those of all fits."""
     chances, lows, highs = [], [], []
     for mean, sigma in zip(candidates.means, candidates.sigmas, strict=True):
         chances.append(candidates.chance(mean)[0])
@@ -263,13 +264,14 @@ def _choose(
     points, mean = candidates.points[picks], candidates.means[fit, picks]
     covariance = fits[fit].covariance(points)
     chosen: list[int] = []
-    # Points are picked by their chance of an error: it divides what is left of it.
-    before = np.maximum(ndtr(-np.abs(mean) / np.sqrt(np.diag(covariance) + _TINY)), 1e-300)
+    # Points are drawn in proportion to weight times misclassification probability; dividing the
+    # remaining probability by the initial one leaves a sum over the weights.
+    initial_errors = np.maximum(ndtr(-np.abs(mean) / np.sqrt(np.diag(covariance) + _TINY)), 1e-300)
     for _ in range(BATCH):
         variance = np.maximum(np.diag(covariance), _TINY)
-        left = variance[:, None] - covariance**2 / (variance + _TINY)  # [point, chosen]
-        errors = ndtr(-np.abs(mean)[:, None] / np.sqrt(np.maximum(left, _TINY)))
-        loss = (errors / before[:, None]).sum(axis=0)
+        remaining = variance[:, None] - covariance**2 / (variance + _TINY)  # [point, chosen]
+        errors = ndtr(-np.abs(mean)[:, None] / np.sqrt(np.maximum(remaining, _TINY)))
+        loss = (errors / initial_errors[:, None]).sum(axis=0)
         loss[chosen] = np.inf
         best = int(np.argmin(loss))
         chosen.append(best)
