@@ -2,11 +2,11 @@
 
 The base is `ghame_x` (CADAC++ GHAME6, P. H. Zipfel, at a smaller size) with `HEAVIER` times its
 mass and inertias, and a wing loading of 393 kg/m2. The inertias follow GHAME's straight line over
-mass, but the fuel is GHAME's volume of hydrogen at this size, about 2 m3. Most free parameters are factors on GHAME's
-coefficients. Comments give the corresponding factors of the winged cone (NASA TM-102610,
-`winged_cone.yaml`) relative to GHAME at the Mach number and angle of attack of the S, with full
-tanks and inertias over mass times area. Yaw by aileron, roll rate and yaw rate has the sign of both
-vehicles.
+mass, but the fuel is GHAME's volume of hydrogen at this size, about 2 m3. Most free parameters are
+factors on GHAME's coefficients. Comments give the corresponding factors of the winged cone (NASA
+TM-102610, `winged_cone.yaml`) relative to GHAME at the Mach number and angle of attack of the S,
+with full tanks and inertias over mass times area. Yaw by aileron, roll rate and yaw rate has the
+sign of both vehicles.
 
 Drag is a polar, `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`: `alpha_0` is the zero-lift angle of
 a straight line through CL below 10 deg at a Mach number, and `g` is GHAME's drag at 3 deg relative

@@ -112,10 +112,11 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
     )
     origin = (
         f"Identified by studies/paper_vehicle.py (member {member['name']}), written by "
-        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor or with an offset, and a "
-        "drag polar, on a vehicle little longer than an X-51 with its booster, with the wing loading of an X-43A, "
-        "within the limits of docs/explanation/paper-vehicles.md and on some of them. Deflections have no drag, which "
-        "is negligible in the S (0.4 deg of rudder), not with saturated surfaces. "
+        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor "
+        "or with an offset, and a drag polar, on a vehicle little longer than an X-51 with its"
+        " booster, with the wing loading of an X-43A, within the limits of "
+        "docs/explanation/paper-vehicles.md and on some of them. Deflections have no drag, "
+        "which is negligible in the S (0.4 deg of rudder), not with saturated surfaces. "
         "The factors: "
         + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
         + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the "

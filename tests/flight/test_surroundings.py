@@ -209,7 +209,7 @@ def test_profile_is_the_density_factor_at_its_knots(plan):
 def test_the_wind_of_ten_thousand_levels_is_that_of_two():
     plan = make_flight_plan({"base": "turn", "duration": "5 s"}, "ghame_x")
     levels = np.linspace(0.0, 40e3, 10_000)
-    ends = np.array([[0.0, -20.0, 5.0, 1.1], [40e3, 60.0, 5.0, 0.9]])
+    ends = np.array([[0.0, -20.0, 5.0, 1.1, 1.0], [40e3, 60.0, 5.0, 0.9, 1.0]])
     profile = np.column_stack([levels, *(np.interp(levels, ends[:, 0], c) for c in ends[:, 1:].T)])
     few, many = (
         fly(replace(plan, profile=np.ascontiguousarray(table)), rows_of({}), 1).history[0]

@@ -177,8 +177,8 @@ def _find_range_warnings(
     if not outside:
         return []
     return [
-        f"a trimmed point lies outside the vehicle's tables in {', '.join(outside)}: values at the edge "
-        "are used there"
+        f"a trimmed point lies outside the vehicle's tables in {', '.join(outside)}: values at the "
+        "edge are used there"
     ]
 
 

@@ -279,7 +279,8 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
         counts = {pair.a: lost.both + lost.only_a, pair.b: lost.both + lost.only_b}
         (rival,) = counts.keys() - {better}
         compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
-        return f"{names.subject(better)} is better than {names.subject(rival)}: {compared} flights lost."
+        winner, loser = names.subject(better), names.subject(rival)
+        return f"{winner} is better than {loser}: {compared} flights lost."
     rivals: dict[str, list[str]] = {}  # by the reason
     for pair in pairs:
         reason = "by losing fewer flights"
