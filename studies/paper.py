@@ -207,9 +207,14 @@ Derivatives are per rad, at the trim. Each arm is also given at the span or chor
 The control powers of the members are what the deflections in the paper's figures demand of a vehicle of this size, and
 do not come from a layout of surfaces. They do not fit together as one set: the aileron of `abhv` is {aileron_ratio:.1f}
 times as powerful as GHAME's and its rudder {rudder_ratio:.0f} times, but its elevator has {elevator_ratio:.1f} times
-the lift. So aileron and elevator must be different surfaces, not elevons, and 20 deg of aileron would roll the vehicle
-about {roll_ratio:.1f} times as fast as GHAME. Either the paper's vehicle had such surfaces or its tables were not those
-of an aircraft; the figures cannot tell. The flights use about 1 deg of aileron and 0.4 deg of rudder.
+the lift. So aileron and elevator must be different surfaces, not elevons. In a steady roll at 20 deg of aileron p b/2V
+would be {roll_ratio:.1f} times GHAME's, a rate that no structure bears. Either the paper's vehicle had such surfaces or
+its tables were not those of an aircraft; the figures cannot tell. The flights use about 1 deg of aileron and 0.4 deg of
+rudder.
+
+Two derivatives are not those of a layout either. Lift of one sign on a body of 8.6 m, centred at the centre of
+gravity, gives a pitch damping -Cm_q of at most 2 CL_alpha (L/2)^2 / c^2, 2.7 for `abhv`, which has 3.5: quasi-steady
+lift alone does not explain it. Its Cl_beta is 11 times GHAME's: credible at the Mach number of the S (-0.075), not at Mach 2 (-0.8).
 """
 
 
