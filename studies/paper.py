@@ -79,9 +79,11 @@ writes this page.
   `configs/control/lqr.yaml` has the printed weights.
 - The end of an automatically chosen axis lies within one tick of the data, so each end gives an \
 interval for the
-  data's end, with a reading error of 2 % of the axis. Figures 4, 6, 8, 9, 10 and 11 (both \
-controllers together) and 5
-  and 7 (each controller) have 20 ends. Figure 3 and the insets of Figure 7 give limits only.
+  data's end, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10 and 11 \
+(one for both
+  controllers) and of 5 and 7 (one for each controller) have 20 ends: the smallest and largest \
+value of the curves on
+  each. Figure 3 and the insets of Figure 7 give limits only.
 - The S starts to the right. The paper does not state the signs of sideslip and deflections; \
 'mirrored' marks the
   opposite sign.

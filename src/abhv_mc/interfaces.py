@@ -213,8 +213,9 @@ class Store(Protocol):
       that it names.
     - **One writer.** While one process is in :meth:`writing`, another one gets an InputError that
       names the first, on any host. The claim of a process that died ends by itself, by the store's
-      clock if it has one. A process whose claim was taken over is interrupted and writes nothing
-      more.
+      clock if it has one; but on a file system without ``flock`` the lease of another host must
+      be removed by hand. A local folder is locked by the command that writes, not by the store.
+      A process whose claim was taken over is interrupted and writes nothing more.
     - **Nothing lost.** :meth:`writing` begins with the content of the store, so that a run resumes.
       What is in the local folder when it ends, by an error or an interrupt too, is in the store, or
       is kept in a local folder that ``StorageFullError`` names. During a run new files are copied

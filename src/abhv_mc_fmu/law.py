@@ -4,7 +4,7 @@ fmpy unpacks the FMU and reads its description; compiled code calls its function
 instance computes a flight from start to end and is reset for the next; the flight's lane stores
 its number. A control tick sets the inputs, makes one communication step of the control period and
 reads the outputs, which are the commands of this tick. For linearization, the states that the FMU
-declares are set as start values at each tick.
+declares are set as initial values at each tick.
 """
 
 import ctypes
@@ -66,7 +66,7 @@ class Fmu(NamedTuple):
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]
     params: tuple[Wire, ...]
-    states: dict[str, tuple[int, float | None]]  # name -> reference and start value
+    states: dict[str, tuple[int, float | None]]  # name -> reference and initial value
 
 
 @functools.lru_cache(maxsize=16)
@@ -215,7 +215,7 @@ def find_misfits(source: UserSource) -> list[Misfit]:
 
 
 def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
-    """Return the start values of the states of an FMU; None if one cannot be set.
+    """Return the initial values of the states of an FMU; None if one cannot be set.
 
     To be called in the child process.
     """

@@ -140,7 +140,7 @@ def test_terms_scales_and_effectors(write):
             "inertia_zz: 25", "inertia_zz: 31", (7, 7), "no body", id="impossible inertia"
         ),
         pytest.param(
-            "[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "least and greatest", id="empty engine range"
+            "[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum and maximum", id="empty engine range"
         ),
         pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
         pytest.param(

@@ -85,7 +85,7 @@ def explain_flight(
     every: int = 1,
     trust_code: bool = False,
 ) -> Explanation:
-    """Shrink the dispersions of a failed flight to those that are needed to fail.
+    """Reduce the dispersions of a failed flight to those needed to reproduce the failure.
 
     `root` is the campaign's folder. `requirement` names the metric of the requirement to explain;
     the default is an early termination, or else the first missed requirement. Raise InputError if

@@ -180,7 +180,7 @@ def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
 
 
 def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
-    """Return the heads of the columns that are not compared."""
+    """Return the headings of the columns that are not compared."""
     used = {column.position for name, column in table.columns.items() if name in compared}
     return [head for i, head in enumerate(table.table.heads) if i not in used]
 

@@ -145,10 +145,10 @@ class CommandLimits(StrictModel):
 
     angle_of_attack: AngleRange = Field(
         (-0.017453292519943295, 0.20943951023931956),
-        description="least and greatest commanded angle of attack",
+        description="minimum and maximum commanded angle of attack",
     )
     bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(
-        1.2217304763960306, description="greatest commanded bank, to either side"
+        1.2217304763960306, description="maximum commanded bank in either direction"
     )
 
 
@@ -196,8 +196,8 @@ class TlcController(ControllerModel):
 class Weights(StrictModel, Generic[States, Inputs]):
     """Weights of a regulator."""
 
-    states: States = Field(description="diagonal of Q, by the weighted deviation")
-    inputs: Inputs = Field(description="diagonal of R, by the weighted input")
+    states: States = Field(description="diagonal of Q, one value per deviation")
+    inputs: Inputs = Field(description="diagonal of R, one value per input")
 
 
 class GuidanceStates(StrictModel):

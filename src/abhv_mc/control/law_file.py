@@ -147,7 +147,7 @@ class FmuController(ControllerModel):
         "vehicle"
     )
     params: dict[str, Any] = Field(
-        {}, description="start values of its parameters, with units if they have units"
+        {}, description="initial values of its parameters, with units if they have units"
     )
     design: File | None = Field(
         None, description="gains: a Python file with design(), or a CSV file over time"

@@ -57,7 +57,7 @@ class Start(StrictModel):
     )
     longitude: Angle = Field(0.0, description="positive to the east")
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
-        0.0, description="flight path angle of a start in a climb or descent"
+        0.0, description="initial flight path angle, if the flight starts in a climb or descent"
     )
     bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(
         0.0, description="bank about the velocity, positive to the right"
@@ -125,8 +125,8 @@ class SManoeuvre(Phase):
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
-        description="exponent of the acceleration; a larger one makes the flight straight for "
-        "longer between the turns",
+        description="exponent of the acceleration; the larger it is, the longer the straight "
+        "flight between the turns",
     )
 
     @model_validator(mode="after")
@@ -198,7 +198,7 @@ class MissionLimits(LoadLimits):
         (10e3, 40e3), description="lowest and highest altitude"
     )
     speed: Annotated[Speed, Positive] | None = Field(
-        None, description="greatest speed; left out: twice the largest speed of the reference"
+        None, description="maximum speed; default: twice the largest speed of the reference"
     )
     fuel_out: bool = Field(True, description="whether a flight ends when its fuel is burnt")
 
@@ -206,25 +206,39 @@ class MissionLimits(LoadLimits):
 class End(StrictModel):
     """Conditions, any of which completes the mission before its duration."""
 
-    altitude_above: Length | None = Field(None, description="done where the altitude is above it")
-    altitude_below: Length | None = Field(None, description="done where the altitude is below it")
-    speed_above: Speed | None = Field(None, description="done where the speed is above it")
-    speed_below: Speed | None = Field(None, description="done where the speed is below it")
-    mach_above: float | None = Field(None, description="done where the Mach number is above it")
-    mach_below: float | None = Field(None, description="done where the Mach number is below it")
+    altitude_above: Length | None = Field(
+        None, description="the mission is complete when the altitude exceeds this value"
+    )
+    altitude_below: Length | None = Field(
+        None, description="the mission is complete when the altitude is below this value"
+    )
+    speed_above: Speed | None = Field(
+        None, description="the mission is complete when the speed exceeds this value"
+    )
+    speed_below: Speed | None = Field(
+        None, description="the mission is complete when the speed is below this value"
+    )
+    mach_above: float | None = Field(
+        None, description="the mission is complete when the Mach number exceeds this value"
+    )
+    mach_below: float | None = Field(
+        None, description="the mission is complete when the Mach number is below this value"
+    )
     dynamic_pressure_above: Pressure | None = Field(
-        None, description="done where the dynamic pressure is above it"
+        None, description="the mission is complete when the dynamic pressure exceeds this value"
     )
     dynamic_pressure_below: Pressure | None = Field(
-        None, description="done where the dynamic pressure is below it"
+        None, description="the mission is complete when the dynamic pressure is below this value"
     )
     flight_path_angle_above: Angle | None = Field(
-        None, description="done where the flight path angle is above it"
+        None, description="the mission is complete when the flight path angle exceeds this value"
     )
     flight_path_angle_below: Angle | None = Field(
-        None, description="done where the flight path angle is below it"
+        None, description="the mission is complete when the flight path angle is below this value"
     )
-    mass_below: Mass | None = Field(None, description="done where the mass is below it")
+    mass_below: Mass | None = Field(
+        None, description="the mission is complete when the mass is below this value"
+    )
 
     def range_of(self, name: str) -> tuple[float, float]:
         """Return the range of a quantity within which the flight continues."""
@@ -311,7 +325,7 @@ class Mission(StrictModel):
     ] = Field("standard", description="density of the nominal air")
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="quantities that instruments measure; left out: those of the vehicle",
+        description="quantities that instruments measure; default: those of the vehicle",
     )
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
         0.01, description="time step of the integrator"

@@ -196,7 +196,7 @@ class _Run:
         )
 
     def _has_envelopes(self) -> bool:
-        """Return whether envelopes are current and their flights complete, or not available."""
+        """Return whether envelopes, if the campaign has any, are current and complete."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
         is_complete = all(
             mask[self.completion.first : last].all() for mask in self.completion.done.values()

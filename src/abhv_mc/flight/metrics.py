@@ -51,7 +51,7 @@ class Metric(Signal):
 
     @property
     def label_with_unit(self) -> str:
-        """Label with the unit, for axes and table heads."""
+        """Label with the unit, for axes and column headings."""
         return self.label if self.unit == "-" else f"{self.label} ({self.unit})"
 
     def with_unit(self, value: str) -> str:
@@ -283,7 +283,7 @@ def _margin(
     )
 
 
-# The least over loops and points; NaN for flights whose margins are not computed.
+# Smallest margin over all loops and points; NaN for flights whose margins are not computed.
 MARGINS: tuple[Metric, ...] = (
     _margin("gain_margin_min_db", "dB",
             "least gain margin, the smaller of both sides, over loops and points",

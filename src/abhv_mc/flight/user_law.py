@@ -216,8 +216,8 @@ def hidden_memory_error(plan: FlightPlan) -> InputError:
     }
     requirements = {
         "c": "abhv_law_state_get and abhv_law_state_set",
-        "fmu": "all its memory in the Derivatives of its modelDescription, with start values that "
-        "can be set",
+        "fmu": "all its memory in the Derivatives of its modelDescription, with initial values "
+        "that can be set",
     }
     expected = f"{requirements[plan.law]}, for linearization"
     return InputError(plan_source(plan).file, problems[plan.law], expected)

@@ -140,7 +140,7 @@ def _make_scalars_strict(schema: Any) -> None:
 
 
 class StrictModel(BaseModel):
-    """Base of the models of files: frozen, without unknown keys, finite numbers only.
+    """Base class of the file models: frozen, rejects unknown keys, finite numbers only.
 
     Numbers are not read from text, nor text from numbers; a list becomes a tuple, and text a path.
     Create instances with :func:`validate`. Validators raise :class:`Refusal`.

@@ -1,6 +1,6 @@
 """Tables of other programs: CSV of any dialect, JSON lines, Parquet and Excel.
 
-Each cell has a source location. One reader and one set of rules for units in column heads serve
+Each cell has a source location. One reader and one set of rules for units in column headings serve
 flights, samples, missions, vehicles and gains.
 """
 
@@ -396,9 +396,7 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
             rows += [(*outer[1:], cells[0], *own) for own in zip(heads, cells[1:], strict=True)]
             numbers += [number] * len(heads)
         if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
-            expected = (
-                "'name\\name' and the heads of columns, below 'name = number' of a third axis"
-            )
+            expected = "'name\\name' and the column headings, below 'name = number' of a third axis"
             raise InputError(path, f"'{line.strip()}'", expected, number)
     columns = [pa.array(column, pa.string()) for column in zip(*rows, strict=True)]
     if not columns:

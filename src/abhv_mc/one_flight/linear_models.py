@@ -50,7 +50,7 @@ class Place(NamedTuple):
 
 
 class StateSpace(NamedTuple):
-    """Linear system as tables with names; ``attrs["units"]`` holds the units by name.
+    """Linear system as tables with named rows and columns; ``attrs["units"]``: their units.
 
     Attributes
     ----------

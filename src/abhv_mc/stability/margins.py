@@ -93,7 +93,8 @@ class Margins(NamedTuple):
     gain_high: Floats
     gain_high_frequency: Floats
     phase: Floats  # rad
-    # rad/s, where the gain is 1 and the phase margin stands; nan where the gain is nowhere 1
+    # Gain crossover frequency, rad/s, at which the phase margin is measured; NaN if the gain
+    # never crosses 1.
     crossover: Floats
     delay: Floats  # s
     sensitivity: Floats  # largest |1 / (1 + L)|

@@ -48,7 +48,7 @@ def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
 def solved_states(plan: FlightPlan) -> Ints:
     """Return the indices of the custom states that a trim solves for.
 
-    Custom states with a start value keep it.
+    Custom states with an initial value keep it.
     """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
     return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)

@@ -34,8 +34,9 @@ _RIGHT = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 
 _UNEVEN = 0.01  # allowed difference of one-sided changes
 _ROUNDED = 1e-10  # a change of a value that rounding may leave
 
-# Function to differentiate: values [point, value] and cells [point, axis] of points
-# [point, coordinate]; the second argument [point] is the index of the original point.
+# Function to differentiate: it takes points [point, coordinate] and returns values
+# [point, value] and table cells [point, axis]; the second argument [point] is the index of the
+# original point.
 Function = Callable[[Floats, Ints], tuple[Floats, Ints]]
 
 

@@ -216,7 +216,7 @@ def _describe(error: Exception) -> str:
 
 
 def _line_in(error: Exception, file: str) -> int | None:
-    """Return the last line of ``file`` in a traceback."""
+    """Return the last line number of ``file`` in a traceback; None if it is not in it."""
     lines = [
         frame.lineno
         for frame in traceback.extract_tb(error.__traceback__)

@@ -30,11 +30,12 @@ PROPULSION_TABLES = {
 
 ActuatorKind = Literal["second_order", "first_order", "ideal"]
 _KIND = (
-    "second_order (left out), first_order with the time constant 1 / bandwidth, or ideal: "
+    "second_order (default), first_order with the time constant 1 / bandwidth, or ideal: "
     "the position equals the command"
 )
 _DEAD_ZONE = (
-    "error between command and position, to either side, below which the actuator does not move"
+    "error between command and position, in either direction, below which the actuator does not "
+    "move"
 )
 _BACKLASH = "play between the actuator and what it moves, from side to side"
 
@@ -77,10 +78,10 @@ class EngineActuator(Actuator):
 
     throttle_kind: ActuatorKind | None = Field(default=None, description=_KIND)
     damping: Annotated[float, Positive] | None = Field(
-        default=None, description="damping ratio of a second-order one; left out: 1"
+        default=None, description="damping ratio of a second-order one; default: 1"
     )
     rate_limit: Annotated[Frequency, Positive] | None = Field(
-        default=None, description="greatest rate of the throttle"
+        default=None, description="maximum rate of the throttle"
     )
     dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
     backlash: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
@@ -126,7 +127,8 @@ class ThrustLine(StrictModel):
 
     inclination: Angle = Field(default=0.0, description="angle of the thrust, upward")
     offset: Length = Field(
-        default=0.0, description="below the moment reference: positive pitches nose up"
+        default=0.0,
+        description="distance below the moment reference; a positive value gives a nose-up moment",
     )
 
 
@@ -134,14 +136,14 @@ class Unstart(StrictModel):
     """Flow in which the inlet stays started; outside it the engine fails."""
 
     angle_of_attack: AngleRange = Field(
-        default=(-math.inf, math.inf), description="least and greatest"
+        default=(-math.inf, math.inf), description="minimum and maximum"
     )
     sideslip: Annotated[Angle, Positive] = Field(
-        default=math.inf, description="greatest, to either side"
+        default=math.inf, description="maximum in either direction"
     )
-    mach: Range = Field(default=(-math.inf, math.inf), description="least and greatest")
+    mach: Range = Field(default=(-math.inf, math.inf), description="minimum and maximum")
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
-        default=math.inf, description="time inside the range until it restarts; left out: never"
+        default=math.inf, description="time inside the range until it restarts; default: never"
     )
     drag_increment: float = Field(
         default=0.0, description="added to the drag coefficient while unstarted"
@@ -184,7 +186,7 @@ class Engine(StrictModel):
     """One of several engines, which may fail separately."""
 
     share: Annotated[Fraction, Positive] | None = Field(
-        None, description="share of the thrust; left out: equal shares"
+        None, description="share of the thrust; default: equal shares"
     )
     x: Length = Field(0.0, description="position forward of the thrust line's reference")
     y: Length = Field(0.0, description="position to the right of the thrust line")
@@ -202,12 +204,12 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
         default=None,
-        description="flow in which the inlet stays started; left out: in any flow",
+        description="flow in which the inlet stays started; default: in any flow",
     )
     engines: dict[str, Engine] = Field(
         default_factory=dict,
         max_length=MAX_ENGINES,
-        description="several engines by name; left out: one engine",
+        description="engines by name, if there are several; default: one engine",
     )
 
     @model_validator(mode="after")
@@ -237,10 +239,10 @@ class _Propulsion(EngineActuator, _Inlets):
         default=9.80665, description="gravity in the definition of the specific impulse"
     )
     thrust_line: ThrustLine = Field(
-        ThrustLine(), description="where the thrust acts; left out: along body x"
+        ThrustLine(), description="line of thrust; default: along body x"
     )
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
-        description="least and greatest"
+        description="minimum and maximum"
     )
     relight: Relight = Field(Relight(), description="recovery after a failure")
 
@@ -265,7 +267,7 @@ class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
     """Thrust as a Python function of air data and throttle."""
 
     function: str = Field("thrust", description="name of the function")
-    throttle: Range = Field((0.0, 1.0), description="least and greatest throttle")
+    throttle: Range = Field((0.0, 1.0), description="minimum and maximum throttle")
 
 
 def _propulsion_kind(value: Any) -> str:
@@ -282,7 +284,7 @@ Propulsion = Annotated[
 
 
 def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
-    """Return the least and greatest throttle; zeros without an engine."""
+    """Return the minimum and maximum throttle; zeros without an engine."""
     if engine is None:
         return 0.0, 0.0
     return engine.throttle if isinstance(engine, ThrustFunction) else engine.equivalence_ratio
@@ -294,9 +296,9 @@ AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 class Surfaces(SurfaceActuator):
     """Actuators of the three axis deflections, which are alike."""
 
-    limit: Annotated[Angle, Positive] = Field(description="greatest deflection, to either side")
+    limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="greatest rate of deflection"
+        default=None, description="maximum rate of deflection"
     )
 
     @model_validator(mode="after")
@@ -313,10 +315,10 @@ class Effector(SurfaceActuator):
     rudder: float = Field(0.0, description="deflection per rudder command")
     elevator: float = Field(0.0, description="deflection per elevator command")
     limits: tuple[Angle, Angle] | None = Field(
-        default=None, description="least and greatest deflection"
+        default=None, description="minimum and maximum deflection"
     )
     rate: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="greatest rate of deflection"
+        default=None, description="maximum rate of deflection"
     )
 
     @property
@@ -327,7 +329,7 @@ class Effector(SurfaceActuator):
     @model_validator(mode="after")
     def _check(self) -> "Effector":
         if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
-            raise Refusal(f"{list(self.limits)} rad", "least and greatest, about 0", ("limits",))
+            raise Refusal(f"{list(self.limits)} rad", "minimum and maximum, about 0", ("limits",))
         if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
                 "an ideal effector with dynamics",

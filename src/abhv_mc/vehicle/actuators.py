@@ -173,7 +173,7 @@ def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
 
 
 def axis_limits(vehicle: Vehicle) -> Floats:
-    """Return the least and greatest deflection (rad) of aileron, rudder and elevator [6]."""
+    """Return the minimum and maximum deflection (rad) of aileron, rudder and elevator [6]."""
     return np.array([deflection_range(vehicle, axis) for axis in range(3)]).ravel()
 
 

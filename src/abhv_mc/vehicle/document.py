@@ -67,8 +67,12 @@ class MassPoint(StrictModel):
     inertia_matrix_element_13: Inertia = Field(
         default=0.0, description="element of the inertia matrix: minus the integral of x z dm"
     )
-    center_of_gravity_x: Length = Field(default=0.0, description="forward of the moment reference")
-    center_of_gravity_z: Length = Field(default=0.0, description="below the moment reference")
+    center_of_gravity_x: Length = Field(
+        default=0.0, description="distance forward of the moment reference"
+    )
+    center_of_gravity_z: Length = Field(
+        default=0.0, description="distance below the moment reference"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "MassPoint":
@@ -111,7 +115,7 @@ class MassModel(MassPoints):
     )
     empty: Annotated[Mass, Positive] | None = Field(
         default=None,
-        description="mass without fuel, at which the engine stops; left out: no fuel is burnt",
+        description="mass without fuel, at which the engine stops; default: no fuel is burnt",
     )
     file: File | None = Field(
         default=None, description="CSV file with the points: mass_kg,inertia_xx_kg_m2,..."
@@ -176,8 +180,8 @@ class Term(StrictModel):
 class ReferencePoint(StrictModel):
     """Point about which a function's moments are, relative to the moment reference."""
 
-    x: Length = Field(0.0, description="forward of the moment reference")
-    z: Length = Field(0.0, description="below the moment reference")
+    x: Length = Field(0.0, description="distance forward of the moment reference")
+    z: Length = Field(0.0, description="distance below the moment reference")
 
 
 class AerodynamicsFunction(PythonFunction):
@@ -207,7 +211,7 @@ class Aerodynamics(StrictModel):
     )
     lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
     drag: tuple[Term, ...] = Field(
-        (), description="terms of the drag coefficient, positive backwards"
+        (), description="terms of the drag coefficient, positive rearward"
     )
     side_force: tuple[Term, ...] = Field(
         (), description="terms of the side-force coefficient, positive to the right"
@@ -230,11 +234,11 @@ def _aerodynamics_kind(value: Any) -> str:
 class FlightLimits(LoadLimits):
     """Limits that end a flight."""
 
-    angle_of_attack: AngleRange = Field(description="least and greatest angle of attack")
-    sideslip: Annotated[Angle, Positive] = Field(description="greatest sideslip, to either side")
+    angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
+    sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
     states: dict[str, Number] = Field(
         default_factory=dict,
-        description="greatest magnitude of a custom state; written as state.NAME",
+        description="maximum magnitude of a custom state; written as state.NAME",
     )
 
     # The keys state.NAME of the file are one field here.
@@ -262,20 +266,20 @@ class VehicleDocument(StrictModel):
     reference: Reference = Field(description="area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
     surfaces: Surfaces | None = Field(
-        default=None, description="actuators of the control surfaces; left out: none"
+        default=None, description="actuators of the control surfaces; default: none"
     )
     effectors: dict[str, Effector] = Field(
         default_factory=dict,
         max_length=MAX_EFFECTORS,
         description="control surfaces, each a mix of aileron, rudder and elevator",
     )
-    propulsion: Propulsion | None = Field(default=None, description="the engine; left out: none")
+    propulsion: Propulsion | None = Field(default=None, description="the engine; default: none")
     sensing: SensingKeys = Field(
         SensingKeys(),
         description="quantities that its instruments measure; a mission may change them",
     )
     limits: FlightLimits | None = Field(
-        default=None, description="limits that end a flight; left out: no limits"
+        default=None, description="limits that end a flight; default: no limits"
     )
     tables: dict[str, TableEntry] = Field(
         default_factory=dict, description="tables by name, each of which must be used"
@@ -286,7 +290,7 @@ class VehicleDocument(StrictModel):
     ] = Field(Aerodynamics(), description="terms of the six coefficients, or a function")
 
     dynamics: Dynamics | None = Field(
-        default=None, description="custom states, integrated with the vehicle; left out: none"
+        default=None, description="custom states, integrated with the vehicle; default: none"
     )
 
     def state_limits(self) -> dict[str, float]:

@@ -17,7 +17,7 @@ class CustomState(StrictModel):
 
     unit: str = Field(description="SI unit, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
-        default=None, description="initial value; left out: the equilibrium at the trim"
+        default=None, description="initial value; default: the equilibrium at the trim"
     )
 
     @model_validator(mode="after")

@@ -18,7 +18,7 @@ Positive = Field(gt=0.0)
 
 def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
-        raise Refusal(f"an empty range from {ends[0]:g} to {ends[1]:g}", "least and greatest")
+        raise Refusal(f"an empty range from {ends[0]:g} to {ends[1]:g}", "minimum and maximum")
     return ends
 
 
@@ -29,14 +29,14 @@ STILL_AIR = "still air and no noise, as these disturbances cause ripple without 
 
 
 class Oscillation(StrictModel):
-    """Greatest ripple of each angle."""
+    """Maximum ripple of each angle."""
 
-    bank: Annotated[Angle, Positive] | None = Field(None, description="greatest ripple of the bank")
+    bank: Annotated[Angle, Positive] | None = Field(None, description="maximum ripple of the bank")
     angle_of_attack: Annotated[Angle, Positive] | None = Field(
-        None, description="greatest ripple of the angle of attack"
+        None, description="maximum ripple of the angle of attack"
     )
     sideslip: Annotated[Angle, Positive] | None = Field(
-        None, description="greatest ripple of the sideslip"
+        None, description="maximum ripple of the sideslip"
     )
 
 
@@ -49,22 +49,22 @@ def _oscillation(value: Any) -> Any:
 
 
 class LoadLimits(StrictModel):
-    """Load limits that end a flight; left out: no limit."""
+    """Load limits that end a flight; default: no limit."""
 
     dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
-        None, description="greatest dynamic pressure"
+        None, description="maximum dynamic pressure"
     )
     load_factor: Annotated[float, Positive] | None = Field(
         default=None,
-        description="greatest magnitude of the specific force, in g, as a plain number",
+        description="maximum magnitude of the specific force, in g, as a plain number",
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
         default=None,
-        description="greatest flux at the stagnation point; needs the vehicle's "
+        description="maximum flux at the stagnation point; needs the vehicle's "
         "reference.nose_radius",
     )
     bank: Annotated[Angle, Positive] | None = Field(
-        default=None, description="greatest bank about the velocity, to either side"
+        default=None, description="maximum bank about the velocity, in either direction"
     )
     oscillation: (
         Annotated[
@@ -73,7 +73,7 @@ class LoadLimits(StrictModel):
         | None
     ) = Field(
         default=None,
-        description="greatest ripple of bank, angle of attack and sideslip: one angle, or one for "
+        description="maximum ripple of bank, angle of attack and sideslip: one angle, or one for "
         "each",
     )
 

@@ -55,7 +55,7 @@ class CustomState(NamedTuple):
     name: str
     unit: str
     start: float | None  # SI; None: its equilibrium at the trim
-    limit: float = math.inf  # greatest magnitude
+    limit: float = math.inf  # maximum magnitude
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def reference_point(content: VehicleDocument) -> tuple[float, float]:
 
 
 def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
-    """Read the code that a vehicle file names without running it, None for tables.
+    """Read, without running it, the code that a vehicle file names; None if it names none.
 
     Raise InputError if it is invalid.
     """

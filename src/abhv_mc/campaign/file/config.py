@@ -52,7 +52,7 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 class Sampling(StrictModel):
     """Sampling design; the file may give its name alone."""
 
-    design: DesignName = Field("random", description="how the samples are drawn")
+    design: DesignName = Field("random", description="scheme that draws the samples")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
         2, description="values of each parameter in a grid or one_at_a_time"
     )
@@ -97,9 +97,13 @@ class RequirementEntry(StrictModel):
     """Requirement: the probability that a metric is below, above or between limits."""
 
     metric: str = Field(description="the metric that is limited")
-    below: Value | None = Field(None, description="what it must be below, in its unit")
+    below: Value | None = Field(
+        None, description="upper limit, which the metric must be below, in its unit"
+    )
     above: Value | None = Field(
-        None, description="what it must be above, in its unit; with both it must lie between"
+        None,
+        description="lower limit, which the metric must be above, in its unit; with both "
+        "limits it must lie between them",
     )
     probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
         description="share of flights that must meet it, such as 99.73 %"
@@ -110,14 +114,14 @@ class RequirementEntry(StrictModel):
     )
     producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
         None,
-        description="largest chance that a system which just meets it ever fails; left out: the "
+        description="largest chance that a system which just meets it ever fails; default: the "
         "consumer's",
     )
     controllers: tuple[str, ...] | None = Field(
-        None, description="controllers that have to meet it; left out: the campaign's first"
+        None, description="controllers that must meet it; default: the first of the campaign"
     )
     ended_early: Literal["failure", "as_measured"] = Field(
-        "failure", description="what a flight that ended early counts as"
+        "failure", description="judgement of a flight that ended early: a failure, or as measured"
     )
     id: str | None = Field(
         None, description="its number where it comes from, such as GNC-12; shown everywhere"
@@ -152,7 +156,7 @@ class PooledSeed(StrictModel):
     """Seed and number of flights of one member of a pooled campaign."""
 
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of their samples")
-    runs: Annotated[int, Field(ge=1)] = Field(description="how many, from its flight 0 on")
+    runs: Annotated[int, Field(ge=1)] = Field(description="number of flights, from its flight 0 on")
 
 
 class Family(StrictModel):
@@ -160,7 +164,7 @@ class Family(StrictModel):
 
     method: Literal["holm"] = Field("holm", description="Holm's")
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
-        0.10, description="largest chance of any false PASS"
+        0.10, description="largest probability that any PASS is false"
     )
 
 
@@ -173,12 +177,13 @@ class Execution(StrictModel):
     batch: Batch = Field(None, description="flights of a block")
     isolation: Literal["auto", "processes", "threads"] = Field(
         "auto",
-        description="where flights fly: in processes, one that hangs or crashes harms no other",
+        description="place where flights run: in processes, one that crashes or hangs harms no "
+        "other",
     )
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
         None,
         description="processor time for every 16 flights of a block, after which they count as "
-        "hanging (on a cluster wall time); left out: 20 times what 16 nominal flights take one by "
+        "hanging (on a cluster wall time); default: 20 times what 16 nominal flights take one by "
         "one, margins included, and 30 s at least",
     )
 
@@ -218,7 +223,7 @@ class Campaign(StrictModel):
     # one.
     simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
-    question: str = Field("", description="what the campaign asks; the headline of its report")
+    question: str = Field("", description="question of the campaign; the headline of its report")
     author: str = Field("", description="who is responsible for the campaign; opens its report")
     asks: (
         Annotated[
@@ -229,8 +234,9 @@ class Campaign(StrictModel):
         | None
     ) = Field(
         None,
-        description="what the first sentence of the report answers: {compare: [controllers]}, "
-        "drivers, margins or worst; left out: whether the requirements are met",
+        description="question that the first sentence of the report answers: "
+        "{compare: [controllers]}, drivers, margins or worst; default: whether the "
+        "requirements are met",
     )
     vehicle: File = Field(description="vehicle file, relative to this file")
     mission: File = Field(description="mission file, relative to this file")
@@ -246,8 +252,8 @@ class Campaign(StrictModel):
     )
     pooled: tuple[PooledSeed, ...] = Field(
         (),
-        description="what `abhv-mc merge` joined of several seeds, in the order of the flights; "
-        "left out: one seed",
+        description="seeds that `abhv-mc merge` joined, in the order of the flights; "
+        "default: one seed",
     )
     sampling: Annotated[
         Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)
@@ -264,7 +270,7 @@ class Campaign(StrictModel):
         "of their box",
     )
     points: UnknownPoints | None = Field(
-        None, description="where these are judged, as `run` found it; left out: search"
+        None, description="points at which these are judged, as `run` found them; default: search"
     )
     correlations: tuple[Correlation, ...] = Field(
         (), description="pairs of parameters that vary together"
@@ -286,11 +292,11 @@ class Campaign(StrictModel):
         BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),
     ] = Field(
         (),
-        description="what the flights have to meet, with which probability; or a CSV file of these",
+        description="requirements on the flights, each with a probability; or a CSV file of these",
     )
     margins: MarginsOfFlights | None = Field(
         None,
-        description="stability margins of dispersed flights, as metrics; left out: nominal and "
+        description="stability margins of dispersed flights, as metrics; default: nominal and "
         "corners only",
     )
     stop: Literal["when proven"] | None = Field(
@@ -299,17 +305,17 @@ class Campaign(StrictModel):
     )
     tune: Tune | None = Field(
         None,
-        description="what `abhv-mc tune` varies and wants; no flight of the campaign depends on it",
+        description="free numbers, aim and limits of `abhv-mc tune`; no flight depends on them",
     )
     family: Family | None = Field(
         None,
-        description="one risk for all verdicts together; left out: each requirement has its own",
+        description="one risk for all verdicts together; default: each requirement has its own",
     )
-    keep: Keep = Field(Keep(), description="what is written besides the metrics of every flight")
+    keep: Keep = Field(Keep(), description="outputs besides the metrics of every flight")
     measured: dict[str, str | float] = Field(
         {},
         description="standard deviation of the noise with which a test flight's channels are "
-        "measured, by channel: for `abhv-mc place`; left out: the campaign's sensors",
+        "measured, by channel: for `abhv-mc place`; default: the campaign's sensors",
     )
     figures: Literal["paper"] | None = Field(
         None,
@@ -317,5 +323,5 @@ class Campaign(StrictModel):
         "numbers beside them",
     )
     execution: Execution = Field(
-        Execution(), description="how it is flown; no result depends on it"
+        Execution(), description="execution settings; no result depends on them"
     )

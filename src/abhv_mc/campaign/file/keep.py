@@ -60,13 +60,13 @@ class KeepHistories(StrictModel):
     )
     by: str = Field(
         BY_REQUIREMENTS,
-        description="what 'worst' goes by: requirements (the largest distance beyond a limit, in "
+        description="rule for 'worst': requirements (the largest distance beyond a limit, in "
         "units of it) or a metric; flights that ended early come first",
     )
     channels: Annotated[
         tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])
     ] = Field(
-        (ALL,), description="names of channels (of effectors, too, that have actuators), or all"
+        (ALL,), description="names of channels, including those of effectors with actuators; or all"
     )
     rate: Rate = Field(10.0, description="samples per second of flight")
 

@@ -57,12 +57,12 @@ class Simulator(StrictModel):
     )
     files: tuple[str, ...] = Field(
         (),
-        description="what else it consists of and reads: files, folders, or with *;"
+        description="other files that it consists of or reads: files, folders, or patterns with *;"
         " an empty folder, or one to be made, ends with /",
     )
     folder: str = Field(
         ".",
-        description="where it lies: these names are from there;"
+        description="folder of the simulator, to which these names are relative;"
         " each process runs in a temporary folder with copies of them",
     )
     time_limit: Annotated[Time, Field(gt=0.0)] = Field(
@@ -78,7 +78,7 @@ class Simulator(StrictModel):
         " to a program's first answer",
     )
     flights_per_process: Annotated[int, Field(ge=1)] | None = Field(
-        None, description="flights after which a process is replaced; left out: it is kept"
+        None, description="number of flights after which a process is replaced; default: never"
     )
 
     @model_validator(mode="after")
@@ -138,7 +138,7 @@ class OwnChannel(StrictModel):
     """Column of the history that a flight returns."""
 
     unit: Unit = Field("-", description="any text; '-' of a plain number")
-    doc: str = Field("", description="what it is, for the report")
+    doc: str = Field("", description="description for the report")
 
 
 class Input(OwnChannel):
@@ -155,10 +155,10 @@ class OwnMetric(OwnChannel):
 
     bad: Bad | None = Field(
         None,
-        description="which values are bad: high, low, or those of the largest size; left out: high",
+        description="undesired values: high, low, or those of the largest size; default: high",
     )
     label: str | None = Field(
-        None, description="what the report calls it, without its unit; left out: its name"
+        None, description="name in the report, without the unit; default: its name"
     )
 
     def record(self, name: str) -> Metric:
@@ -194,8 +194,8 @@ class SimulatorCampaign(Campaign):
     figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
         None,
-        description="what flies, in place of vehicle, mission and controllers; without it: `import "
-        "flights`",
+        description="program that computes the flights, in place of vehicle, mission and "
+        "controllers; without it: `import flights`",
     )
     independent: YesNo = Field(
         False,
@@ -204,17 +204,18 @@ class SimulatorCampaign(Campaign):
     )
     columns: dict[str, str] = Field(
         {},
-        description="without a simulator: heads of the table by name of an input or metric, of "
-        "system, outcome, end_time and flight; left out: the names, with or without units",
+        description="column headings of an imported table, keyed by the name of an input or "
+        "metric, or by system, outcome, end_time or flight; default: the names themselves, with or "
+        "without units",
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
-        description="what is compared: settings of the simulator by name; the first has to meet it "
-        "all",
+        description="compared systems: settings of the simulator by name; the first has to meet "
+        "the requirements",
     )
-    inputs: dict[InputName, Input] = Field({}, description="what a flight is given, by name")
+    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
-        description="what a flight returns, by name"
+        description="metrics that a flight returns, by name"
     )
     outcomes: dict[MetricName, str] = Field(
         {},
@@ -225,7 +226,7 @@ class SimulatorCampaign(Campaign):
         {}, description="columns of the history that a flight returns beside its time (s), by name"
     )
     execution: SimulatorExecution = Field(
-        default_factory=SimulatorExecution, description="how it is flown"
+        default_factory=SimulatorExecution, description="execution settings"
     )
 
     @model_validator(mode="after")

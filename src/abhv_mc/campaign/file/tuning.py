@@ -42,15 +42,15 @@ class Limit(StrictModel):
 
     metric: str = Field(description=_METRIC)
     quantile: Quantile = Field(0.95, description=_QUANTILE)
-    below: float | None = Field(None, description="what it must be below, in the metric's unit")
-    above: float | None = Field(None, description="what it must be above, in the metric's unit")
+    below: float | None = Field(None, description="upper limit, in the metric's unit")
+    above: float | None = Field(None, description="lower limit, in the metric's unit")
     below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
-        None, description="what it must be below, in parts of what the controller has at the start"
+        None, description="upper limit, as a multiple of the value of the controller at the start"
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,
-        description="whose stability margin: of the nominal vehicle (left out), or of it and all "
-        "corners",
+        description="vehicles whose stability margin is limited: the nominal one (default), "
+        "or it and all corners",
     )
 
     @property
@@ -109,15 +109,16 @@ class Tune(StrictModel):
         Field(min_length=1),
         BeforeValidator(_free, json_schema_input_type=list[str | Free]),
     ] = Field(description="numbers that are varied")
-    minimise: Aim = Field(description="what is made small")
-    limits: tuple[Limit, ...] = Field((), description="what has to hold meanwhile")
+    minimise: Aim = Field(description="quantity to minimise")
+    limits: tuple[Limit, ...] = Field((), description="limits that the result must meet")
     margins_at: Points = Field(
         ("trim",),
-        description="where stability margins are found: trim, or times of the flight such as 30 s",
+        description="points at which stability margins are computed: trim, or times of the "
+        "flight such as 30 s",
     )
     usage: Aim = Field(
         Aim(metric=ELEVATOR_TRAVEL, quantile=0.5),
-        description="what the front trades the error against",
+        description="quantity against which the front trades the error",
     )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
         64, description="flights of each candidate, the same for all"

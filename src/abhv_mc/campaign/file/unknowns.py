@@ -61,24 +61,26 @@ class MostFailures(StrictModel):
     point: Count = Field(description="number of the point, from 0")
     failures: Count = Field(description="of the flights of the search at the point")
     flights: Count = Field(SEARCH_FLIGHTS, description="of the search at each value that was tried")
-    tried: Count = Field(description="how many values were tried")
+    tried: Count = Field(description="number of values that were tried")
 
 
 class UnknownPoints(StrictModel):
     """Values of the unknowns at which requirements are judged, as `run` found them."""
 
-    tried: Count = Field(0, description="how many were tried to find them")
+    tried: Count = Field(0, description="number of values that were tried to find them")
     shared: Count | None = Field(
         None,
-        description="how many of the first points judge all requirements; left out: all points. "
+        description="number of the first points that judge all requirements; default: all points. "
         "Each of the others judges the requirements that name it in `most_failures`",
     )
     most_failures: tuple[MostFailures, ...] = Field(
-        (), description="where the search of each controller saw each requirement fail most often"
+        (),
+        description="points at which the search of each controller saw each requirement fail "
+        "most often",
     )
     requirements: tuple[dict[str, Any], ...] | None = Field(
         None,
-        description="the requirements that they were searched for; left out: those of the campaign",
+        description="the requirements that they were searched for; default: those of the campaign",
     )
     at: dict[str, tuple[float, ...]] = Field(
         description="values by unknown, SI; each flight is flown at every point"

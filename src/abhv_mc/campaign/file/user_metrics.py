@@ -67,9 +67,9 @@ class MetricEntry(StrictModel):
     )
     statistic: Annotated[
         Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
-    ] = Field(description="what is made of it over the control ticks of the window")
+    ] = Field(description="statistic of 'of' over the control ticks of the window")
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
-        None, description="in the unit of 'of': for *_outside, or the least turn of reversals"
+        None, description="in the unit of 'of': for *_outside, or the smallest turn of reversals"
     )
     share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
         None,
@@ -82,20 +82,21 @@ class MetricEntry(StrictModel):
     )
     settled: bool = Field(False, description="leave out ramps and steps of the bank, and 5 s after")
     empty: float | None = Field(
-        None, description="value where no tick of the window was flown; left out: none, a miss"
+        None,
+        description="value if no tick of the window was flown; default: none, which is a failure",
     )
     bad: Bad | None = Field(
         None,
-        description="which values are bad: high, low, or those of the largest size; left out: low "
+        description="undesired values: high, low, or those of the largest size; default: low "
         "for min, else high",
     )
     unit: str | None = Field(
         None, description="of the metric, where the channel and the name do not say it"
     )
     label: str | None = Field(
-        None, description="what the report calls it, without its unit; left out: its name"
+        None, description="name in the report, without the unit; default: its name"
     )
-    doc: str = Field("", description="what it means, for the report")
+    doc: str = Field("", description="description for the report")
 
     @model_validator(mode="after")
     def _check(self) -> "MetricEntry":

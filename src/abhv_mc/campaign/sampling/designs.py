@@ -205,7 +205,7 @@ class Copula:
         normal = [ndtri(probabilities[:, column]) for column in self.columns]
         mixed = probabilities.copy()
         for row, column in enumerate(self.columns):
-            # Term by term: the rounding of BLAS depends on the number of flights.
+            # Term by term: rounding in BLAS depends on the number of flights multiplied together.
             total = self.factor[row, 0] * normal[0]
             for k in range(1, row + 1):
                 total += self.factor[row, k] * normal[k]

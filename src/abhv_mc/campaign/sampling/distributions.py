@@ -34,7 +34,8 @@ _Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 class _Distribution(StrictModel):
     distribution: str = Field(description=_KIND)
     probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = Field(
-        1.0, description="with which the drawn value holds; else the nominal one"
+        1.0,
+        description="probability that the drawn value applies; otherwise the nominal value is used",
     )
 
     @abstractmethod
@@ -105,7 +106,7 @@ class Normal(_Distribution):
 
     distribution: Literal["normal"] = Field(description=_KIND)
     sigma: Value = Field(description="standard deviation")
-    mean: Value | None = Field(None, description="left out: the nominal value")
+    mean: Value | None = Field(None, description="mean; default: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         mean, sigma = (
@@ -120,7 +121,9 @@ class TruncatedNormal(_Ranged):
 
     distribution: Literal["truncated_normal"] = Field(description=_KIND)
     sigma: Value = Field(description="standard deviation before truncation")
-    mean: Value | None = Field(None, description="before truncation; left out: the nominal value")
+    mean: Value | None = Field(
+        None, description="mean before truncation; default: the nominal value"
+    )
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy.special import ndtr
@@ -145,7 +148,7 @@ class Triangular(_Ranged):
 
     distribution: Literal["triangular"] = Field(description=_KIND)
     mode: Value | None = Field(
-        None, description="the most likely value; left out: the nominal value"
+        None, description="the most likely value; default: the nominal value"
     )
 
     def draw_from(self, parameter: Parameter) -> Marginal:
@@ -163,7 +166,7 @@ class Lognormal(_Distribution):
     sigma: Value = Field(
         description="standard deviation of the natural logarithm: a number or a percentage"
     )
-    median: Value | None = Field(None, description="left out: the nominal value")
+    median: Value | None = Field(None, description="median; default: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         sigma = _read(_NUMBER, self.sigma, "sigma")
@@ -193,9 +196,9 @@ class Discrete(_Distribution):
 
     distribution: Literal["discrete"] = Field(description=_KIND)
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
-        description="what may be drawn"
+        description="values to draw from"
     )
-    weights: _Weights | None = Field(None, description="one for each value; left out: all alike")
+    weights: _Weights | None = Field(None, description="one for each value; default: equal weights")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         values = np.array(
@@ -216,8 +219,8 @@ class Scipy(_Distribution):
     distribution: Literal["scipy"] = Field(description=_KIND)
     law: str = Field(description="a continuous distribution of scipy.stats, such as weibull_min")
     shapes: dict[str, float] = Field({}, description="its shape parameters by name")
-    loc: Value | None = Field(None, description="location; left out: 0")
-    scale: Value | None = Field(None, description="left out: 1, in SI")
+    loc: Value | None = Field(None, description="location; default: 0")
+    scale: Value | None = Field(None, description="scale; default: 1, in SI")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -258,7 +261,7 @@ class Mixture(_Distribution):
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(
         description="the distributions that it mixes"
     )
-    weights: _Weights | None = Field(None, description="one for each part; left out: all alike")
+    weights: _Weights | None = Field(None, description="one for each part; default: equal weights")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         weights, drawn = _shares(self.weights, len(self.parts)), []

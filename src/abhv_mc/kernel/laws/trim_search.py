@@ -157,7 +157,7 @@ def _alpha_residual(alpha, cut, expected):
 
 @routine
 def _alpha_of(eta, near, margin, cut, expected, bounds):
-    """Solve the second equation with the third: (angle of attack, status).
+    """Solve the second and third equations together; return angle of attack and status.
 
     The cut stays at ``eta``.
     """

@@ -77,7 +77,7 @@ def _sigma(M, x, H, V, gradient):
 
 @routine
 def _osborne(M, x):
-    """Fill x with log scalings that make each row as long as its column, without the diagonal."""
+    """Fill x with log scalings that give rows the norm of their columns, without the diagonal."""
     n = M.shape[0]
     largest = 1e-300
     for i in range(n):

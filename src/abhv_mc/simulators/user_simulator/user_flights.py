@@ -309,7 +309,7 @@ class _Flights:
             self.histories[flight] = history
 
     def _lose(self, flight: int, reason: str) -> None:
-        """Store that a flight failed to run."""
+        """Record that a flight failed to run."""
         self.outcome[flight] = Outcome.FAILED_TO_RUN
         self.end_time[flight] = self.metrics[flight] = np.nan
         self.histories.pop(flight, None)

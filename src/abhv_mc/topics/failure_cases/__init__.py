@@ -92,7 +92,7 @@ def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
 
 
 def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
-    """Return the names of cases [flight] by frequency, no failure first."""
+    """Return the names in ``cases`` [flight]: NO_FAILURE, then the most frequent first."""
     counts = Counter(cases.tolist())
     return sorted(counts, key=lambda name: (name != NO_FAILURE, -counts[name], name))
 
