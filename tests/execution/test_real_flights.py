@@ -13,7 +13,12 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.plan_file import flatten
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.plant.parameter_names import MORE_SENSORS, PARAMETER_INDEX, SCALED_SENSORS
+from abhv_mc.kernel.plant.parameter_names import (
+    ACCELERATIONS,
+    MORE_SENSORS,
+    PARAMETER_INDEX,
+    SCALED_SENSORS,
+)
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.simulators.stored_plans import read_plan
@@ -128,12 +133,22 @@ WITHOUT_EFFECT = {
     # Quantities that TLC does not measure.
     *(
         f"sensor.{name}_{error}"
-        for name in MORE_SENSORS
+        for name in (*MORE_SENSORS, *ACCELERATIONS)
         for error in ("bias", "noise", "lag", "interval")
+    ),
+    *(f"sensor.{name}_scale" for name in ACCELERATIONS),
+    # The vehicle has neither dead zones nor backlash.
+    *(
+        f"{device}.{slack}"
+        for device in ("actuator", "engine")
+        for slack in ("dead_zone", "backlash")
     ),
     *(f"sensor.{name}_scale" for name in MORE_SENSORS if name in SCALED_SENSORS),
 }
-MOVED = {"m": 5.0, "m/s": 2.0, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.002, "s": 0.03, "-": 0.1}
+MOVED = {
+    **{"m": 5.0, "m/s": 2.0, "m/s2": 0.5, "1/s": 1e-4, "rad": 0.002, "rad/s": 0.002, "s": 0.03},
+    **{"K": 5.0, "-": 0.1},
+}
 LIMITS = {
     "actuator.rate_limit": 0.1,
     "actuator.deflection_limit": 0.3,

@@ -13,7 +13,25 @@ from abhv_mc.kernel.jit import when_loaded
 
 
 def matmul(a: Any, b: Any) -> Any:
-    """Return the product of two matrices, or of a matrix and a vector."""
+    """Return the product of two matrices, or of a matrix and a vector.
+
+    Parameters
+    ----------
+    a
+        Matrix as a tuple of rows.
+    b
+        Matrix as a tuple of rows, or vector as a tuple of numbers.
+
+    Returns
+    -------
+    tuple
+        Rows of the product, or its numbers.
+
+    Examples
+    --------
+    >>> matmul(((1.0, 2.0), (3.0, 4.0)), (1.0, 1.0))
+    (3.0, 7.0)
+    """
     if not isinstance(b[0], tuple):
         return tuple(_dot(row, b) for row in a)
     columns = tuple(zip(*b, strict=True))
@@ -23,7 +41,20 @@ def matmul(a: Any, b: Any) -> Any:
 def cholesky(a: Any) -> Any:
     """Return the lower triangular L with L L' = a, of a positive definite matrix.
 
-    The upper triangle of ``a`` is not read. Numbers are NaN if ``a`` is not positive definite.
+    Parameters
+    ----------
+    a
+        Positive definite matrix as a tuple of rows; its upper triangle is not read.
+
+    Returns
+    -------
+    tuple
+        Rows of L; numbers are NaN if ``a`` is not positive definite.
+
+    Examples
+    --------
+    >>> cholesky(((4.0, 2.0), (2.0, 2.0)))
+    ((2.0, 0.0), (1.0, 1.0))
     """
     rows: list[list[Any]] = []
     for i in range(len(a)):
@@ -35,7 +66,25 @@ def cholesky(a: Any) -> Any:
 
 
 def solve(a: Any, b: Any) -> Any:
-    """Return x with a x = b, a vector or a matrix, by elimination with row pivoting."""
+    """Return x with a x = b, by elimination with row pivoting.
+
+    Parameters
+    ----------
+    a
+        Square matrix as a tuple of rows.
+    b
+        Vector as a tuple of numbers, or matrix as a tuple of rows.
+
+    Returns
+    -------
+    tuple
+        Numbers or rows of x; not finite if ``a`` is singular.
+
+    Examples
+    --------
+    >>> solve(((2.0, 0.0), (0.0, 4.0)), (2.0, 2.0))
+    (1.0, 0.5)
+    """
     vector, n = not isinstance(b[0], tuple), len(a)
     sides = [(side,) for side in b] if vector else b
     rows: list[Any] = [[*row, *side] for row, side in zip(a, sides, strict=True)]
