@@ -62,11 +62,11 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
     labels = names.controllers.values()
     usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
     lost = survival_sentences(comparison, names)
-    title, picture = "Control effort", Picture("error_against_usage")
+    title, picture = "Differences in control effort", Picture("error_against_usage")
     items: tuple[Item, ...] = (
         *([Bullets(tuple(lost))] if lost else []),
         Text(_BETTER),
-        Table("Required metrics", heads, required_rows),
+        Table("Differences in the required metrics", heads, required_rows),
         *([Fold(title, (Table(title, usage_heads, (usage,)), picture))] if usage else [picture]),
     )
     return Section(f"{names.campaign.kind.capitalize()} comparison", (*items, *pairs))

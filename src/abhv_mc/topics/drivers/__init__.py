@@ -337,7 +337,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
     heads = (names.campaign.kind.capitalize(), "Error", "Noise and interactions", "Driver", "SRRC")
     table = Fold(
         "Rank coefficients in full",
-        (Text(method), Table("Drivers of the errors", heads, groups, caption)),
+        (Text(method), Table("Drivers by metric", heads, groups, caption)),
     )
     return Section(title, (Picture("drivers"), table), part=True)
 
