@@ -214,9 +214,9 @@ would be {roll_ratio:.1f} times GHAME's, a rate that no structure bears. Either 
 its tables were not those of an aircraft; the figures cannot tell. The flights use about 1 deg of aileron and 0.4 deg of
 rudder.
 
-Two derivatives are not those of a layout either. Lift of one sign on a body of 8.6 m, centred at the centre of
-gravity, gives a pitch damping -Cm_q of at most 2 CL_alpha (L/2)^2 / c^2, 2.7 for `abhv`, which has 3.5: quasi-steady
-lift alone does not explain it. Its Cl_beta is 11 times GHAME's: credible at the Mach number of the S (-0.075), not at Mach 2 (-0.8).
+Two derivatives do not come from a layout either. The pitch damping of `abhv` is that of lift {radius:.1f} m from the
+centre of gravity, beyond half the length ({half_length:g} m), as on {far} of {members} members: quasi-steady lift alone
+does not explain it. Its Cl_beta is {dihedral_ratio:.0f} times GHAME's.
 """
 
 
@@ -355,6 +355,9 @@ def sides_words(members: list[dict[str, Any]]) -> str:
     return f"Ends of the search box on which members lie: {listed or 'none'}."
 
 
+_RADIUS = "radius of pitch damping at this chord, m"
+
+
 def near_words(members: list[dict[str, Any]]) -> str:
     """Return the traits near a limit, and on how many members."""
     counts = {}
@@ -381,6 +384,7 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         surfaces[label] = control_powers(vehicle, *point[:2])
     ratio = {name: x / surfaces["GHAME"][name] for name, x in surfaces[ABHV].items()}
     ghame = load_vehicle(ROOT / "configs/vehicle/ghame.yaml")
+    half_length = SIDES["elevator_arm"].high
     etas = np.array([0.25, 1.0, 1.5])
     impulse = evaluate_fixed(ghame, make_variables(ghame, mach=MACH, equivalence_ratio=etas))[
         "specific_impulse"
@@ -399,6 +403,11 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         "rudder_ratio": ratio["Cn_dr"],
         "elevator_ratio": ratio["CL_de"],
         "roll_ratio": ratio["steady roll p b/2V at 20 deg of aileron"],
+        "dihedral_ratio": ratio["Cl_beta"],
+        "radius": surfaces[ABHV][_RADIUS],
+        "half_length": half_length,
+        "members": len(members),
+        "far": sum(surfaces[member["name"]][_RADIUS] > half_length for member in members),
     }
     return _fill(PLAUSIBILITY, {"CLASS": table(class_traits), "POWERS": powers(surfaces)}, facts)
 

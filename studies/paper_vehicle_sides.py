@@ -223,11 +223,16 @@ def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict
 
 
 def control_powers(vehicle: Vehicle, alpha: float, elevator: float) -> dict[str, float]:
-    """Return the surfaces' derivatives (per rad), arms and steady roll at a known trim."""
+    """Return derivatives of surfaces and sideslip (per rad), arms, damping radius and steady roll.
+
+    The radius of pitch damping is the distance from the centre of gravity at which quasi-steady
+    lift has the vehicle's Cm_q: Cm_q = -2 CL_alpha (radius / chord)^2.
+    """
     slope = slopes_at(vehicle, alpha, elevator)
     rudder_arm = -slope["Cn", "rudder"] / slope["CY", "rudder"]
     elevator_arm = -slope["Cm", "elevator"] / slope["CL", "elevator"]
     roll = -slope["Cl", "aileron"] / slope["Cl", "p"] * DEFLECTION
+    radius = np.sqrt(-slope["Cm", "q"] / (2.0 * slope["CL", "alpha"]))
     return {
         "Cl_da": slope["Cl", "aileron"],
         "CL_de": slope["CL", "elevator"],
@@ -239,6 +244,8 @@ def control_powers(vehicle: Vehicle, alpha: float, elevator: float) -> dict[str,
         "elevator arm over the chord": elevator_arm,
         "rudder arm at this span, m": rudder_arm * BASE.constants.span,
         "elevator arm at this chord, m": elevator_arm * BASE.constants.chord,
+        "radius of pitch damping at this chord, m": radius * BASE.constants.chord,
+        "Cl_beta": slope["Cl", "beta"],
     }
 
 

@@ -194,7 +194,7 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
     least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
     if extension := advise([verdict]):
         action = f"extend to {extension.flights} flights (--runs {extension.flights})"
-        action = action if flies else f"adopt a table of {extension.flights} flights"
+        action = action if flies else f"import a table of {extension.flights} flights"
         return f"{action}: PASS with a chance of {about(extension.chance)}"
     if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
         return "more of its flights failed than the requirement allows"

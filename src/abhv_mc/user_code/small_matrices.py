@@ -177,6 +177,7 @@ def _compile_all() -> None:
     from numba.extending import intrinsic, overload
 
     tuples: Any = types.BaseTuple
+    emit: Any = intrinsic  # numba passes the first argument of the functions below
 
     def identity(kind: Any, row: int | None = None) -> Any:
         """Return an identity matrix in the shape of a tuple type."""
@@ -227,19 +228,19 @@ def _compile_all() -> None:
 
         return result(*arguments), generate
 
-    @intrinsic
+    @emit
     def emit_matmul(typing_context: Any, a: Any, b: Any) -> Any:
         return make(matmul, (a, b))
 
-    @intrinsic
+    @emit
     def emit_cholesky(typing_context: Any, a: Any) -> Any:
         return make(cholesky, (a,))
 
-    @intrinsic
+    @emit
     def emit_solve(typing_context: Any, a: Any, b: Any) -> Any:
         return make(solve, (a, b))
 
     options: Any = {"jit_options": {"forceinline": True}, "strict": False}
-    overload(matmul, **options)(lambda a, b: lambda a, b: emit_matmul(a, b))  # type: ignore[call-arg]  # noqa: PLW0108
-    overload(cholesky, **options)(lambda a: lambda a: emit_cholesky(a))  # type: ignore[call-arg]  # noqa: PLW0108
-    overload(solve, **options)(lambda a, b: lambda a, b: emit_solve(a, b))  # type: ignore[call-arg]  # noqa: PLW0108
+    overload(matmul, **options)(lambda a, b: lambda a, b: emit_matmul(a, b))  # noqa: PLW0108
+    overload(cholesky, **options)(lambda a: lambda a: emit_cholesky(a))  # noqa: PLW0108
+    overload(solve, **options)(lambda a, b: lambda a, b: emit_solve(a, b))  # noqa: PLW0108

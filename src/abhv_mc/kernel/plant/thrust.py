@@ -62,7 +62,7 @@ def foreign_thrust(Z, width, vehicle, user_code):
     constants = vehicle.constants
     for lane in range(width):
         mass = Z[XS + s.MASS, lane]
-        # A vehicle without an empty mass keeps its engine.
+        # The engine of a vehicle without an empty mass always has fuel.
         has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
         factor = Z[s.K_THRUST, lane] * runs

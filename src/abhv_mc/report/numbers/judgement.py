@@ -34,7 +34,7 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
 _NAMED = 2  # most missed requirements and metrics that are named
-_FAILS_STAY = "FAIL verdicts rarely change"
+_FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # on the first screen; further reasons are in the sections
 _SAME_USAGE = 0.05  # largest deviation from 1 of a ratio of control effort that is not mentioned
 
@@ -226,7 +226,7 @@ def _short_words(
     verb = "misses" if missed else "is not shown to meet"
     passed = sum(verdict is not None and verdict.status == "PASS" for _, verdict in own)
     others = len(own) - len(listed) - passed
-    suffix = f", with {others} other{'s' * (others > 1)} not shown yet" if others else ""
+    suffix = f", with {others} other requirement{'s' * (others > 1)} undecided" if others else ""
     phrases, counts = [], []
     for item, verdict in listed:
         phrases.append(names.metrics[item.metric].phrase)
@@ -510,7 +510,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         return None
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     if met == "no" or (missing and "FAIL" in statuses):
-        stay = f"; with more flights, {_FAILS_STAY}" if missing else ""
+        stay = f"; {_FAILS_STAY}" if missing else ""
         if flies:
             return NextStep(f"see why flights fail{stay}", "abhv-mc explain DIR --all")
         return NextStep(f"see 'Failure analysis' in the report{stay}")
@@ -568,5 +568,5 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:
 
 def _longer_run(flights: int, why: str, flies: bool) -> NextStep:
     if not flies:
-        return NextStep(f"adopt a larger table: {why}")
+        return NextStep(f"import a larger table: {why}")
     return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {flights}")

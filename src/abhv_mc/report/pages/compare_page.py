@@ -313,7 +313,7 @@ def _is_identical(pair: CampaignPair) -> bool:
 def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder: Path) -> Table:
     """Return the table of the compared campaigns, with the command that remakes the page."""
     seeds = [
-        (str(results.campaign.seed) if results.campaign.can_rerun else "adopted")
+        (str(results.campaign.seed) if results.campaign.can_rerun else "imported")
         for results in (a, b)
     ]
     rows = [

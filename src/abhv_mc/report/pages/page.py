@@ -178,7 +178,7 @@ def make_page(
         else f"seed {campaign.seed}"
     )
     origin = campaign.simulator.origin
-    drawn = f"adopted from {origin}" if origin else seeds
+    drawn = f"imported from {origin}" if origin else seeds
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     return (
         make_environment()
