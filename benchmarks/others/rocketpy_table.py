@@ -25,9 +25,8 @@ from benchmarks.document import write_json
 
 CAMPAIGN = Path(__file__).parent / "rocketpy.yaml"
 TABLE = Path(__file__).parents[2] / "tests" / "reference" / "rocketpy" / "monte_carlo.csv"
-THEIRS = (
-    Path(__file__).parents[1] / "results" / "others_rocketpy_theirs.json"
-)  # by benchmarks.others.rocketpy_monte_carlo
+# by benchmarks.others.rocketpy_monte_carlo
+THEIRS = Path(__file__).parents[1] / "results" / "others_rocketpy_theirs.json"
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:

@@ -12,9 +12,8 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 
-Answer = (
-    float | str | None
-)  # a number in the file's units, a quantity of the program, or nothing yet
+# a number in the file's units, a quantity of the program, or nothing yet
+Answer = float | str | None
 
 _AIR = {
     name: f"air.{name}"

@@ -78,9 +78,8 @@ def open_law(
             runner = PlainLaw(law, gains, width, memory_in_rows, effectors)
         address = int(runner.address)
     elif plan.law in NATIVE:
-        lanes = (
-            -(-max(min(flights, TOGETHER), 1) // width) * width
-        )  # further flights follow in the same lanes
+        # Further flights follow in the same lanes.
+        lanes = -(-max(min(flights, TOGETHER), 1) // width) * width
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, n_measured = tuple(plan.gain_names.tolist()), measured_count(plan)
         runner = _find_backend(plan.law, plan_source(plan).file).open(
@@ -130,11 +129,8 @@ def extra_measurements(plan: FlightPlan) -> int:
     if plan.law == "c":
         if (source.recipe or {})["library"] is not None:
             return 2  # which measurements a library reads is unknown
-        texts, before, copies = (
-            [*files.values()],
-            r"\b",
-            "|memcpy|memmove",
-        )  # copies of the whole struct
+        # Copies of the whole struct may read everything.
+        texts, before, copies = [*files.values()], r"\b", "|memcpy|memmove"
     elif plan.law == PYTHON:
         if "measured" not in load_plan_law(plan).arguments:
             return 0

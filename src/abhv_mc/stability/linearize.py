@@ -33,9 +33,8 @@ from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.actuators import surface_list
 
 _N_PATH = len(path.COORDINATES)
-_MEASURED = (
-    _N_PATH + 1
-)  # row after the rates and the aerodynamic sideslip in the result of plant_slopes
+# row after the rates and the aerodynamic sideslip in the result of plant_slopes
+_MEASURED = _N_PATH + 1
 _WHOLE = 1e-7  # largest distance of a slope of the measurement that is rounded to an integer
 _AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
 _FELT = 1e-8  # slope of a rate over a control below which it is rounding

@@ -73,9 +73,8 @@ _MEMORY: dict[str, dict[str, int]] = {
 }
 _LONGEST = 600.0  # s that ticks of a law in native code may take
 _WIDE = 1e6  # beyond any command: a law linearized without its limits
-_N_SEEN = (
-    len(VARIABLES) + 7
-)  # variables of the tables, then the guidance's commands, then those to the actuators
+# variables of the tables, then the guidance's commands, then those to the actuators
+_N_SEEN = len(VARIABLES) + 7
 
 
 class LawTick(NamedTuple):

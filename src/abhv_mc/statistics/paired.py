@@ -22,9 +22,8 @@ class PairedMetric:
     ties: int
     median_difference: Interval  # of the pairs, exact
     quantile_differences: list[Interval]  # at LEVELS, open where the flights do not bound them
-    pairing_gain: (
-        float | None
-    )  # factor by which an unpaired comparison of means would need more flights
+    # factor by which an unpaired comparison of means would need more flights
+    pairing_gain: float | None
 
 
 def compare_metric(a: Floats, b: Floats) -> PairedMetric:

@@ -50,9 +50,8 @@ def _places(interval: Interval) -> int | None:
     ends = [end for end in bounds_of if end is not None]
     if value is None or not ends:
         return None
-    error = (
-        abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)
-    )  # rounding may swap the ends
+    # rounding may swap the ends
+    error = abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)
     if not error:
         return None
     largest = max(map(abs, (value, *ends)))

@@ -47,9 +47,8 @@ class Topic(Generic[M]):
     model: type[M]
     compute: Callable[[FlownCampaign], M]
     section: Callable[[M, Names], Section | None]  # None if there is nothing to report
-    sentences: Callable[[M, Names], Sequence[str]] = (
-        lambda _model, _names: ()
-    )  # the answer in words
+    # the answer in words
+    sentences: Callable[[M, Names], Sequence[str]] = lambda _model, _names: ()
     figures: Callable[[M, Names], Iterator[Drawn]] = lambda _model, _names: iter(())
 
 

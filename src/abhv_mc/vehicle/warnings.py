@@ -111,9 +111,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         forward = lift * np.sin(alpha) - drag * np.cos(alpha)
         down = -lift * np.cos(alpha) - drag * np.sin(alpha)
         arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
-        coefficient["pitching_moment"] += (
-            arm / vehicle.constants.chord
-        )  # about the centre of gravity
+        # about the centre of gravity
+        coefficient["pitching_moment"] += arm / vehicle.constants.chord
         return coefficient
 
     def describe_point(mach: float, alpha: float) -> str:

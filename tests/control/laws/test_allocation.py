@@ -31,9 +31,8 @@ AIR = Environment(22e3, 0.0646, 296.4, 9.74, 6.4e6, 0.0)
 _CAPACITY = N
 _NO_FUNCTIONS = UserCode(0, 0, 0, 0)
 _Z_ROWS = s.LAW + N_ROWS
-_SIDE_BY_SIDESLIP = (
-    SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS
-)  # side force is the third coefficient
+# side force is the third coefficient
+_SIDE_BY_SIDESLIP = SLOPES + INPUTS.index("sideslip") + 2 * N_INPUTS
 
 
 @kernel

@@ -98,9 +98,8 @@ class Unknowns:
     tried: int = 0
     shared: int | None = None  # how many of the first points judge all requirements; None: all
     most_failures: tuple[MostFailures, ...] = ()
-    unsearched: frozenset[int] = (
-        frozenset()
-    )  # requirements whose worst values were not searched for
+    # requirements whose worst values were not searched for
+    unsearched: frozenset[int] = frozenset()
     parameters: Parameters = OURS
 
     def values(self, positions: Floats) -> Floats:

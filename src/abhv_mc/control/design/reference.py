@@ -60,9 +60,8 @@ def solve_reference(
         profile.speed * profile.flight_path_angle_rate,
         profile.speed * profile.heading_rate,
     )
-    fixed_equivalence_ratio = (
-        None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
-    )  # a glider cannot hold its speed
+    # a glider cannot hold its speed
+    fixed_equivalence_ratio = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
     nominal = trim_along(
         vehicle, trim_tables, points, vehicle.constants.mass_start, tick, fixed_equivalence_ratio
     )

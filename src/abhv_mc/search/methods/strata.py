@@ -163,9 +163,8 @@ def estimate_switched(
             lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget
         )
         main.estimate = main_estimate if main_estimate.refusal is None else None
-        failures, number = (
-            (0, 0) if main.estimate else main_estimate.plain
-        )  # without an estimate only the first level counts
+        # without an estimate only the first level counts
+        failures, number = (0, 0) if main.estimate else main_estimate.plain
         main.flights, main.failures, main.levels = (
             main.flights + number,
             main.failures + failures,

@@ -22,9 +22,8 @@ class Answer(NamedTuple):
     outcome: int
     end_time: float
     metrics: list[float]
-    history: (
-        Floats | None
-    )  # [column, sample]: its time, then the channels; None where none is declared
+    # [column, sample]: its time, then the channels; None where none is declared
+    history: Floats | None
 
 
 def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:

@@ -50,9 +50,8 @@ class ComparedMetric:
     loses_more: bool
     worst: tuple[float, float]
     median_difference: Interval
-    pairing_gain: (
-        float | None
-    )  # how many times the flights an unpaired comparison of means would need
+    # how many times the flights an unpaired comparison of means would need
+    pairing_gain: float | None
     quantile_differences: Mapping[str, Interval]  # by level
     # Number of values of the unknowns at which `a` and `b` win, and number of values.
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})

@@ -29,9 +29,8 @@ class LargeDispersion:
 
     parameter: str
     value: float
-    sigma: (
-        float | None
-    )  # distance in its standard deviations; None of what only some flights have, such as a failure
+    # distance in its standard deviations; None of what only some flights have, such as a failure
+    sigma: float | None
 
 
 @dataclass(frozen=True)

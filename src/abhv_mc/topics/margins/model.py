@@ -43,9 +43,8 @@ class FlightMargins:
     at_limit: int
     margins: Mapping[str, Spread]
     least: tuple[LeastFlight, ...]  # smallest gain margin first
-    failed_below: (
-        tuple[int, int] | None
-    )  # of the flights below the customary gain margin: failed, and all
+    # of the flights below the customary gain margin: failed, and all
+    failed_below: tuple[int, int] | None
     failed_above: tuple[int, int] | None  # flights above it; None without requirements
 
 

@@ -40,9 +40,8 @@ class MetricTable:
     """One metric of every controller."""
 
     words: Mapping[str, str]  # names and units
-    same_as: (
-        str | None
-    )  # the metric without the settled stretches' restriction that is the same in every flight
+    # the same metric over the whole flight, for a metric outside the transients
+    same_as: str | None
     controllers: Mapping[str, ControllerMetric]
 
 

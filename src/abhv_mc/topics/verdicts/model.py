@@ -28,16 +28,13 @@ class ControllerVerdict(Verdict):
     words: str
     ended_early: int  # among the failures
     advice: str  # number of flights needed, if not shown
-    tolerance_limit: (
-        float | None
-    )  # what the required share of flights stays within; None where no number does
-    room: (
-        float | None
-    )  # from there to the limit, a share of the limit; of two limits, of half their distance
+    # what the required share of flights stays within; None where no number does
+    tolerance_limit: float | None
+    # from there to the limit, a share of the limit; of two limits, of half their distance
+    room: float | None
     beyond_lost: bool  # whether too many lost flights are the reason
-    one_look_bound: (
-        float | None
-    )  # lower bound on the success probability, for one look at a number fixed before
+    # lower bound on the success probability, for one look at a number fixed before
+    one_look_bound: float | None
     failure_rate: tuple[float, float] | None  # 95 % interval (Jeffreys), also for one look
 
 
