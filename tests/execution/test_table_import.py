@@ -209,7 +209,7 @@ def test_two_imported_folders_are_compared_and_fail_a_gate(flown: Path, tmp_path
     (pair,) = comparison.found.paired
     assert not pair.not_worse["altitude_min"].shown and pair.any_failure.only_b
     page = shown_text(tmp_path / "compared" / "report.html")
-    assert re.search(r"/a\s+adopted\s+300", page)
+    assert re.search(r"/a\s+imported\s+300", page)
     assert (
         "abhv-mc compare" in page and "abhv-mc replay" not in page and "abhv-mc explain" not in page
     )
