@@ -61,7 +61,7 @@ REPEATS = 9
 BOTH = ("tlc", "lqr")
 PARTS = {
     "air data: atmosphere, flow angles": (0, 4, BOTH),
-    "deflections felt": (1, 4, BOTH),
+    "effective deflections": (1, 4, BOTH),
     "tables: find the cells": (2, 4, BOTH),
     "tables: interpolate": (3, 4, BOTH),
     "build-up of the coefficients": (4, 4, BOTH),
@@ -76,7 +76,7 @@ PARTS = {
     "TLC: trim data": (13, 1, ("tlc",)),
     "TLC: attitude loops and allocation": (14, 1, ("tlc",)),
 }
-SLOW, REST = "of it divisions and roots", "the flight beyond its parts"
+SLOW, REST = "divisions and roots in these parts", "the flight apart from these parts"
 N = 1024  # size of arrays that fit into the nearest cache
 
 
