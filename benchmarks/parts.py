@@ -5,8 +5,8 @@
 
 Each part is measured alone with all lanes of a batch, and then finds its data in the nearest cache.
 In a flight the parts alternate and lanes are in different table cells, which is why the sum is less
-than the time of the flight. The results are written to ``benchmarks/results/parts.json`` and a
-table of ``docs/explanation/performance.md``.
+than the time of the flight. The results are written to ``benchmarks/results/parts.json`` and
+``benchmarks/results/parts.md``.
 """
 
 import json
@@ -54,7 +54,7 @@ from benchmarks.timing import measure_time
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "parts.json"
-DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
+DOCUMENT = ROOT / "benchmarks" / "results" / "parts.md"
 REPEATS = 9
 
 # name: (number in the kernel, calls per tick, control laws that use it)
