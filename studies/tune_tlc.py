@@ -230,10 +230,11 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Outer bandwidths below inner ones",
         "",
-        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. It "
-        f"gives {len(tuning.bench.table_1.warnings()) or 'no'} warnings for Table 1. If an inner "
-        "bandwidth is reduced to the outer one, the error with the largest increase is "
-        f"{ordered[0]} that of Table 1; if it is reduced to half of it, {ordered[1]}.",
+        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. The "
+        f"command gives {len(tuning.bench.table_1.warnings()) or 'no'} warnings for Table 1. If an "
+        "inner bandwidth is reduced to the outer one, the error with the largest increase is "
+        f"{ordered[0]} that of Table 1; if the inner bandwidth is half the outer one, "
+        f"{ordered[1]}.",
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
