@@ -34,10 +34,10 @@ DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 MILLION = [10_000, 100_000, 1_000_000]
 SHORT = 2  # s, duration of flights with --million
 QUANTITIES = {  # name: (label, unit, unit of a thousandth)
-    "run_s": ("flying, to the last file", "s", "ms"),
+    "run_s": ("run", "s", "ms"),
     "report_s": ("report", "s", "ms"),
-    "run_memory_mb": ("peak memory, flying", "MB", "kB"),
-    "report_memory_mb": ("peak memory, report", "MB", "kB"),
+    "run_memory_mb": ("peak memory of run", "MB", "kB"),
+    "report_memory_mb": ("peak memory of report", "MB", "kB"),
     "disk_mb": ("disk, without the report", "MB", "kB"),
 }
 
@@ -174,7 +174,11 @@ def make_table(flights: list[int], medians: Series, lines: Lines, note: str) -> 
     ]
     off = [f"{100.0 * lines[name]['largest_deviation']:.0f} %" for name in QUANTITIES]
     return "\n".join(
-        [*table, f"| line | {' | '.join(fits)} |", f"| furthest from it | {' | '.join(off)} |"]
+        [
+            *table,
+            f"| fitted line | {' | '.join(fits)} |",
+            f"| largest deviation | {' | '.join(off)} |",
+        ]
     )
 
 

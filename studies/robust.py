@@ -169,12 +169,12 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
     excess = duel.excess(margins, common, read_controller(file), False)
     least = margins[1:].min(axis=0)
     lines = [
-        f"Made by: {command}",
+        f"Written by: {command}",
         f"Least margins of all loops in level flight, nominal: {margins[0, 0]:.2f} dB, "
         f"{margins[0, 1]:.1f} deg, {margins[0, 2]:.0f} ms; at the corners of the paper's box: "
         f"{least[0]:.2f} dB, {least[1]:.1f} deg, {least[2]:.0f} ms.",
         "1000 fresh flights of the paper's box with effectiveness +-20 % and delay 0 to 40 ms: "
-        f"{fresh.lost} ended early, {fresh.cycling} cycle by more than {RIPPLE:g} deg",
+        f"{fresh.lost} terminated early, {fresh.cycling} oscillate by more than {RIPPLE:g} deg",
         f"(TLC with Table 1: {table_1.lost} and {table_1.cycling}). Errors, median / worst, and "
         "Table 1's:",
     ]
@@ -184,7 +184,7 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
             f"  {name}: {np.median(ours):.3g} / {ours.max():.3g}; {np.median(theirs):.3g} / "
             f"{theirs.max():.3g}"
         )
-    lines.append("Usage of the nominal flight, and Table 1's:")
+    lines.append("Control effort of the nominal flight, and Table 1's:")
     for name, ours_used, theirs_used in zip(
         USAGE, common.usage[0], duel.table_1.usage[0], strict=True
     ):
