@@ -51,9 +51,7 @@ def check_trusted(source: UserSource, trusted: bool = False) -> None:
         problem = (
             "custom code that you have not run before, and that would run with your permissions"
         )
-        raise InputError(
-            source.file, problem, "that you inspect the code and then add --trust-code"
-        )
+        raise InputError(source.file, problem, "an inspection of the code, then --trust-code")
 
 
 def is_in_a_folder(file: Path) -> bool:
