@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from numpy.typing import NDArray
+
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
@@ -47,6 +49,19 @@ class Plan(Protocol):
         """Custom code of the plan, whose imported packages the manifest names."""
 
 
+Arrays = dict[str, NDArray[Any]]
+
+
+class StoredPlans(NamedTuple):
+    """Plans in a results folder, read when they are restored."""
+
+    root: Path  # has copies of input files at the paths of Simulator.pack
+    # Returns the plan of a system that a function makes of its stored arrays; the function raises
+    # KeyError, ValueError or TypeError for damaged ones. Raises InputError.
+    read: Callable[[str, Callable[[Arrays], Any]], Any]
+    read_campaign: Callable[[], Any]  # model of the folder's campaign file. Raises InputError.
+
+
 Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # of a Plan and rows [flight, parameter]
 
 
@@ -71,6 +86,7 @@ class Engine:
     source: str  # hash of the code; rows of different code never share a folder
     # Makes the content of margins.json from the campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
+    is_stability_compiled: Callable[[], bool] = lambda: True
     checked: bool = False  # whether ``source`` is identity.code_hash() in every process that flies
     isolation: str = "threads"  # meaning of "auto"; processes need a ``fly`` that can be imported
     # Ends processes started by the engine, which report each lost flight.
@@ -111,9 +127,9 @@ class Simulator(Protocol):
         """Return plans of some systems. Raise InputError."""
 
     def restore_plans(
-        self, root: Path, names: Sequence[str], trusted: bool = False
+        self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Return plans of systems stored in the folder ``root``. Raise InputError."""
+        """Return stored plans of systems. Raise InputError."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
         """Return plans with the stability margins that the campaign requests, empty without any."""

@@ -11,6 +11,8 @@ from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.execution.flown_experiment import open_flown
+from abhv_mc.execution.simulation import make_ready, simulate
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -20,8 +22,6 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import OURS, Parameters
-from abhv_mc.simulators.engine import make_ready, simulate
-from abhv_mc.simulators.stored_plans import open_flown
 
 _MOST_SAMPLES = 10_000  # flights from which the rarity of a value is estimated
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.execution.flown_experiment import open_flown
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.channels import CHANNELS, Signal
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.flight.plan import FlightBlock
@@ -17,8 +19,6 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import simulate
-from abhv_mc.simulators.stored_plans import open_flown
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
 from abhv_mc.execution.retention import select_flights
+from abhv_mc.execution.simulation import make_ready, simulate
 from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine
-from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import search_flights
 
 TRIAL_FLIGHTS = 64

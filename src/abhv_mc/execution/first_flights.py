@@ -16,10 +16,10 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
 from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
-from abhv_mc.simulators.engine import simulate
 
 _LONG = 1.0  # s: if flights take longer, only one is repeated within a process
 _CHECKED = 8  # rows of the check

@@ -26,6 +26,7 @@ from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interru
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
+from abhv_mc.execution.simulation import check_source, simulate
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
@@ -49,7 +50,6 @@ from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
-from abhv_mc.simulators.engine import check_source, simulate
 
 _SAVE_INTERVAL = 5.0  # s between manifests on disk
 

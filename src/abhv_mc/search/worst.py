@@ -32,8 +32,8 @@ from abhv_mc.search.search_flights import (
 )
 from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import Space, make_space
-from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 from abhv_mc.statistics.estimates import Criterion
+from abhv_mc.vehicle_simulator.margin_plans import TrimMargins, trim_margins
 
 _BATCH = 512  # random flights
 _MOST_COMBINATIONS = 64  # of the values of discrete parameters

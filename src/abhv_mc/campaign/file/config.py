@@ -221,7 +221,7 @@ class Campaign(StrictModel):
 
     # Callable that makes the simulator of an experiment; a name, because that layer is above this
     # one.
-    simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
+    simulator_maker: ClassVar = "abhv_mc.vehicle_simulator.simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign, and of its folder below reports/")
     question: str = Field("", description="question of the campaign; the headline of its report")
     author: str = Field("", description="who is responsible for the campaign; opens its report")

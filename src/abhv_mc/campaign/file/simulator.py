@@ -182,9 +182,7 @@ class SimulatorCampaign(Campaign):
     Fields of the built-in simulator are class variables that are None.
     """
 
-    simulator_maker: ClassVar = (
-        "abhv_mc.simulators.user_simulator.external_simulator:make_simulator"
-    )
+    simulator_maker: ClassVar = "abhv_mc.external_simulators.simulator:make_simulator"
     vehicle: ClassVar = None  # type: ignore[misc]
     mission: ClassVar = None  # type: ignore[misc]
     controllers: ClassVar = None  # type: ignore[misc]

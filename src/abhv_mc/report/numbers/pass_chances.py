@@ -7,8 +7,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pass_chance, together
 from abhv_mc.statistics.unknowns import most_points, search_flights
