@@ -116,17 +116,17 @@ def explain_flight(
     flown = campaign.outcomes.numbers[row.outcome[0]]
     rows = np.stack([nominal, np.where(alone, values, nominal), values])
     return Explanation(
-        controller,
-        flight,
-        failure,
-        campaign.simulator.describe_end(controller, row.samples, flown),
-        dict(zip(names, values.tolist(), strict=True)),
-        sets[0],
-        tuple(sets[1:]),
-        shrunk.smallest,
-        shrunk.tried,
-        rows,
-        simulate(
+        controller=controller,
+        flight=flight,
+        failure=failure,
+        ended=campaign.simulator.describe_end(controller, row.samples, flown),
+        samples=dict(zip(names, values.tolist(), strict=True)),
+        causes=sets[0],
+        others=tuple(sets[1:]),
+        smallest=shrunk.smallest,
+        tried=shrunk.tried,
+        rows=rows,
+        block=simulate(
             campaign,
             controller,
             np.column_stack([rows, np.tile(seeds, (3, 1))]),
@@ -134,7 +134,7 @@ def explain_flight(
             fly,
             margins=margins,
         ),
-        campaign.parameters,
+        known=campaign.parameters,
     )
 
 

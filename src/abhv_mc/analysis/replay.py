@@ -79,16 +79,16 @@ def replay_flight(
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = experiment.simulator.describe_end(controller, row.samples, outcome)
     return Replay(
-        controller,
-        flight,
-        block,
-        samples,
-        metrics,
-        tuple(differences),
-        end,
-        ends,
-        experiment.channels,
-        repeatability,
+        controller=controller,
+        flight=flight,
+        block=block,
+        samples=samples,
+        metrics=metrics,
+        differences=tuple(differences),
+        sentence=end,
+        ends=ends,
+        channels=experiment.channels,
+        repeatability=repeatability,
     )
 
 

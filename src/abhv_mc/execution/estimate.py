@@ -87,7 +87,15 @@ def estimate_campaign(
             outcomes = campaign.outcomes.of(block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
             columns = (*(metric.name for metric in campaign.measured), END_TIME.name)
-            rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
+            rows = FlightRows(
+                controller=name,
+                first=0,
+                names=tuple(source.names),
+                samples=values,
+                outcome=outcomes,
+                values=table,
+                columns=columns,
+            )
             tables = campaign.parameters, campaign.outcomes
             schema = flights_schema(source.names, {}, (*campaign.measured, END_TIME), *tables)
             write_block(Path(folder), rows, schema)

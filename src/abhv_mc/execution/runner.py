@@ -279,15 +279,15 @@ class _Run:
         if block.needs_rows:
             timing = self.plans[block.controller].timing
             rows = FlightRows(
-                block.controller,
-                block.first,
-                self.samples.names,
-                self.samples.rows(block.first, block.stop),
-                self.campaign.outcomes.of(flown.outcome),
-                self._make_values(flown),
-                self.columns,
-                np.inf if timing is None else timing.duration,
-                flown.reason_texts,
+                controller=block.controller,
+                first=block.first,
+                names=self.samples.names,
+                samples=self.samples.rows(block.first, block.stop),
+                outcome=self.campaign.outcomes.of(flown.outcome),
+                values=self._make_values(flown),
+                columns=self.columns,
+                duration=np.inf if timing is None else timing.duration,
+                reasons=flown.reason_texts,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(

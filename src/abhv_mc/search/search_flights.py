@@ -173,7 +173,15 @@ class SearchFlights:
         samples = np.concatenate([block.samples for block in self.blocks])
         outcome = tuple(code for block in self.blocks for code in block.outcome)
         values = np.concatenate([block.values for block in self.blocks])
-        return FlightRows(self.plan.controller, 0, names, samples, outcome, values, self.columns)
+        return FlightRows(
+            controller=self.plan.controller,
+            first=0,
+            names=names,
+            samples=samples,
+            outcome=outcome,
+            values=values,
+            columns=self.columns,
+        )
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
         """Return the flights of parameter values [flight, dimension].

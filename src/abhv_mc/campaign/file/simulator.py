@@ -165,7 +165,14 @@ class OwnMetric(OwnChannel):
         """Return the metric as a record of the tables of metrics."""
         label = self.label or label_of(name, "-")
         return Metric(
-            name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX
+            name=name,
+            unit=self.unit,
+            doc=self.doc,
+            label=label,
+            bad=self.bad or "high",
+            group="user",
+            of="",
+            statistic=Statistic.MAX,
         )
 
 
