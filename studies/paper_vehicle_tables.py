@@ -100,18 +100,3 @@ def largest_misses(result: dict[str, Any]) -> dict[str, float]:
         misses = [miss for end in prediction["ends"] for miss in end["misses"]]
         worst[label] = max(worst.get(label, 0.0), *misses)
     return worst
-
-
-def predictions(result: dict[str, Any]) -> Iterator[str]:
-    """Yield a row for each axis left out, with the ranges of vehicles fitted to the others."""
-    starts = sorted({prediction["start"] for prediction in result["without"]})
-    yield "| figure left out | " + " | ".join(f"start {start}" for start in starts) + " |"
-    yield "|---|" + "---|" * len(starts)
-    rows: dict[str, dict[int, str]] = {}
-    for prediction in result["without"]:
-        for end in prediction["ends"]:
-            misses = " and ".join(f"{100.0 * miss:.0f}" for miss in end["misses"])
-            cell = f"{end['low']:.4g} to {end['high']:.4g} ({misses} %)"
-            rows.setdefault(f"{prediction['figure']} {end['axis']}", {})[prediction["start"]] = cell
-    for label, cells in rows.items():
-        yield f"| {label} | {' | '.join(cells.get(start, 'none') for start in starts)} |"
