@@ -282,7 +282,7 @@ def all_in(member: dict[str, Any]) -> bool:
 
 
 def predicted_words(result: dict[str, Any]) -> str:
-    """Return sentences on the figures that the others predict, and on those that they do not."""
+    """Return a sentence on the figures that the fitted vehicles predict, or do not predict."""
     misses = largest_misses(result)
     near, far = (
         [label for label, miss in misses.items() if (miss <= NEAR) == is_near]
@@ -302,7 +302,7 @@ def join(items: list[str]) -> str:
 
 
 def spread_words(members: list[dict[str, Any]]) -> str:
-    """Return a sentence on the traits that the figures determine, and those that they do not."""
+    """Return a sentence on the spread of each trait over the members."""
     shares = {}
     for name in TRAITS:
         sizes = [abs(member["traits"][name]) for member in members]

@@ -6,10 +6,10 @@
    loops (1 and 2).
 2. Order: inner bandwidths equal to the outer ones that rely on them, and half of them; `abhv-mc
    validate` warns of each.
-3. Differentiators: that of sub-loop 3 from zero upwards and that of sub-loop 4 at 3, 4 and 5 times
-   it, up to a clear oscillation, in which a surface makes MANY swings of more than SWING between
-   two steps of the bank. Another flight has noise on the measured angles and rates, which limits
-   the bandwidth of a differentiator.
+3. Differentiators: the bandwidth in sub-loop 3 increases from zero, and that in sub-loop 4 is 3, 4
+   or 5 times as large, up to a clear oscillation, in which a surface makes MANY swings of more than
+   SWING between two steps of the bank. Another flight has noise on the measured angles and rates,
+   which limits the bandwidth of a differentiator.
 4. Sensitivity: every bandwidth at 1/3 to 3 times Table 1, one at a time.
 
 Numbers are means over the nominal S and the corners of the paper's dispersions.
