@@ -9,7 +9,7 @@ relative deviations. The results are written to ``benchmarks/results/growth.json
 
 ``--million`` measures 1e4, 1e5 and 1e6 flights of the first 2 s of the manoeuvre instead, which is
 the cost of a campaign without simulation. The results are written to
-``benchmarks/results/million.json`` and another table.
+``benchmarks/results/million.json`` and ``benchmarks/results/million.md``.
 """
 
 import argparse
@@ -239,7 +239,8 @@ def main() -> None:
             else f"medians of {options.repeats} campaigns of each size."
         )
     )
-    replace_part(DOCUMENT, name, make_table(flights, medians, lines, note))
+    document = ROOT / "benchmarks/results/million.md" if options.million else DOCUMENT
+    replace_part(document, name, make_table(flights, medians, lines, note))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,6 @@ from paper_vehicle_tables import (
     largest_misses,
     left_by,
     powers,
-    vehicles,
 )
 
 from abhv_mc.control.controller_file import TlcController
@@ -98,12 +97,11 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 ## The ensemble
 
 Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the
-eight traits below. The {number} vehicles are the largest set with this property among the candidates of about {searches}
+eight traits. The {number} vehicles are the largest set with this property among the candidates of about {searches}
 searches. A candidate has at least 18 of the 20 ends inside, no end outside by more than 20 % of its axis,
 and [plausible properties](paper-vehicles.md). Each member is a rigid body at both mass points, trims at
-least 0.1 deg from the nodes of the tables, and does not saturate.
-
-[VEHICLES]
+least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json` has the
+traits of each member.
 
 {spread}
 
@@ -415,7 +413,6 @@ def page(
         furthest[law] = f"{label} ({share:.0f} % of its width)"
     tables = {
         "FIGURES": figures(shipped),
-        "VEHICLES": vehicles(members),
         "CLAIM": claim(members, judged),
         "CLAIM_WORDS": claim_words(judged),
         "IMAGES": (f"![{title}](../images/{name}.png)\n" for name, title in IMAGES.items()),
