@@ -1,9 +1,9 @@
-"""Retune the LQR baseline for a vehicle with the control usage of TLC; writes a controller file.
+"""Retune the LQR baseline for a vehicle with the control effort of TLC; writes a controller file.
 
     OPENBLAS_NUM_THREADS=1 python studies/retune_lqr.py [--vehicle FILE] [--mission FILE]
         [--also FILE ...] [-o FILE]
 
-Use one thread because the matrices are small: with two the search took five times as long.
+Use one thread, because the matrices are small: with two threads the search took five times as long.
 
 The paper's weights were made for the paper's vehicle. This procedure searches for the weights with
 the smallest tracking errors on another vehicle:

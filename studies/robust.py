@@ -3,7 +3,7 @@
     OPENBLAS_NUM_THREADS=1 python studies/robust.py tlc|lqr [--vehicle NAME] [--ordered]
         [--candidates N] [-o FILE]
 
-Both laws have the same number of free parameters: TLC's bandwidths and dampings of the two inner
+TLC and LQR have the same number of free parameters: TLC's bandwidths and dampings of the two inner
 sub-loops, and LQR's weights except one of each regulator (only ratios count; the pitch rate has no
 weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``)
 and prefers candidates within the limits, then the smallest score. The result is written to a
@@ -13,7 +13,7 @@ Limits (numbers in ``robust_flights.py``):
 
 - margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's
   box (``CORNER``);
-- all flights of box (b) are complete, and no angle cycles by more than ``RIPPLE`` outside
+- all flights of box (b) are complete, and no angle oscillates by more than ``RIPPLE`` outside
   transients. Box (b) is the paper's box with control effectiveness +-20 % of each surface and a
   measurement delay of 0 to 40 ms;
 - usage of each surface in the nominal S: rms from the trim and travel at most 1.05 times those of
