@@ -37,7 +37,7 @@ _N_PATH = len(path.COORDINATES)
 _MEASURED = _N_PATH + 1
 _WHOLE = 1e-7  # largest distance to an integer of a measurement slope that is rounded
 _AT_ONCE = 1e5  # bandwidth of an ideal actuator with damping 1 (0.02 ms delay), rad/s
-_FELT = 1e-8  # rate over control below which a slope is a rounding error
+_FELT = 1e-8  # slope of a rate over a control below which it is a rounding error
 
 
 def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:

@@ -73,7 +73,7 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Return a plan of steady flight at the mission's start for all time, with its gains.
+    """Return a plan of permanent steady flight at the mission's start, with its gains.
 
     `bank` (rad) is the bank of the guidance's trim in a steady turn; 0 means straight flight at any
     bank. `user_code` belongs to a custom controller. Raise InputError if no steady turn has this

@@ -171,8 +171,8 @@ def _difference_words(
 ) -> str:
     """Describe how two inputs deviate in a rule's region, with medians of the failures.
 
-    The text is 'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if that
-    holds for each failure, else 'density far below drag, each in its own range'.
+    Return 'density and drag deviating in opposite directions (e.g. density -7 %, drag +9 %)' if
+    this holds for each failure, else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.input, condition.minus or 0
@@ -187,7 +187,7 @@ def _difference_words(
     )
     off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
     if np.all(off[0] * off[1] < 0.0):
-        description = f"{first} and {second} off in opposite directions"
+        description = f"{first} and {second} deviating in opposite directions"
     elif rule.either:
         description = f"{first} and {second} far apart, each in its own range"
     else:

@@ -32,7 +32,7 @@ class ControllerVerdict(Verdict):
     tolerance_limit: float | None
     # margin to the limit, as a share of it or of half the distance of two limits
     room: float | None
-    beyond_lost: bool  # whether too many lost flights are the reason
+    beyond_lost: bool  # whether too many lost flights prevent a limit
     # lower bound on the success probability for a single check
     one_look_bound: float | None
     # 95 % Jeffreys interval of the failure rate for a single check
@@ -258,7 +258,7 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """Return a metric without a requirement, with the first controller's median as limit."""
+    """Return the row of a metric without requirement, relative to the first median."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
