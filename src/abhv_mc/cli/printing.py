@@ -1,4 +1,4 @@
-"""Output of commands: text, tables and JSON on standard output, warnings on standard error."""
+"""Output of commands: text, tables and JSON to standard output, warnings to stderr."""
 
 import json
 import os
@@ -22,19 +22,24 @@ if TYPE_CHECKING:
     from abhv_mc.topics.section import Table as SectionTable
 
 
-_COLORS = {"PASS": 32, "FAIL": 31, "NOT SHOWN": 33, "warning:": 33}  # ANSI, of words on a terminal
-_TIMES = "compiled.json"  # file in the cache with the compilation times of this machine, s
+_COLORS = {
+    "PASS": 32,
+    "FAIL": 31,
+    "NOT SHOWN": 33,
+    "warning:": 33,
+}  # ANSI colours of words on a terminal
+_TIMES = "compiled.json"  # cache file with the compilation times of this machine, s
 _KERNELS = {
     "flight": "the flight",
     "stability": "the stability margins",
     "laws": "the reference",
 }
-_NARROWEST = 16  # width of a wrapped text column
+_NARROWEST = 16  # minimum width of a wrapped text column
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
 
 def say(*values: Any, sep: str = " ", folds: bool = True, **options: Any) -> None:
-    """Print text like Python's ``print``, with control characters escaped.
+    """Print text like the built-in ``print``, with control characters escaped.
 
     On a terminal verdicts are coloured and long sentences wrapped.
     """
@@ -48,7 +53,7 @@ def say(*values: Any, sep: str = " ", folds: bool = True, **options: Any) -> Non
 
 
 def _fold(line: str, width: int) -> str:
-    """Return a line wrapped to the width of the terminal; commands and rows of tables are kept."""
+    """Wrap a line to the width of the terminal, except commands and table rows."""
     match: Any = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL)
     label, text = match.groups()
     if len(line) <= width or "  " in text:
@@ -60,12 +65,12 @@ def _fold(line: str, width: int) -> str:
 
 
 def text_stream(file: Path | None) -> TextIO | None:
-    """Return the stream for text: standard error if ``file`` is ``-``, for JSON."""
+    """Return the stream for text: standard error if JSON goes to standard output."""
     return sys.stderr if file == Path("-") else None
 
 
 def show_result(result: Any, file: Path | None, print_text: Callable[[], None]) -> None:
-    """Print a result as text, and write it as JSON to ``file`` if that is not None.
+    """Print a result as text, and write it as JSON to ``file`` if given.
 
     If ``file`` is ``-``, only JSON is printed to standard output. Infinite and missing numbers are
     null.
@@ -86,9 +91,9 @@ def show_result(result: Any, file: Path | None, print_text: Callable[[], None]) 
 def new_table(
     left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any
 ) -> "Table":
-    """Return an empty table with headings of text columns, then of columns of numbers.
+    """Return an empty table with the headings of text columns and number columns.
 
-    ``options`` are those of ``rich.table.Table``.
+    ``options`` are options of ``rich.table.Table``.
     """
     from rich.box import ASCII, SIMPLE
     from rich.table import Table
@@ -103,9 +108,9 @@ def new_table(
 
 
 def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
-    """Print a table; if it is too wide for the terminal, wrap its text or split its columns.
+    """Print a table; wrap its text or split its columns if it is too wide.
 
-    Numbers are never cut. The first ``keys`` columns are repeated in each piece.
+    Numbers are never truncated. The first ``keys`` columns are repeated in each piece.
     """
     import io
 
@@ -133,7 +138,7 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
 
 
 def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:
-    """Yield the table with wrapped columns and its width, split into pieces if still too wide.
+    """Yield wrapped tables with their widths, split into pieces if still too wide.
 
     Each piece repeats the first ``keys`` columns.
     """
@@ -176,7 +181,7 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
 
 
 def print_section_table(table: "SectionTable") -> None:
-    """Print a table of a section without its columns of commands, which are too wide."""
+    """Print a table of a section without columns of commands, which are too wide."""
     rows = table.plain_rows()
     visible = [
         k
@@ -184,7 +189,7 @@ def print_section_table(table: "SectionTable") -> None:
         if not (rows and all(row[k].startswith("`abhv-mc ") or not row[k] for row in rows))
     ]
     printed_table = new_table([table.heads[k] for k in visible], (), table.caption or table.title)
-    notes = []  # rows with a cell that spans several columns
+    notes = []  # texts of cells that span several columns
     lines = iter(rows)
     for group in table.groups:
         for number, cells in enumerate(group):
@@ -192,7 +197,7 @@ def print_section_table(table: "SectionTable") -> None:
             if any(cell.columns > 1 for cell in cells):
                 notes.append(": ".join(dict.fromkeys(row)))
                 continue
-            # A cell that spans several rows is printed in the first one.
+            # A cell that spans several rows is printed in the first row.
             spans = [cell.rows for cell in group[0]]
             spans += [1] * (len(table.heads) - len(spans))
             printed_table.add_row(
@@ -215,18 +220,20 @@ def print_section(section: "Section") -> None:
 
 
 def announce_compiling() -> None:
-    """Print to standard error from now on which kernels are compiled, and how long it takes."""
+    """Announce the compilation of kernels on standard error from now on."""
     from abhv_mc.kernel.jit import PLAIN, set_compile_listener
 
     if PLAIN:
-        message = "NUMBA_DISABLE_JIT is set: flights are not compiled and a thousand times slower"
+        message = (
+            "NUMBA_DISABLE_JIT is set: flights are not compiled and are a thousand times slower"
+        )
         say(f"warning: {message}", file=sys.stderr, flush=True)
     set_compile_listener(_tell)
 
 
 @contextmanager
 def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
-    """Show that a kernel is compiled, by this process or another one."""
+    """Announce that a kernel is being compiled by this or another process."""
     from abhv_mc.kernel.cache import cache_root
 
     group = function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0]
@@ -251,6 +258,6 @@ def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
 
 
 def announce_warnings(warnings: Iterable[str]) -> None:
-    """Print warnings to standard error, each once."""
+    """Print each warning once to standard error."""
     for warning in dict.fromkeys(warnings):
         say(f"warning: {warning}", file=sys.stderr, flush=True)
