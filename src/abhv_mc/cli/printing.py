@@ -112,8 +112,8 @@ def new_table(
 def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     """Print a table; if it is too wide for the terminal, print its first column as headings.
 
-    If it is still too wide, wrap its text or split its columns. Numbers are never truncated. The first
-    ``keys`` columns are repeated in each piece.
+    If it is still too wide, wrap its text or split its columns. Numbers are never truncated. The
+    first ``keys`` columns are repeated in each piece.
     """
     import io
 
