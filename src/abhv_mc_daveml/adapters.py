@@ -36,6 +36,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "aerodynamics": {**_AIR, **_RATES, **_CONTROLS},
     "propulsion": {**_AIR, "throttle": "throttle"},
     "inertia": {},
+    "atmosphere": {"altitude": _AIR["altitude"]},
     "control": _MEASURED,
 }
 _TERM = re.compile(
@@ -56,7 +57,7 @@ def find_questions(model: Model) -> list[Variable]:
         for v in model.inputs
         if (quantity := quantity_of(v)) not in supplied or sign_of(quantity, v) is None
     ]
-    return [] if "control" in kinds else open_ones
+    return [] if not kinds or "control" in kinds else open_ones
 
 
 def parse_answer(

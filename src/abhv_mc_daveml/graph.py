@@ -128,13 +128,13 @@ def read_model(path: Path) -> Model:
                 raise InputError(path, problem, one_of(variables, used), look_up.line)
     header = root.first("fileHeader") or root
     return Model(
-        path,
-        header.attributes.get("name", path.stem),
-        header.words("fileVersion"),
-        header.words("description"),
-        hashlib.sha256(content).hexdigest(),
-        _in_order(path, variables),
-        tuple(
+        path=path,
+        name=header.attributes.get("name", path.stem),
+        version=header.words("fileVersion"),
+        description=header.words("description"),
+        digest=hashlib.sha256(content).hexdigest(),
+        variables=_in_order(path, variables),
+        shots=tuple(
             _read_shot(shot, variables)
             for data in root.all("checkData")
             for shot in data.all("staticShot")
@@ -171,22 +171,22 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
     )
     initial = node.bound("initialValue")
     return Variable(
-        identifier,
-        names[identifier],
-        node.attributes.get("name", identifier),
-        node.attributes.get("units", "nd"),
-        node.attributes.get("sign", ""),
-        node.words("description"),
-        node.bound("minValue"),
-        node.bound("maxValue"),
-        initial,
-        formula,
-        look_up,
-        tuple(needs),
-        formula is None and look_up is None and (marked or initial is None),
-        node.first("isOutput") is not None,
-        node.line,
-        _read_uncertainty(node),
+        identifier=identifier,
+        key=names[identifier],
+        name=node.attributes.get("name", identifier),
+        units=node.attributes.get("units", "nd"),
+        sign=node.attributes.get("sign", ""),
+        description=node.words("description"),
+        low=node.bound("minValue"),
+        high=node.bound("maxValue"),
+        initial=initial,
+        formula=formula,
+        look_up=look_up,
+        needs=tuple(needs),
+        is_input=formula is None and look_up is None and (marked or initial is None),
+        is_output=node.first("isOutput") is not None,
+        line=node.line,
+        uncertainty=_read_uncertainty(node),
     )
 
 

@@ -25,6 +25,7 @@ from abhv_mc_daveml.adapters import (
     write_law,
     write_thrust,
 )
+from abhv_mc_daveml.air_profile import write_air_profile
 from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc_daveml.uncertainties import write_dispersions
@@ -177,6 +178,8 @@ def _write_parts(
             elif kind == "control":
                 extra += write_law(model, file_answers)
                 texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
+            elif kind == "atmosphere":
+                texts[f"{Path(module).stem}.csv"] = write_air_profile(model, file_answers)
         texts[module] = write_module(model, extra)
     if "aerodynamics" in sections and "mass" in values:
         texts["vehicle.yaml"] = _vehicle(models, values, sections, effectors)

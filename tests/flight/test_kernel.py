@@ -25,7 +25,7 @@ from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, PARAMETER_INDEX
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.simulators.end_sentence import describe_end
+from abhv_mc.vehicle_simulator.end_sentence import describe_end
 
 FLIGHTS = LANES
 FACTOR = 0.05

@@ -11,7 +11,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.one_flight.fly_once import fly as fly_table
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import find_input
-from abhv_mc.simulators.make_plans import make_plans
+from abhv_mc.vehicle_simulator.make_plans import make_plans
 
 FILTER = """
 from typing import NamedTuple

@@ -15,14 +15,14 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.plan_file import write_plan
+from abhv_mc.folder.plan_file import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
 
 HEAD = """\
 from typing import NamedTuple
@@ -161,9 +161,8 @@ def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, 
     plan = make(CASCADE.format(compiled=""))
     write_plan(tmp_path / "plan.npz", plan)
     assert b"NamedTuple" not in (tmp_path / "plan.npz").read_bytes()
-    stored = read_plan(
-        tmp_path / "plan.npz", load_vehicle(repository / "configs/vehicle/ghame_x.yaml")
-    )
+    vehicle = load_vehicle(repository / "configs/vehicle/ghame_x.yaml")
+    stored = read_plan(tmp_path / "plan.npz", lambda arrays: rebuild_plan(arrays, vehicle))
     assert stored.source is None
     assert stored.source_hash == plan.source.hash
     with pytest.raises(ValueError, match="not its source"):

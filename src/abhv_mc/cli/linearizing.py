@@ -227,8 +227,9 @@ def _find_flown(
     Raise InputError if a custom control law is not trusted.
     """
     from abhv_mc.campaign.file.kinds import find_kind
+    from abhv_mc.campaign.file.user_code import check_user_code
     from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.simulators.campaign_code import check_user_code, check_user_law
+    from abhv_mc.vehicle_simulator.campaign_code import check_user_law
 
     if find_kind(mission) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
@@ -350,7 +351,7 @@ def linearize(
     (file,) = files.values()
     if gains is not None:
         from abhv_mc.one_flight.given import make_flight_plan
-        from abhv_mc.simulators.export_gains import check_gain_format, write_gains
+        from abhv_mc.vehicle_simulator.export_gains import check_gain_format, write_gains
 
         check_gain_format(gains)
         write_gains(gains, make_flight_plan(mission_file, vehicle_file, file))

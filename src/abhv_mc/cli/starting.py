@@ -64,7 +64,7 @@ def new(
     ] = None,
 ) -> None:
     """Create a commented campaign file with vehicle, mission and controller files."""
-    from abhv_mc.simulators.new_campaign import write_new_campaign
+    from abhv_mc.new_campaign import write_new_campaign
 
     if simulator is not None:
         if law or tune or vehicle is not None:
@@ -93,7 +93,7 @@ def new(
 
 
 def _begin_simulator(folder: Path, kind: str) -> None:
-    from abhv_mc.simulators.new_campaign import write_new_simulator
+    from abhv_mc.new_campaign import write_new_simulator
 
     campaign, *further_files = write_new_simulator(folder, kind)
     names = [file.name for file in further_files if file.suffix != ".json"]
@@ -150,8 +150,8 @@ def validate(
     per flight with the flight number (from 0) and all inputs, with units in the header; pass the
     file to 'import flights' together with the results.
     """
+    from abhv_mc.check_inputs import check_inputs
     from abhv_mc.io.documents import InputError, InputErrors
-    from abhv_mc.simulators.check_inputs import check_inputs
 
     announce_compiling()
     errors: list[InputError] = []

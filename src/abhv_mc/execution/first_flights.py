@@ -5,21 +5,25 @@ The flights are simulated in two new processes in parallel, and repeated in each
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
+from abhv_mc.execution.flight_differences import (
+    ESTIMATES,
+    Difference,
+    find_difference,
+    outcome_and_metrics,
+)
 from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
-from abhv_mc.simulators.engine import simulate
+from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
 _LONG = 1.0  # Above this time, s, only one flight is repeated in a process.
 _CHECKED = 8  # number of checked rows
@@ -45,13 +49,6 @@ class _Repeats(NamedTuple):
         """Rows that were repeated, in the order of simulation."""
         count = len(self.again.outcome)
         return self.rows[::-1] if count == len(self.rows) else self.rows[:count]
-
-
-class _Difference(NamedTuple):
-    """Largest relative difference between flights with the same inputs."""
-
-    size: float = 0.0
-    description: str = ""
 
 
 def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
@@ -169,64 +166,36 @@ def _judge_repeats(
 ) -> tuple[Repeatability, list[str]]:
     """Return the repeatability of the simulator, with warnings."""
     is_declared = campaign.simulator.states_noise
-    largest = _Difference()
+    largest = Difference()
     shared = ""
     for name, processes in repeats.items():
         for pair in zip(processes[::2], processes[1::2], strict=True):
-            across = _compare(campaign, name, _across(*pair))
-            within = [_compare(campaign, name, _within(process)) for process in pair]
+            across = find_difference(campaign, name, _across(*pair))
+            within = [find_difference(campaign, name, _within(process)) for process in pair]
             largest = max(largest, across, *within)
             noisy = max(within)
             if across.size <= ROUNDING < noisy.size:
                 shared = shared or noisy.description
-    estimates = "requirements get estimates instead of verdicts"
     if shared and is_declared:
         warning = f"two new processes draw the same noise despite 'repeatable: no': {shared}"
-        return Repeatability.SHARED, [f"{warning}; {estimates}"]
+        return Repeatability.SHARED, [f"{warning}; {ESTIMATES}"]
     if is_declared:
         return Repeatability.DECLARED, []
     if largest.size > ROUNDING:
-        return Repeatability.NOISE, [f"not repeatable: {largest.description}; {estimates}"]
+        return Repeatability.NOISE, [f"not repeatable: {largest.description}; {ESTIMATES}"]
     return Repeatability.ROUNDING if largest.size else Repeatability.EXACT, []
 
 
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each row with its values in two processes."""
-    yield from zip(a.rows, _values(a.first), _values(b.first), strict=True)
+    yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
     if len(a.again.outcome) == len(b.again.outcome):  # The numbers differ if one process was slow.
-        again = _values(a.again), _values(b.again)
+        again = outcome_and_metrics(a.again), outcome_and_metrics(b.again)
         yield from zip(a.again_rows, *again, strict=True)
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each repeated row with its first and second values in one process."""
-    first, again = _values(repeats.first), _values(repeats.again)
+    first, again = outcome_and_metrics(repeats.first), outcome_and_metrics(repeats.again)
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
     yield from zip(repeats.again_rows, first, again, strict=True)
-
-
-def _compare(
-    campaign: Experiment, name: str, pairs: Iterable[tuple[Floats, Floats, Floats]]
-) -> _Difference:
-    """Return the largest difference, which is infinite for different outcomes."""
-    largest, labels = _Difference(), ("outcome", *(metric.name for metric in campaign.measured))
-    for row, a, b in pairs:
-        sizes = relative_difference(a, b)
-        sizes[0] = 0.0 if a[0] == b[0] else np.inf
-        i = int(np.argmax(sizes))
-        if sizes[i] > largest.size:
-            values = f"{a[i]:.10g} and {b[i]:.10g}"
-            if i == 0:
-                values = " and ".join(campaign.outcomes.of(np.array([a[0], b[0]], np.int64)))
-            inputs = ", ".join(
-                f"{key} {value:.6g}"
-                for key, value in zip(campaign.inputs, row.tolist(), strict=True)
-            )
-            description = f"'{name}' returns {labels[i]} {values} for the same inputs ({inputs})"
-            largest = _Difference(float(sizes[i]), description)
-    return largest
-
-
-def _values(block: FlightBlock) -> Floats:
-    """Return the outcome and the metrics of each flight [flight, value]."""
-    return np.column_stack([block.outcome.astype(np.float64), block.metrics])

@@ -22,17 +22,21 @@ from abhv_mc.execution.blocks import (
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
+from abhv_mc.execution.flight_differences import ESTIMATES
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
+from abhv_mc.execution.simulation import check_source, simulate
+from abhv_mc.execution.stored_flights import StoredFlights
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
-from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
+from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
 from abhv_mc.folder.histories import write_envelopes
 from abhv_mc.folder.layout import append_log, write_text
@@ -49,7 +53,6 @@ from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
-from abhv_mc.simulators.engine import check_source, simulate
 
 _SAVE_INTERVAL = 5.0  # interval between updates of the manifest, s
 
@@ -110,6 +113,9 @@ class _Run:
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.shard, opened.requested)
         self.products = Products(self.folder, self.campaign.controllers, self.campaign.runs)
+        self.stored = None
+        if self.campaign.repeatability in (Repeatability.EXACT, Repeatability.ROUNDING):
+            self.stored = StoredFlights(self.campaign, opened.shard)
         self.sharded = self.manifest.shard is not None
         self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
@@ -135,8 +141,9 @@ class _Run:
             self.files,
             keep_failed_to_run=not self.campaign.can_rerun,
         ):
-            self.completion.add(rows, digest)
+            self._count(rows, digest)
         is_complete = self.manifest.complete and self.completion.is_complete()
+        adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
             if self._judge() != self.manifest:  # for example if the order of controllers changed
                 self._write_manifest(COMPLETE)
@@ -147,6 +154,8 @@ class _Run:
                 self._fly()
             is_complete = self.completion.is_complete()
             if is_complete:
+                if adds_flights:
+                    self._check_stored()
                 self._finish()
             self._write_manifest(COMPLETE if is_complete else INTERRUPTED)
         except KeyboardInterrupt:
@@ -279,21 +288,21 @@ class _Run:
         if block.needs_rows:
             timing = self.plans[block.controller].timing
             rows = FlightRows(
-                block.controller,
-                block.first,
-                self.samples.names,
-                self.samples.rows(block.first, block.stop),
-                self.campaign.outcomes.of(flown.outcome),
-                self._make_values(flown),
-                self.columns,
-                np.inf if timing is None else timing.duration,
-                flown.reason_texts,
+                controller=block.controller,
+                first=block.first,
+                names=self.samples.names,
+                samples=self.samples.rows(block.first, block.stop),
+                outcome=self.campaign.outcomes.of(flown.outcome),
+                values=self._make_values(flown),
+                columns=self.columns,
+                duration=np.inf if timing is None else timing.duration,
+                reasons=flown.reason_texts,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(
                 self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
             ))  # fmt: skip
-            self.completion.add(rows, digest)
+            self._count(rows, digest)
             self._note_events(block, flown)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(
@@ -301,6 +310,25 @@ class _Run:
                     file=sys.stderr,
                     flush=True,
                 )
+
+    def _count(self, rows: FlightRows, digest: Digest) -> None:
+        self.completion.add(rows, digest)
+        if self.stored is not None:
+            self.stored.add(rows)
+
+    def _check_stored(self) -> None:
+        """Run some flights of a user's simulator again and note whether their values differ."""
+        if self.stored is None:
+            return
+        size, description = self.stored.run_again(self.fly, self.workers)
+        observed = Repeatability.EXACT if size == 0.0 else Repeatability.ROUNDING
+        warnings = list(self.manifest.warnings)
+        if size > ROUNDING:
+            observed = Repeatability.NOISE
+            warnings.append(f"stored flights run again: {description}; {ESTIMATES}")
+        state = weakest([self.campaign.repeatability, observed])
+        self.campaign = replace(self.campaign, repeatability=state)
+        self.manifest = replace(self.manifest, repeatable=state, warnings=tuple(warnings))
 
     def _note_events(self, block: Block, flown: FlightBlock) -> None:
         """Store the events and the standard error output of a custom simulator."""

@@ -370,7 +370,16 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         ),
         arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
-    return ForeignTable(path, heads, tuple(units), data, numbers, head_line, texts, separator)
+    return ForeignTable(
+        path=path,
+        heads=heads,
+        units=tuple(units),
+        data=data,
+        lines=numbers,
+        head_line=head_line,
+        texts=texts,
+        separator=separator,
+    )
 
 
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:

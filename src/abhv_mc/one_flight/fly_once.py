@@ -39,8 +39,8 @@ def fly_once(
     Channels are recorded every `every` control ticks; see :func:`abhv_mc.fly`.
     """
     from abhv_mc.flight.fly import fly
-    from abhv_mc.simulators.end_sentence import describe_end
-    from abhv_mc.simulators.make_plans import check_rows
+    from abhv_mc.vehicle_simulator.end_sentence import describe_end
+    from abhv_mc.vehicle_simulator.make_plans import check_rows
 
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions, plan.vehicle)

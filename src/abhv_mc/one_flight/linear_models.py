@@ -131,12 +131,12 @@ def take_point(
 
     from abhv_mc.control.mission import read_mission
     from abhv_mc.flight.prepare import prepare, read_law
-    from abhv_mc.simulators.make_plans import check_rows
     from abhv_mc.stability.periods import find_period
     from abhv_mc.stability.points import AT_LIMIT, flown_points, near_nodes
     from abhv_mc.stability.steady import make_steady_plan, trim_points
     from abhv_mc.user_code.vehicle_functions import load_vehicle
     from abhv_mc.vehicle.actuators import slack_warnings
+    from abhv_mc.vehicle_simulator.make_plans import check_rows
 
     time: Time = "trim" if isinstance(at, str) and at == "trim" else to_si(at, TIME, "at")
     angle = to_si(bank, ANGLE, "bank")
@@ -413,10 +413,10 @@ def fly_on(
     import numpy as np
     import pandas as pd
 
-    from abhv_mc.simulators.make_plans import check_rows
     from abhv_mc.stability.plant_inputs import plant_states
     from abhv_mc.stability.points import fly_disturbed
     from abhv_mc.stability.probe import law_memory_rows
+    from abhv_mc.vehicle_simulator.make_plans import check_rows
 
     plan = make_flight_plan(mission, vehicle, controller)
     names = [*plant_states(plan.vehicle), *(f"law_{name}" for name in law_memory_rows(plan))]

@@ -34,14 +34,15 @@ from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 
-_MOST_CHANGES = 4  # in a sentence
+_MOST_CHANGES = 4  # maximum number of changed inputs in a sentence
 _MOST_PANELS = 6
-_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")  # first and second campaign
+# line styles of the first and the second campaign
+_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")
 _DASH = "\N{EM DASH}"
 
 
 class Panel(NamedTuple):
-    """Panel of a metric in the figure."""
+    """Panel of one metric in the figure."""
 
     label: str
     metric: str
@@ -51,7 +52,7 @@ class Panel(NamedTuple):
 def contrast_section(
     a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Section:
-    """Return the section: changed inputs, changed verdicts, and the tables."""
+    """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
     answers = [*change_sentences(contrast, labels)]
     lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:4]))
@@ -84,7 +85,7 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
 
 
 def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield the changed verdicts of each controller, then the controllers without a change."""
+    """Yield each controller's changed verdicts, then controllers without a change."""
     same = {}
     for label, controller in zip(labels, contrast.contrasted, strict=True):
         if not controller.requirements:
@@ -150,7 +151,7 @@ def _verdict_table(
 
 
 def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of a comparison's table: failure shares and quantiles with differences."""
+    """Yield table rows of failure shares and quantiles with their differences."""
     for controller in contrast.contrasted:
         for item in controller.requirements:
             shares = (side.failures / side.flights for side in (item.before, item.after))
@@ -194,8 +195,8 @@ def _quantile_table(
     ]
     heads = ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference")
     caption = (
-        "Required metrics, and other metrics with a shown difference. A dash: fewer than five "
-        "flights lie beyond the quantile, or lost flights reach it"
+        "Required metrics, and other metrics with a shown difference. A dash marks a "
+        "quantile beyond which fewer than five flights, or only lost flights, lie"
     )
     return make_table("Quantiles", caption, heads, rows)
 
@@ -208,9 +209,9 @@ def _with_unit(description: Mapping[str, str]) -> str:
 def contrast_figures(
     a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Iterator[Drawn]:
-    """Yield the distributions of both campaigns.
+    """Yield the figure with the distributions of both campaigns.
 
-    Without requirements they are those of the leading metrics, else of the required ones.
+    It shows the required metrics, or the leading metrics without requirements.
     """
     metrics = [name for name in a.asked if name in contrast.words][:_MOST_PANELS]
     if not metrics:
@@ -238,7 +239,7 @@ def plot_contrast(
     labels: Sequence[str],
     titles: tuple[str, str],
 ) -> Figure:
-    """Plot distribution functions, one panel for each metric; the first campaign is dashed."""
+    """Plot distribution functions, one panel per metric; the first campaign is dashed."""
     columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(len(panels), columns, 1.4, between=(0.25, 0.6), top=0.12, sharey=True)
     for axes, panel in zip(grid.flat, panels, strict=False):
@@ -253,7 +254,7 @@ def plot_contrast(
                     style,
                     where="post",
                     color=CYCLE[i % len(CYCLE)],
-                    zorder=3 + len(labels) - i,  # the subject on top
+                    zorder=3 + len(labels) - i,  # The first controller is drawn on top.
                 )
         for limit in panel.limits:
             axes.axvline(limit, color=INK, linewidth=0.8)
