@@ -155,7 +155,10 @@ def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
 
 
 def kinds_of(model: Model) -> tuple[str, ...]:
-    """Return the kinds of a file by its outputs: aerodynamics, propulsion, inertia, control."""
+    """Return the kinds of a file by its outputs.
+
+    The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if there is no other.
+    """
     outputs = find_signals(model.outputs)
     markers = {
         "aerodynamics": ("CX", "CZ", "CL", "CD"),
@@ -163,4 +166,5 @@ def kinds_of(model: Model) -> tuple[str, ...]:
         "inertia": ("mass", "inertia_xx"),
         "control": ("aileron", "rudder", "elevator"),
     }
-    return tuple(kind for kind, names in markers.items() if any(name in outputs for name in names))
+    kinds = tuple(kind for kind, names in markers.items() if any(name in outputs for name in names))
+    return kinds or (("atmosphere",) if "density" in outputs else ())

@@ -368,14 +368,14 @@ def _channel_bands(
     band: Band, simulated: Floats, tests: Floats, times: Floats, channels: Sequence[str]
 ) -> dict[str, ChannelBands]:
     bands = {}
+    low, high = band.edges
     for c, channel in enumerate(channels):
-        half = band.factor * band.spread[:, c]
         judged = np.isfinite(band.middle[:, c])
         ends = np.full((2, times.size), np.nan)
         ends[:, judged] = np.nanquantile(simulated[:, judged, c], [0.025, 0.975], axis=0)
         bands[channel] = ChannelBands(
             time=times,
-            simultaneous=(band.middle[:, c] - half, band.middle[:, c] + half),
+            simultaneous=(low[:, c], high[:, c]),
             pointwise=(ends[0], ends[1]),
             flights=tuple(test[:, c] for test in tests),
         )

@@ -1,11 +1,13 @@
-"""Merge of a campaign's shards, or of campaigns that differ only in their seed."""
+"""Merge of the shards of a campaign, or of campaigns that differ only in their seed."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.requirement_set import judge_by
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.runner import RunResult, run_campaign
+from abhv_mc.execution.simulation import check_source
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
@@ -14,8 +16,6 @@ from abhv_mc.folder.pooled_campaigns import check_poolable, pool_campaigns
 from abhv_mc.folder.requirement_sets import replace_requirements
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
-from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import check_source
 
 
 def merge_campaign(
@@ -25,11 +25,11 @@ def merge_campaign(
     trust_code: bool = False,
     requirements: Path | None = None,
 ) -> RunResult:
-    """Merge complete shards, or campaigns that differ only in their seed, into ``out``.
+    """Merge complete shards, or campaigns that differ only in seed, into ``out``.
 
-    Then create the envelopes, histories and verdicts of all flights. The same call resumes an
-    interrupted merge. ``trust_code`` permits running a law of the folders that this user has not
-    run before. ``requirements`` is the set for all flights, needed if the parts have different
+    The envelopes, histories and verdicts of all flights are created too. The same call resumes an
+    interrupted merge. ``trust_code`` permits running custom code of the folders that the user has
+    not run before. ``requirements`` is the set for all flights, needed if the parts have different
     sets. Raise InputError, before files are created, if the parts belong to different campaigns,
     were run with different code or plans, or share flights.
     """
@@ -41,7 +41,7 @@ def merge_campaign(
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
-    check_user_code(campaign, trust_code)  # histories need flights to be run again
+    check_user_code(campaign, trust_code)  # Flights are run again for histories.
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else pool_campaigns)(folders, out)

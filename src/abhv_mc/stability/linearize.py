@@ -77,18 +77,18 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     )
     phases = tuple(
         Linear(
-            plan.timing.tick,
-            plant_A,
-            plant_B,
-            A,
-            B,
-            law.slope[:, :m, n:],
-            law.slope[:, :m, :n],
-            law.slope[:, m:, n:],
-            law.slope[:, m:, :n],
-            np.minimum(age, MAX_DELAY_TICKS),
-            np.delete(sense, held, 2),
-            cut,
+            period=plan.timing.tick,
+            plant_A=plant_A,
+            plant_B=plant_B,
+            A=A,
+            B=B,
+            law_A=law.slope[:, :m, n:],
+            law_B=law.slope[:, :m, :n],
+            law_C=law.slope[:, m:, n:],
+            law_D=law.slope[:, m:, :n],
+            delay=np.minimum(age, MAX_DELAY_TICKS),
+            sense=np.delete(sense, held, 2),
+            cut=cut,
             inputs=name_inputs(plan.vehicle),
         )
         for law in law_phases(plan, points)

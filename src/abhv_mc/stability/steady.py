@@ -176,15 +176,15 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
     custom = custom_of(plan.vehicle, lane)
     points = Points(
-        coordinates[:, :10],
-        controls(coordinates),
-        latitude,
-        mass,
-        nothing,
-        nothing,
-        lane,
-        custom,
-        1,
+        path=coordinates[:, :10],
+        controls=controls(coordinates),
+        latitude=latitude,
+        mass=mass,
+        measured=nothing,
+        memory=nothing,
+        lane=lane,
+        custom=custom,
+        tick=1,
     )
     last = _EXPECTED.stop + measured_count(
         plan

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 from math import ceil, inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import standard_ranks
 
-_FLOOR = 0.05  # smallest spread as a share of the channel's largest spread
+# least distance of a quantile from the median, relative to a channel's largest standard deviation
+_FLOOR = 0.05
+_TAIL = 0.025  # share of flights beyond the pointwise band on each side
 _FEWEST = 10  # minimum number of simulated flights with a value at a time that is judged
 # spread, relative to a channel's size, below which differences are rounding errors
 _ROUNDING = 1e-9
@@ -90,16 +93,27 @@ def set_p_value(pool: Floats, tests: int) -> float:
 
 @dataclass(frozen=True)
 class Band:
-    """Simultaneous band that contains a new history at all times with `confidence`."""
+    """Simultaneous band that contains a new history at all times with `confidence`.
+
+    A spread is the distance from the median to the 2.5 or 97.5 % quantile of the flights at a time:
+    the band is the pointwise one, widened by one factor about the median.
+    """
 
     middle: Floats  # centre of the band [time, channel]
-    spread: Floats  # spread [time, channel]; NaN if too few flights have a value
-    factor: float  # half-width of the band in spreads; infinite with too few flights
+    spread: Floats  # [side, time, channel], below and above; NaN if too few flights have a value
+    factor: float  # distance of the edges from the middle in spreads; infinite with too few flights
     scores: Floats  # largest deviation of each simulated flight from all other flights, in spreads
+
+    @property
+    def edges(self) -> tuple[Floats, Floats]:
+        """Lower and upper edge [time, channel]."""
+        below, above = self.factor * self.spread
+        return self.middle - below, self.middle + above
 
     def deviations(self, history: Floats) -> Floats:
         """Return the deviations [time, channel] of a history in spreads; 0 for missing values."""
-        return np.nan_to_num(np.abs(history - self.middle) / self.spread)
+        deviations = history - self.middle
+        return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
     def p_value(self, history: Floats) -> float:
         """Return the share of all flights that deviate at least as much as ``history``."""
@@ -110,26 +124,56 @@ class Band:
 def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:
     """Return the band of `histories` [flight, time, channel]; NaN after a flight's end."""
     flights = len(histories)
-    middle, spread = np.empty(histories.shape[1:]), np.empty(histories.shape[1:])
+    middle, spread = np.empty(histories.shape[1:]), np.empty((2, *histories.shape[1:]))
     scores = np.zeros(flights)
     for channel in range(histories.shape[2]):
         values = histories[:, :, channel]
-        has_value = np.isfinite(values)
-        count = has_value.sum(axis=0).astype(np.float64)
-        judged = count >= _FEWEST
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.where(judged, np.nansum(values, axis=0) / count, np.nan)
-            deviations = np.where(has_value & judged, values - mean, np.nan)
-            squares = np.nansum(deviations**2, axis=0)
-            deviation = np.where(judged, np.sqrt(squares / (count - 1.0)), np.nan)
-            size = _ROUNDING * np.nanmax(np.abs(mean), initial=0.0) + np.finfo(float).tiny
-            floor = max(_FLOOR * np.nanmax(deviation, initial=0.0), size)
-            # Leave-one-out means and variances follow from those of all flights.
-            without = (squares - deviations**2 * count / (count - 1.0)) / (count - 2.0)
-            leave_one_out = np.maximum(np.sqrt(np.maximum(without, 0.0)), floor)
-            own = np.nan_to_num(np.abs(deviations) * count / (count - 1.0) / leave_one_out)
-        middle[:, channel], spread[:, channel] = mean, np.maximum(deviation, floor)
-        scores = np.maximum(scores, own.max(axis=1))
+        quantiles = _Quantiles(values)
+        center, others_center = quantiles.at(0.5)
+        size = _ROUNDING * np.nanmax(np.abs(center), initial=0.0) + np.finfo(float).tiny
+        floor = max(_FLOOR * np.nanmax(quantiles.deviation(), initial=0.0), size)
+        middle[:, channel] = center
+        for side, (sign, share) in enumerate(((-1.0, _TAIL), (1.0, 1.0 - _TAIL))):
+            end, others_end = quantiles.at(share)
+            own = sign * (values - others_center)
+            own /= np.maximum(sign * (others_end - others_center), floor)
+            spread[side, :, channel] = np.maximum(sign * (end - center), floor)
+            scores = np.maximum(scores, np.nan_to_num(own).max(axis=1))
     rank = ceil(confidence * (flights + 1))
     factor = inf if rank > flights else float(np.partition(scores, rank - 1)[rank - 1])
     return Band(middle, spread, factor, scores)
+
+
+class _Quantiles:
+    """Quantiles of columns [flight, column] with NaN for missing values."""
+
+    def __init__(self, values: Floats) -> None:
+        self.values, self.ordered = values, np.sort(values, axis=0)
+        self.count = np.isfinite(values).sum(axis=0)
+
+    def at(self, share: float) -> tuple[Floats, Floats]:
+        """Return the quantile [column], and that of all other flights [flight, column].
+
+        NaN with too few values.
+        """
+        judged = self.count >= _FEWEST
+        place = np.where(judged, share * (self.count - 1.0), 0.0)
+        low, high = (self._order(place.astype(np.intp) + step) for step in range(2))
+        quantile = np.where(judged, low + (place % 1.0) * (high - low), np.nan)
+        place = np.where(judged, share * (self.count - 2.0), 0.0)
+        first, second, third = (self._order(place.astype(np.intp) + step) for step in range(3))
+        low = np.where(self.values <= first, second, first)
+        high = np.where(self.values <= second, third, second)
+        others = np.where(judged, low + (place % 1.0) * (high - low), np.nan)
+        return quantile, others
+
+    def deviation(self) -> Floats:
+        """Return the standard deviation [column]; NaN with too few values."""
+        judged = self.count >= _FEWEST
+        deviation = np.full(self.count.shape, np.nan)
+        deviation[judged] = np.nanstd(self.values[:, judged], axis=0, ddof=1)
+        return deviation
+
+    def _order(self, place: NDArray[np.intp]) -> Floats:
+        place = np.minimum(place, len(self.values) - 1)[np.newaxis]
+        return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)

@@ -121,21 +121,23 @@ def _rule(
     else:
         description = _difference_words(rule, names, parameters, failed, column)
     return FailureRule(
-        description,
-        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have "
-        f"{description}",
-        tuple(
+        where=description,
+        rule=(
+            f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights)"
+            f" have {description}"
+        ),
+        conditions=tuple(
             FailureCondition(
                 names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
             )
             for c in rule.conditions
         ),
-        rule.failures_inside,
-        rule.failures,
-        rule.others_inside,
-        rule.others,
-        rule.p_value,
-        rule.q_value,
+        failures_inside=rule.failures_inside,
+        failures=rule.failures,
+        others_inside=rule.others_inside,
+        others=rule.others,
+        p_value=rule.p_value,
+        q_value=rule.q_value,
     )
 
 

@@ -146,7 +146,16 @@ def estimate_rare(
                 f"{probability:.2g}"
             )
         high = max(high, min(1.0, check.probability * factor))
-    return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
+    return RareEstimate(
+        probability=probability,
+        low=low,
+        high=high,
+        cov=cov,
+        flights=used,
+        repetitions=tuple(repetitions),
+        check=check,
+        refusal=refusal,
+    )
 
 
 def noise_share(severities: tuple[Floats, Floats]) -> float:

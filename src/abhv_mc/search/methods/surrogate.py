@@ -155,7 +155,16 @@ def estimate_by_surrogate(
         else points[:0]
     )
     return SurrogateEstimate(
-        middle, step.low, step.high, cov, len(points), (), None, refusal, tuple(steps), picked
+        probability=middle,
+        low=step.low,
+        high=step.high,
+        cov=cov,
+        flights=len(points),
+        repetitions=(),
+        check=None,
+        refusal=refusal,
+        steps=tuple(steps),
+        candidates=picked,
     )
 
 

@@ -73,7 +73,7 @@ def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str
     if shared_band is None:
         return {}
     shared, band = shared_band
-    low, high = (band.middle + side * band.factor * band.spread for side in (-1.0, 1.0))
+    low, high = band.edges
     return {
         name: dict(zip(SIMULTANEOUS, (low[:, k], high[:, k]), strict=True))
         for k, name in enumerate(shared)

@@ -245,7 +245,16 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
     unit = f"{record.unit} outside the limits" if limits.both else record.unit
     size = _size(limits, results, item.metric)
     text, limit = record.with_unit(limits.symbols), limits.sign * limits.limit
-    return GlanceRow(item.metric, record.label, unit, text, limit, limits.sign > 0.0, size, cells)
+    return GlanceRow(
+        metric=item.metric,
+        label=record.label,
+        unit=unit,
+        text=text,
+        limit=limit,
+        below=limits.sign > 0.0,
+        size=size,
+        cells=cells,
+    )
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
@@ -258,7 +267,16 @@ def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
     middle = next((cell.median for cell in cells.values() if np.isfinite(cell.median)), 0.0)
     text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
     size = abs(middle) or _size(side, results, metric)
-    return GlanceRow(metric, record.label, record.unit, text, middle, side.sign > 0.0, size, cells)
+    return GlanceRow(
+        metric=metric,
+        label=record.label,
+        unit=record.unit,
+        text=text,
+        limit=middle,
+        below=side.sign > 0.0,
+        size=size,
+        cells=cells,
+    )
 
 
 def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:
