@@ -162,11 +162,9 @@ def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
     Tables of benchmarks are excluded.
     """
     text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
-    code = re.findall(
-        r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)",
-        text,
-        re.MULTILINE,
-    )
+    blocks = re.findall(r"^[ \t]*```[^\n]*\n(.*?)^[ \t]*```", text, re.DOTALL | re.MULTILINE)
+    code = re.findall(r"`([^`\n]+)`|command-output\} (abhv-mc [^\n]*)", text)
+    code += re.findall(r"^[ \t$]*(abhv-mc [^\n]*)", "\n".join(blocks), re.MULTILINE)
     lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
     matches = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
     return {
