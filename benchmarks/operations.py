@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,12 +103,13 @@ def _main(paths: list[str]) -> None:
         return
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
+    from abhv_mc.folder.plan_file import read_plan
     from abhv_mc.shipped import find_input
-    from abhv_mc.simulators.stored_plans import read_plan
     from abhv_mc.user_code.vehicle_functions import load_vehicle
+    from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
 
-    vehicle = load_vehicle(find_input("ghame_x", "vehicle"))
-    plans = {Path(path).stem: read_plan(Path(path), vehicle) for path in paths}
+    rebuild = partial(rebuild_plan, vehicle=load_vehicle(find_input("ghame_x", "vehicle")))
+    plans = {Path(path).stem: read_plan(Path(path), rebuild) for path in paths}
     _use_counted_floats()
     print(json.dumps({name: _count_flight(plan) for name, plan in plans.items()}))
 

@@ -22,7 +22,7 @@ from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.fly import fly
 from abhv_mc.requests import Request
-from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_verification.bench.speed import measure_peak
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"

@@ -68,7 +68,7 @@ def source(tmp_path):
 @pytest.fixture(scope="session")
 def engine():
     """Return the engine of the compiled flight; plans of shipped inputs are made once."""
-    from abhv_mc.simulators.vehicle_simulator import make_engine
+    from abhv_mc.vehicle_simulator.simulator import make_engine
 
     compiled = make_engine()
     return replace(compiled, prepare=cache(compiled.prepare))
@@ -94,7 +94,7 @@ def fake_engine(monkeypatch, tmp_path):
     """Let commands run fake flights in an empty folder."""
     from fake_flight import ENGINE
 
-    monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 

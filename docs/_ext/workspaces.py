@@ -11,7 +11,7 @@ from shutil import copy, rmtree
 from subprocess import run
 
 import abhv_mc
-from abhv_mc.simulators.new_campaign import write_new_campaign
+from abhv_mc.new_campaign import write_new_campaign
 from abhv_mc_jsbsim.import_vehicle import import_jsbsim
 
 RUNS = 200

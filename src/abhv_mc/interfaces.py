@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from numpy.typing import NDArray
+
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
@@ -47,6 +49,19 @@ class Plan(Protocol):
         """Custom code of the plan; the manifest lists the packages that it imports."""
 
 
+Arrays = dict[str, NDArray[Any]]
+
+
+class StoredPlans(NamedTuple):
+    """Plans in a results folder, read when they are restored."""
+
+    root: Path  # has copies of input files at the paths of Simulator.pack
+    # Returns the plan of a system that a function makes of its stored arrays; the function raises
+    # KeyError, ValueError or TypeError for damaged ones. Raises InputError.
+    read: Callable[[str, Callable[[Arrays], Any]], Any]
+    read_campaign: Callable[[], Any]  # model of the folder's campaign file. Raises InputError.
+
+
 Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # arguments: Plan, rows [flight, parameter]
 
 
@@ -71,6 +86,7 @@ class Engine:
     source: str  # hash of the code; all rows of a folder have the same hash
     # Return the content of margins.json for a campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
+    is_stability_compiled: Callable[[], bool] = lambda: True
     checked: bool = False  # ``source`` is identity.code_hash() in each computing process
     isolation: str = "threads"  # meaning of "auto"; "processes" needs an importable ``fly``
     # End the processes started by the engine.
@@ -111,9 +127,9 @@ class Simulator(Protocol):
         """Return the plans of the named systems. Raise InputError if an input is invalid."""
 
     def restore_plans(
-        self, root: Path, names: Sequence[str], trusted: bool = False
+        self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Return plans stored in the folder ``root``. Raise InputError if they are invalid."""
+        """Return the stored plans of systems. Raise InputError if they are invalid."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
         """Return the plans with requested stability margins; empty if none are requested."""

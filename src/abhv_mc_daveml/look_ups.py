@@ -79,7 +79,16 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
         if variable in look_ups:
             raise node.refuse(f"a second function of '{variable}'", "one")
         title = node.words("description") or title or name
-        look_ups[variable] = LookUp(name, title, table, arguments, axes, points, values, node.line)
+        look_ups[variable] = LookUp(
+            name=name,
+            title=title,
+            table=table,
+            arguments=arguments,
+            grids=axes,
+            points=points,
+            values=values,
+            line=node.line,
+        )
     return look_ups
 
 

@@ -142,15 +142,15 @@ def load_fmu(source: UserSource) -> Fmu:
         problem = f"the FMU lacks a function ({error})"
         raise InputError(source.file, problem, "all functions of the standard") from None
     return Fmu(
-        version,
-        tuple(functions),
-        tuple(typed),
-        _make_instantiate(create, version, description, folder),
-        free,
-        inputs,
-        outputs,
-        params,
-        {
+        version=version,
+        functions=tuple(functions),
+        typed=tuple(typed),
+        instantiate=_make_instantiate(create, version, description, folder),
+        free=free,
+        inputs=inputs,
+        outputs=outputs,
+        params=params,
+        states={
             state.name: (
                 int(state.valueReference),
                 None if state.start is None else float(state.start),

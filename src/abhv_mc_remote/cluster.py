@@ -26,17 +26,17 @@ from abhv_mc.execution.retry import (
     make_failed,
     time_limit,
 )
+from abhv_mc.external_simulators.user_flights import note_surplus, with_surplus
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.folder.plan_file import flatten
+from abhv_mc.flight.plan_arrays import flatten
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Engine, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.jit import set_compile_listener
-from abhv_mc.simulators.stored_plans import Code, code_of, rebuild_sent
-from abhv_mc.simulators.user_simulator.user_flights import note_surplus, with_surplus
 from abhv_mc.user_code.c_source import refuse_platform
 from abhv_mc.user_code.child import allow_here
+from abhv_mc.vehicle_simulator.stored_plans import Code, code_of, rebuild_sent
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -18,10 +18,10 @@ from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
-from abhv_mc.simulators.make_plans import declare
-from abhv_mc.simulators.margin_plans import make_steady
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.fly_with_margins import add_margins
+from abhv_mc.vehicle_simulator.make_plans import declare
+from abhv_mc.vehicle_simulator.margin_plans import make_steady
 
 _NUMBER = re.compile(r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")  # and its unit
 Time = Literal["trim"] | float  # s

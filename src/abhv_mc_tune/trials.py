@@ -15,14 +15,14 @@ from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import drawn_samples
 from abhv_mc.execution.executor import FlightRunner
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.space import Space
-from abhv_mc.simulators.corner_margins import make_corners
-from abhv_mc.simulators.engine import simulate
 from abhv_mc.statistics.estimates import severity, sorted_quantile
+from abhv_mc.vehicle_simulator.corner_margins import make_corners
 from abhv_mc_tune.candidates import Candidate, Candidates, Time
 from abhv_mc_tune.constrained_search import Scores
 

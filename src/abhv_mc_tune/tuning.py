@@ -28,9 +28,9 @@ from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Paths
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
-from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
+from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
 from abhv_mc_tune.constrained_search import Scores, Tuning, tune
 from abhv_mc_tune.request import TuneRequest

@@ -12,7 +12,7 @@ from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, writ
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Use fast flights and a temporary folder."""
-    for module in ("abhv_mc_tune.tuning", "abhv_mc.simulators.vehicle_simulator"):
+    for module in ("abhv_mc_tune.tuning", "abhv_mc.vehicle_simulator.simulator"):
         monkeypatch.setattr(f"{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 

@@ -15,16 +15,16 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import MODELS, find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.campaign.file.unknowns import unknowns_hint
+from abhv_mc.check_inputs import check_inputs
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.io.units import DIMENSIONS
+from abhv_mc.new_campaign import write_new_campaign, write_new_simulator
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files, shipped_folder
-from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.new_campaign import write_new_campaign, write_new_simulator
 from abhv_mc.topics.names import full_labels
 
 

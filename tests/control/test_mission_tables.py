@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from abhv_mc.check_inputs import check_inputs
 from abhv_mc.control.mission_tables import DENSITIES, WIND, find_air_warnings, read_air_table
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.simulators.check_inputs import check_inputs
 
 GAS_CONSTANT = 287.05287  # J/(kg K), US Standard Atmosphere 1976
 

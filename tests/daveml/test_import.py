@@ -299,7 +299,7 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
             "the entity declaration 'a'",
         ),
         ("F16_aero", "<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
-        ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
+        ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "unknown variable '__import__"),
         ("F16_aero", '<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
         ("F16_aero", "-.099,-.081", "-.099", "a table of 59 values"),
         ("F16_aero", "<cn>25.0</cn>", "<ci>cz</ci>", "a circle"),

@@ -18,9 +18,9 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.simulators import corner_margins
 from abhv_mc.stability import fly_with_margins
 from abhv_mc.topics.topic import Models
+from abhv_mc.vehicle_simulator import corner_margins
 
 CAMPAIGN = """\
 name: margins

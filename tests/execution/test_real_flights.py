@@ -1,6 +1,7 @@
 """Campaigns with compiled flights: guarantees that fake flights cannot test."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -11,7 +12,9 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.folder.plan_file import flatten
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan_arrays import flatten
+from abhv_mc.folder.plan_file import read_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import (
     ACCELERATIONS,
@@ -21,12 +24,19 @@ from abhv_mc.kernel.plant.parameter_names import (
 )
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
 
 CAMPAIGN = shipped_campaigns() / "harder_vehicle.yaml"
 VEHICLE = CAMPAIGN.parents[1] / "configs/vehicle/ghame_x.yaml"
 RUNS = 40
+
+
+def _read_plan(folder: Path, controller: str) -> FlightPlan:
+    vehicle = load_vehicle(VEHICLE)
+    return read_plan(
+        folder / f"plans/{controller}.npz", lambda arrays: rebuild_plan(arrays, vehicle)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +75,7 @@ def test_stored_plans_replay_to_the_bit(flown, flights_only, controller):
         configs / f"control/{controller}.yaml",
         controller,
     )  # fmt: skip
-    stored = flatten(read_plan(flown.folder / f"plans/{controller}.npz", load_vehicle(VEHICLE)))
+    stored = flatten(_read_plan(flown.folder, controller))
     for name, value in flatten(fresh).items():
         assert value.tobytes() == stored[name].tobytes(), name
 
@@ -81,9 +91,7 @@ def test_envelopes_contain_all_flights_at_every_tick(flown, flights_only):
         .to_pandas()
         .set_index(["controller", "channel"])
     )
-    block = flights_only.fly(
-        read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows, 1
-    )
+    block = flights_only.fly(_read_plan(flown.folder, "tlc"), rows, 1)
     between = 0
     for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "bank_deg", "speed_mps"):
         band, history = bands.loc["tlc", channel], block.history[:, :, CHANNEL_INDEX[channel]]
@@ -177,9 +185,7 @@ def test_every_parameter_changes_a_flight(flown, flights_only):
     for row, parameter in zip(rows[1:], listed, strict=True):
         i = PARAMETER_INDEX[parameter.name]
         row[i] = LIMITS.get(parameter.name, row[i] + MOVED[parameter.unit])
-    metrics = flights_only.fly(
-        read_plan(flown.folder / "plans/tlc.npz", load_vehicle(VEHICLE)), rows
-    ).metrics
+    metrics = flights_only.fly(_read_plan(flown.folder, "tlc"), rows).metrics
     still = {
         p.name
         for p, row in zip(listed, metrics[1:], strict=True)

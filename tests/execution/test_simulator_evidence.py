@@ -13,13 +13,13 @@ from abhv_mc.cli.app import app
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
+from abhv_mc.external_simulators.process_pool import end_processes
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import run_query
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.results import Results
-from abhv_mc.simulators.user_simulator.process_pool import end_processes
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 

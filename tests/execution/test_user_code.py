@@ -14,6 +14,7 @@ from user_code.test_vehicle_functions import write_ghame_x
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.check_inputs import check_inputs
 from abhv_mc.cli.linearizing import linearize, margins
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.execution.estimate import estimate_campaign
@@ -27,12 +28,11 @@ from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.requests import Request, WorstRequest
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import find_input
-from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.vehicle_simulator import make_engine
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.user_channels import compile_channels
+from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller
 
@@ -296,7 +296,7 @@ def test_untrusted_code_does_not_run(study, tmp_path, monkeypatch, file):
 BAD = [
     ("bank_error_deg", "{of: bank_eror_deg, statistic: min}", "channel 'bank_eror_deg'"),
     ("x", "{of: '__import__(\"os\")', statistic: min}", "expected channels, numbers"),
-    ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
+    ("x", "{of: sin(bank_deg), statistic: min}", "argument in degrees"),
     ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
     ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
     (

@@ -11,7 +11,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.one_flight.fly_once import fly as fly_table
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import find_input
-from abhv_mc.simulators.make_plans import make_plans
+from abhv_mc.vehicle_simulator.make_plans import make_plans
 
 FILTER = """
 from typing import NamedTuple
@@ -64,7 +64,7 @@ def test_a_filter_of_one_tick_is_a_delay_of_one(tmp_path):
 def test_a_filter_needs_a_controller_around_it(tmp_path):
     write_filter(tmp_path, "last")
     (tmp_path / "filter.yaml").write_text("law: python\nfile: filter.py\n", encoding="utf-8")
-    with pytest.raises(InputError, match="a filter without the controller"):
+    with pytest.raises(InputError, match="a measurement filter without 'around'"):
         make_flight_plan("level", "abhv", str(tmp_path / "filter.yaml"))
 
 

@@ -16,8 +16,8 @@ from abhv_mc.flight.fly import fly
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.kernel.world.earth import WGS84, gravity_ned
 from abhv_mc.shipped import find_input, shipped_campaigns, shipped_configs
-from abhv_mc.simulators.make_plans import make_plans
 from abhv_mc.user_code.law_interface import Measured
+from abhv_mc.vehicle_simulator.make_plans import make_plans
 
 FLIGHTS = 200
 INSTANTS = (0.01, 2, 4, 8, 12, 16, 20, 24, 28, 33, 38, 43, 48, 53, 58)  # s

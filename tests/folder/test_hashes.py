@@ -27,7 +27,7 @@ from abhv_mc.results import open_results
 from abhv_mc.search.worst import find_worst
 from abhv_mc.topics import registry
 
-CHANGED = "a run has replaced files"
+CHANGED = "a run replaced files"
 KEEP = (
     "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "
     "[altitude_m, bank_deg]}}"
@@ -82,7 +82,7 @@ def test_a_query(request_, fly_meanwhile):
 )
 def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
     """Flights of one campaign were combined with samples of the other."""
-    monkeypatch.setattr("abhv_mc.simulators.vehicle_simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     results = open_results(request_.output)
     run_campaign(request_, ENGINE)  # resumes a complete campaign and changes nothing
     before = results.flights

@@ -31,7 +31,7 @@ from abhv_mc.requests import RareRequest, Request, WorstRequest
 from abhv_mc.search.rare import find_rare
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.simulators.vehicle_simulator import make_engine
+from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_remote.cluster import connect_cluster
 from abhv_mc_tune.tuning import tune_controller
 

@@ -19,8 +19,8 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics import registry
+from abhv_mc.vehicle_simulator.make_plans import reference_of
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # Relative tracking error and control effort of each controller.

@@ -18,11 +18,11 @@ from abhv_mc.kernel.numerics.angles import clamp, wrap
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.simulators.end_sentence import describe_end
 from abhv_mc.stability.analysis import analyse
 from abhv_mc.stability.linearize import linearize
 from abhv_mc.stability.points import flown_points
 from abhv_mc.user_code.c_source import make_header, make_settings_header
+from abhv_mc.vehicle_simulator.end_sentence import describe_end
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -178,7 +178,7 @@ REFUSED = {
     "'expected": PLAIN.replace("return 2;", "return 2"),
     "helper.h: No such file": '#include "helper.h"\n' + PLAIN,
     "abhv_law_state_get alone": PLAIN.replace("abhv_law_state_set", "another_name"),
-    "without abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
+    "no function abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
 }
 
 

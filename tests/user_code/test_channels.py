@@ -10,7 +10,7 @@ from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
-from abhv_mc.simulators.make_plans import make_plans
+from abhv_mc.vehicle_simulator.make_plans import make_plans
 
 # A memory of more numbers than numba takes in one call with choices, see
 # abhv_mc.user_code.compiled.

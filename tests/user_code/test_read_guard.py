@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from abhv_mc.simulators.user_simulator import python_lines
+from abhv_mc.external_simulators import python_lines
 from abhv_mc.user_code.read_guard import ReadGuard
 
 HEAD = """

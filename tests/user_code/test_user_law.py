@@ -15,14 +15,14 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.folder.plan_file import write_plan
+from abhv_mc.folder.plan_file import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.simulators.stored_plans import read_plan
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
 
 HEAD = """\
 from typing import NamedTuple
@@ -161,12 +161,11 @@ def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, 
     plan = make(CASCADE.format(compiled=""))
     write_plan(tmp_path / "plan.npz", plan)
     assert b"NamedTuple" not in (tmp_path / "plan.npz").read_bytes()
-    stored = read_plan(
-        tmp_path / "plan.npz", load_vehicle(repository / "configs/vehicle/ghame_x.yaml")
-    )
+    vehicle = load_vehicle(repository / "configs/vehicle/ghame_x.yaml")
+    stored = read_plan(tmp_path / "plan.npz", lambda arrays: rebuild_plan(arrays, vehicle))
     assert stored.source is None
     assert stored.source_hash == plan.source.hash
-    with pytest.raises(ValueError, match="without its source"):
+    with pytest.raises(ValueError, match="not its source"):
         fly(stored, nominal_parameters())
     travelled = pickle.loads(pickle.dumps(plan))  # noqa: S301  as to a worker process
     assert_same(fly(plan, nominal_parameters(2)), fly(travelled, nominal_parameters(2)))
@@ -278,7 +277,7 @@ WRONG = [
         "measured.alttitude",
         "did you mean 'altitude'",
     ),
-    ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "a global that changes", "Memory"),
+    ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "variable 'n'", "Memory"),
     (
         "def law(measured):\n    if measured.bank > 0.0:\n    " + LINE,
         5,
@@ -286,9 +285,9 @@ WRONG = [
         "return Command",
     ),
     ("def law(measured):\n    return 1.0\n", 5, "'return 1.0'", "return Command"),
-    ("def law(measured):\n" + LINE + MUTE, 9, "a file that raises Mute", "runs on its own"),
+    ("def law(measured):\n" + LINE + MUTE, 9, "a file that raises Mute", "runs without errors"),
     ("def law(measurd):\n" + LINE, 4, "the argument 'measurd'", "did you mean 'measured'"),
-    ("def law(memory):\n" + LINE, 4, "'memory' in a file without it", "class Memory"),
+    ("def law(memory):\n" + LINE, 4, "does not define 'memory'", "class Memory"),
     ("def law(measured):\n    x = measured.bank @ 1.0\n" + LINE, 5, "does not compile", "floats"),
 ]
 

@@ -11,6 +11,8 @@ from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.execution.flown_experiment import open_flown
+from abhv_mc.execution.simulation import make_ready, simulate
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -20,8 +22,6 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import OURS, Parameters
-from abhv_mc.simulators.engine import make_ready, simulate
-from abhv_mc.simulators.stored_plans import open_flown
 
 _MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a value is
 
@@ -116,17 +116,17 @@ def explain_flight(
     flown = campaign.outcomes.numbers[row.outcome[0]]
     rows = np.stack([nominal, np.where(alone, values, nominal), values])
     return Explanation(
-        controller,
-        flight,
-        failure,
-        campaign.simulator.describe_end(controller, row.samples, flown),
-        dict(zip(names, values.tolist(), strict=True)),
-        sets[0],
-        tuple(sets[1:]),
-        shrunk.smallest,
-        shrunk.tried,
-        rows,
-        simulate(
+        controller=controller,
+        flight=flight,
+        failure=failure,
+        ended=campaign.simulator.describe_end(controller, row.samples, flown),
+        samples=dict(zip(names, values.tolist(), strict=True)),
+        causes=sets[0],
+        others=tuple(sets[1:]),
+        smallest=shrunk.smallest,
+        tried=shrunk.tried,
+        rows=rows,
+        block=simulate(
             campaign,
             controller,
             np.column_stack([rows, np.tile(seeds, (3, 1))]),
@@ -134,7 +134,7 @@ def explain_flight(
             fly,
             margins=margins,
         ),
-        campaign.parameters,
+        known=campaign.parameters,
     )
 
 

@@ -13,11 +13,11 @@ from abhv_mc.analysis.shrink import Shrunk
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.flown_experiment import open_flown
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.interfaces import Engine, Fly
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.stored_plans import open_flown
 
 MOST_CAUSES = 3  # maximum number of dispersions in an explanation; larger sets are not informative
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.execution.flown_experiment import open_flown
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.channels import CHANNELS, Signal
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.flight.plan import FlightBlock
@@ -17,8 +19,6 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError
-from abhv_mc.simulators.engine import simulate
-from abhv_mc.simulators.stored_plans import open_flown
 
 
 @dataclass(frozen=True)
@@ -79,16 +79,16 @@ def replay_flight(
     metrics = dict(zip(row.columns, values.tolist(), strict=False))
     end = experiment.simulator.describe_end(controller, row.samples, outcome)
     return Replay(
-        controller,
-        flight,
-        block,
-        samples,
-        metrics,
-        tuple(differences),
-        end,
-        ends,
-        experiment.channels,
-        repeatability,
+        controller=controller,
+        flight=flight,
+        block=block,
+        samples=samples,
+        metrics=metrics,
+        differences=tuple(differences),
+        sentence=end,
+        ends=ends,
+        channels=experiment.channels,
+        repeatability=repeatability,
     )
 
 

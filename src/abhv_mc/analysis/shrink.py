@@ -1,6 +1,6 @@
 """Smallest set of inputs that still causes a failure if all others are nominal.
 
-Small numbers of sets are tried in order of size. Otherwise the full set is reduced until every
+Few sets are tried in order of size. Otherwise the full set is reduced until every
 member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), with many candidates
 at a time.
 """

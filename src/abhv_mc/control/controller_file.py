@@ -35,7 +35,7 @@ Inputs = TypeVar("Inputs", bound=StrictModel)
 
 
 class TimePoint(StrictModel):
-    """Bandwidth at a time."""
+    """Bandwidth at one time of the flight."""
 
     time: Annotated[Time, Field(ge=0.0)] = Field(description="time since the start of the flight")
     bandwidth: Annotated[AngularRate, Positive] = Field(
@@ -44,7 +44,7 @@ class TimePoint(StrictModel):
 
 
 class PressurePoint(StrictModel):
-    """Bandwidth at a dynamic pressure of the reference."""
+    """Bandwidth at one dynamic pressure of the reference."""
 
     dynamic_pressure: Annotated[Pressure, Positive] = Field(
         description="dynamic pressure of the reference"
@@ -110,25 +110,25 @@ class Channel(StrictModel):
 class VelocityLoop(StrictModel):
     """Poles of sub-loop 2, for the velocity."""
 
-    flight_path_angle: Channel = Field(description="error poles of the flight path angle")
-    heading: Channel = Field(description="error poles of the heading")
-    speed: Channel = Field(description="error poles of the speed")
+    flight_path_angle: Channel = Field(description="poles of the flight path angle error")
+    heading: Channel = Field(description="poles of the heading error")
+    speed: Channel = Field(description="poles of the speed error")
 
 
 class AttitudeLoop(StrictModel):
     """Poles of sub-loop 3, for the attitude."""
 
-    angle_of_attack: Channel = Field(description="error poles of the angle of attack")
-    sideslip: Channel = Field(description="error poles of the sideslip")
-    bank: Channel = Field(description="error poles of the bank")
+    angle_of_attack: Channel = Field(description="poles of the angle of attack error")
+    sideslip: Channel = Field(description="poles of the sideslip error")
+    bank: Channel = Field(description="poles of the bank error")
 
 
 class RateLoop(StrictModel):
     """Poles of sub-loop 4, for the body rates about the forward, right and down axes."""
 
-    roll_rate: Channel = Field(description="error poles of the roll rate")
-    pitch_rate: Channel = Field(description="error poles of the pitch rate")
-    yaw_rate: Channel = Field(description="error poles of the yaw rate")
+    roll_rate: Channel = Field(description="poles of the roll rate error")
+    pitch_rate: Channel = Field(description="poles of the pitch rate error")
+    yaw_rate: Channel = Field(description="poles of the yaw rate error")
 
 
 class Differentiators(StrictModel):
@@ -169,7 +169,7 @@ class TlcController(ControllerModel):
 
     law: Literal["tlc"] = Field(description="the control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
-    altitude: Channel = Field(description="sub-loop 1: error poles of the altitude")
+    altitude: Channel = Field(description="sub-loop 1: poles of the altitude error")
     velocity: VelocityLoop = Field(description="sub-loop 2: flight path angle, heading, speed")
     attitude: AttitudeLoop = Field(description="sub-loop 3: angle of attack, sideslip, bank")
     rates: RateLoop = Field(description="sub-loop 4: roll, pitch and yaw rate")

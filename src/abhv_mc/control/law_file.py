@@ -23,7 +23,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class ControllerModel(StrictModel):
-    """Base of controller files."""
+    """Base class of the models of controller files."""
 
     def warnings(self) -> list[str]:
         """Return sentences on implausible values in the file."""
@@ -56,7 +56,7 @@ class PythonController(ControllerModel):
     def _check(self) -> "PythonController":
         for key in ("rate", "period", "commands"):
             if self.around is not None and key in self.model_fields_set:
-                raise Refusal(f"'{key}' of a filter", f"no '{key}', as 'around' has one", (key,))
+                raise Refusal(f"'{key}' of a filter", f"no '{key}': 'around' defines it", (key,))
         find_files(self)
         return self
 

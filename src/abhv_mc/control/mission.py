@@ -141,7 +141,7 @@ class SManoeuvre(Phase):
         return self
 
     def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
-        """Return speed (m/s) and acceleration (m/s2) to the left at times (s) since its start."""
+        """Return speed (m/s) and acceleration (m/s2) to the left at times (s) since the start."""
         return s_shape(since, self.offset, self.length, self.bank_time, self.sharpness)
 
 
@@ -385,7 +385,7 @@ class Mission(StrictModel):
         return self
 
     def list_manoeuvres(self) -> "list[tuple[tuple[str | int, ...], float, Any]]":
-        """Return location in the file, start time (s) and manoeuvre, in order."""
+        """Return each manoeuvre's location in the file, start time (s) and model, in order."""
         if not isinstance(self.manoeuvre, Phases):
             return [(("manoeuvre",), self.start_time, self.manoeuvre)]
         begin = self.start_time

@@ -13,12 +13,12 @@ from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
 from abhv_mc.execution.retention import select_flights
+from abhv_mc.execution.simulation import make_ready, simulate
 from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine
-from abhv_mc.simulators.engine import make_ready, simulate
 from abhv_mc.statistics.unknowns import search_flights
 
 TRIAL_FLIGHTS = 64
@@ -87,7 +87,15 @@ def estimate_campaign(
             outcomes = campaign.outcomes.of(block.outcome)
             table = np.column_stack([block.metrics, block.end_time])
             columns = (*(metric.name for metric in campaign.measured), END_TIME.name)
-            rows = FlightRows(name, 0, tuple(source.names), values, outcomes, table, columns)
+            rows = FlightRows(
+                controller=name,
+                first=0,
+                names=tuple(source.names),
+                samples=values,
+                outcome=outcomes,
+                values=table,
+                columns=columns,
+            )
             tables = campaign.parameters, campaign.outcomes
             schema = flights_schema(source.names, {}, (*campaign.measured, END_TIME), *tables)
             write_block(Path(folder), rows, schema)

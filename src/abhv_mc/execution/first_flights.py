@@ -20,10 +20,10 @@ from abhv_mc.execution.flight_differences import (
     outcome_and_metrics,
 )
 from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
-from abhv_mc.simulators.engine import simulate
 
 _LONG = 1.0  # Above this time, s, only one flight is repeated in a process.
 _CHECKED = 8  # number of checked rows

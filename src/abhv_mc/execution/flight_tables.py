@@ -223,5 +223,11 @@ def _blocks(
         block = slice(first, first + _ROWS)
         texts = tuple(outcome[block].tolist())
         yield FlightRows(
-            system, first, campaign.inputs, samples[block], texts, values[block], names
+            controller=system,
+            first=first,
+            names=campaign.inputs,
+            samples=samples[block],
+            outcome=texts,
+            values=values[block],
+            columns=names,
         )

@@ -15,6 +15,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.backpressure import work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.controller_flights import read_worst
@@ -24,7 +25,6 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.products import KEY, Product
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
-from abhv_mc.simulators.engine import simulate
 
 _FLIGHTS_PER_FILE = 128
 _UNCOMPUTED = Outcome.FAILED_TO_RUN.code

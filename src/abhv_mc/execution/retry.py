@@ -18,7 +18,7 @@ from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.flight.child_flights import make_failed_block
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
-from abhv_mc.simulators.margin_plans import count_metrics
+from abhv_mc.vehicle_simulator.margin_plans import count_metrics
 
 if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Recorded

@@ -27,6 +27,7 @@ from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interru
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
+from abhv_mc.execution.simulation import check_source, simulate
 from abhv_mc.execution.stored_flights import StoredFlights
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
@@ -52,7 +53,6 @@ from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
-from abhv_mc.simulators.engine import check_source, simulate
 
 _SAVE_INTERVAL = 5.0  # interval between updates of the manifest, s
 
@@ -288,15 +288,15 @@ class _Run:
         if block.needs_rows:
             timing = self.plans[block.controller].timing
             rows = FlightRows(
-                block.controller,
-                block.first,
-                self.samples.names,
-                self.samples.rows(block.first, block.stop),
-                self.campaign.outcomes.of(flown.outcome),
-                self._make_values(flown),
-                self.columns,
-                np.inf if timing is None else timing.duration,
-                flown.reason_texts,
+                controller=block.controller,
+                first=block.first,
+                names=self.samples.names,
+                samples=self.samples.rows(block.first, block.stop),
+                outcome=self.campaign.outcomes.of(flown.outcome),
+                values=self._make_values(flown),
+                columns=self.columns,
+                duration=np.inf if timing is None else timing.duration,
+                reasons=flown.reason_texts,
             )
             digest = write_block(self.folder.flights, rows, self.schema)
             self.manifest = replace(self.manifest, flown_by=note_flyers(

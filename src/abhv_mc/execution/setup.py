@@ -13,9 +13,11 @@ from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.requirement_set import JUDGING, describe_requirement_changes
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
+from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
 from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.folder.hashes import FileHashes, read_checked
@@ -31,6 +33,7 @@ from abhv_mc.folder.inputs import (
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
+from abhv_mc.folder.plan_file import find_stored_plans
 from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.requirement_sets import add_requirement_set, mark_later_choices
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
@@ -39,9 +42,6 @@ from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Request
-from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.corner_margins import is_compiled
-from abhv_mc.simulators.engine import check_source, make_ready
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.source import find_package_versions
 from abhv_mc.user_code.trust import trust
@@ -139,7 +139,7 @@ def _read_plans(
         if manifest.inputs.get(path) != content and not path.startswith("inputs/samples/"):
             problem = f"the plans were made from a different {path}"
             raise InputError(root, problem, "plans made from the files of this campaign")
-    return campaign.simulator.restore_plans(root, names, trust_code)
+    return campaign.simulator.restore_plans(find_stored_plans(source), names, trust_code)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
@@ -151,7 +151,9 @@ def _start_workers(request: Request, engine: Engine) -> None:
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
     """Compile the computation of margins in another process, unless it is cached."""
     engine = campaign.simulator.engine
-    if engine.find_stability is not None and engine.isolation == PROCESSES and not is_compiled():
+    if engine.find_stability is None or engine.isolation != PROCESSES:
+        return
+    if not engine.is_stability_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
@@ -220,7 +222,8 @@ def _resume(
     if not files.knows(folder.samples):
         _write_samples(folder, campaign)
     stored = [name for name in campaign.controllers if name not in new]
-    all_plans = {**new, **simulator.restore_plans(folder.root, stored, request.trust_code)}
+    restored = simulator.restore_plans(find_stored_plans(folder), stored, request.trust_code)
+    all_plans = {**new, **restored}
     plans = {name: all_plans[name] for name in campaign.controllers}
     if changed:
         first = () if simulator.capabilities.is_repeatable else manifest.warnings

@@ -18,10 +18,10 @@ from abhv_mc.execution.flight_differences import (
     outcome_and_metrics,
 )
 from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Fly
-from abhv_mc.simulators.engine import simulate
 
 _LEAST, _MOST, _SHARE = 4, 64, 50  # flights that are run again: one of 50, within these limits
 

@@ -313,12 +313,12 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
     )
     values = np.stack([column_values(table[name]) for name in columns], axis=1)
     return FlightRows(
-        controller,
-        first,
-        tuple(names),
-        samples,
-        tuple(table["outcome"].to_pylist()),
-        values,
-        columns,
+        controller=controller,
+        first=first,
+        names=tuple(names),
+        samples=samples,
+        outcome=tuple(table["outcome"].to_pylist()),
+        values=values,
+        columns=columns,
         reasons=tuple(table[REASON].to_pylist()) if REASON in names_stored else (),
     )

@@ -1,58 +1,20 @@
-"""Flight plans as .npz files without pickle, with nested records as named arrays.
+"""Flight plans as .npz files without pickle."""
 
-Index arrays are not stored but rebuilt from the inputs, because compiled code does not check index
-bounds. Only floating-point numbers of the expected shapes are read.
-"""
-
-import dataclasses
 import io
-import typing
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.layout import write_bytes
+from abhv_mc.flight.plan_arrays import REMEDY, stored_arrays
+from abhv_mc.folder.inputs import read_folder_campaign
+from abhv_mc.folder.layout import CampaignFolder, write_bytes
+from abhv_mc.interfaces import Arrays, StoredPlans
 from abhv_mc.io.input_error import InputError
 
 T = TypeVar("T")
-REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
-REBUILT = "effectiveness."  # prefix of arrays computed from the vehicle
-
-
-def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    """Return the arrays and scalars of a nested record, by dotted name."""
-    if not _is_record(type(value)):
-        return {prefix: np.asarray(value)}
-    flat: dict[str, np.ndarray] = {}
-    for name in _fields(type(value)):
-        flat |= flatten(getattr(value, name), f"{prefix}.{name}" if prefix else name)
-    return flat
-
-
-def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
-    """Rebuild a record of type ``kind`` from the result of :func:`flatten`.
-
-    Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if one has the
-    wrong type.
-    """
-    if _is_record(kind):
-        hints = typing.get_type_hints(kind)
-        fields = {
-            name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name)
-            for name in _fields(kind)
-        }
-        return kind(**fields)
-    value = flat[prefix]
-    if kind in (bool, int, float, str):
-        return kind(value.item())
-    if typing.get_origin(kind) is tuple:  # tuple of floats
-        return tuple(value.tolist())
-    expected = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
-    return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])
 
 
 def write_plan(path: Path, plan: Any) -> None:
@@ -66,16 +28,6 @@ def write_plan(path: Path, plan: Any) -> None:
     write_bytes(path, content.getvalue(), durable=True)
 
 
-def stored_arrays(plan: FlightPlan) -> dict[str, np.ndarray]:
-    """Return the arrays of a plan to store, without integer and derived arrays."""
-    numbers = {
-        name: value
-        for name, value in flatten(plan).items()
-        if value.ndim == 0 or value.dtype.kind in "fU"
-    }
-    return {name: value for name, value in numbers.items() if not name.startswith(REBUILT)}
-
-
 def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
     """Read the arrays of a plan file. Raise InputError if it is missing or damaged."""
     try:
@@ -87,16 +39,21 @@ def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(path, f"damaged plan ({error})", REMEDY) from None
 
 
-def _is_record(kind: Any) -> bool:
-    return dataclasses.is_dataclass(kind) or (isinstance(kind, type) and hasattr(kind, "_fields"))
+def read_plan(path: Path, rebuild: Callable[[Arrays], T]) -> T:
+    """Return the plan that ``rebuild`` makes of the stored arrays.
+
+    Raise InputError if they are missing, damaged, or rejected by ``rebuild``.
+    """
+    try:
+        return rebuild(read_stored_arrays(path))
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(path, f"a damaged plan ({error})", REMEDY) from None
 
 
-def _fields(kind: Any) -> tuple[str, ...]:
-    if dataclasses.is_dataclass(kind):
-        return tuple(field.name for field in dataclasses.fields(kind) if is_stored(field))
-    return tuple(kind._fields)
-
-
-def is_stored(field: "dataclasses.Field[Any]") -> bool:
-    """Return whether a field is stored in plan files."""
-    return bool(field.metadata.get("stored", True))
+def find_stored_plans(folder: CampaignFolder) -> StoredPlans:
+    """Return the plans of a results folder, not yet read."""
+    return StoredPlans(
+        folder.root,
+        lambda name, rebuild: read_plan(folder.plan(name), rebuild),
+        lambda: read_folder_campaign(folder).model,
+    )

@@ -67,5 +67,12 @@ def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
     *columns, weight = np.array(entries, np.float64).reshape(-1, 5).T.copy()
     coefficient, inputs, row, variable = (column.astype(np.int64) for column in columns)
     return Effectiveness(
-        coefficient, inputs, row, variable, weight, slope_group, slope_axis, slope_row
+        coefficient=coefficient,
+        input=inputs,
+        row=row,
+        variable=variable,
+        weight=weight,
+        slope_group=slope_group,
+        slope_axis=slope_axis,
+        slope_row=slope_row,
     )

@@ -45,7 +45,7 @@ class Parameter:
 
     @property
     def is_factor(self) -> bool:
-        """Whether the parameter multiplies (1 = nominal) rather than adds."""
+        """Whether the parameter is a factor (1 = nominal) rather than an increment."""
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
     def read(self, value: float | str, of_nominal: bool = False) -> float:
@@ -184,8 +184,8 @@ _TABLE: tuple[Parameter, ...] = (
     _factor(
         "propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"
     ),
-    _error("thrust.inclination", "rad", "thrust turned upward about the point where it acts"),
-    _error("thrust.azimuth", "rad", "thrust turned to the right about the point where it acts"),
+    _error("thrust.inclination", "rad", "thrust turned upward about its point of application"),
+    _error("thrust.azimuth", "rad", "thrust turned to the right about its point of application"),
     _factor("mass.total", "mass at the start"),
     *(
         _factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}")
@@ -266,7 +266,7 @@ _TABLE: tuple[Parameter, ...] = (
     _error(
         "sensor.delay",
         "s",
-        "age of every measurement, in whole control periods, at most 25 of them",
+        "age of all measurements, in whole control periods, at most 25",
     ),
     *(entry for name in AXES for entry in _failing(name, f"the {name}")),
     *(
@@ -298,15 +298,13 @@ _TABLE: tuple[Parameter, ...] = (
         for name in ("drag", "pitching_moment")
     ),
     *(
-        _factor(
-            f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun}, of that of wind.turbulence"
-        )
+        _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun} / wind.turbulence")
         for axis, noun in _GUST_AXES.items()
     ),
     *(
         _factor(
             f"wind.turbulence_length_{axis}",
-            f"Dryden turbulence: scale length {noun}, of wind.turbulence_length",
+            f"Dryden turbulence: scale length {noun} / wind.turbulence_length",
         )
         for axis, noun in _GUST_AXES.items()
     ),
@@ -350,7 +348,7 @@ class Parameters:
         return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
-        """Return nominal values [name]."""
+        """Return the nominal values of parameters [name]."""
         return self.nominal[[self.index[name] for name in names]]
 
 

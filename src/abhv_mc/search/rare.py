@@ -223,20 +223,20 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             estimate = estimate.include_unwarned()
         severities = severity.ranked(rows)
         result = RareFound(
-            request,
-            controller,
-            requirement,
-            campaign.metrics[requirement.metric],
-            estimate,
-            strata,
-            space,
-            rows,
-            severities,
-            search.failed_to_run,
-            search.draw(severities),
-            campaign.parameters,
-            noise,
-            unwarned,
+            request=request,
+            controller=controller,
+            requirement=requirement,
+            metric=campaign.metrics[requirement.metric],
+            estimate=estimate,
+            strata=strata,
+            space=space,
+            flights=rows,
+            severities=severities,
+            failed_to_run=search.failed_to_run,
+            drawn=search.draw(severities),
+            known=campaign.parameters,
+            noise_share=noise,
+            includes_unwarned=unwarned,
         )
         search.finish(result.numbers())
     return result
@@ -277,7 +277,7 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     where = ("requirements",)
     if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
         values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
-        problem = f"'{metric}', of which many flights share the value {values}"
+        problem = f"'{metric}', which is {values} in many flights"
         remedy = (
             "a metric that differs between flights: on a plateau, no flight is closer to failure "
             "than others"

@@ -21,10 +21,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import check_source, make_ready, simulate
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.folder.flights import (
     END_TIME,
@@ -46,6 +48,7 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
+from abhv_mc.folder.plan_file import find_stored_plans
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator
@@ -54,8 +57,6 @@ from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
-from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.engine import check_source, make_ready, simulate
 from abhv_mc.user_code.trust import trust
 
 _DRAWN = 3  # number of flights whose time histories a page shows
@@ -172,7 +173,15 @@ class SearchFlights:
         samples = np.concatenate([block.samples for block in self.blocks])
         outcome = tuple(code for block in self.blocks for code in block.outcome)
         values = np.concatenate([block.values for block in self.blocks])
-        return FlightRows(self.plan.controller, 0, names, samples, outcome, values, self.columns)
+        return FlightRows(
+            controller=self.plan.controller,
+            first=0,
+            names=names,
+            samples=samples,
+            outcome=outcome,
+            values=values,
+            columns=self.columns,
+        )
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
         """Simulate or read the flights of parameter values [flight, dimension].
@@ -313,7 +322,7 @@ def open_search(
         if flown is not None:
             _check_same(flown, settings, inputs, simulator)
             manifest, files = flown.manifest, flown.files
-            plan = simulator.restore_plans(folder.root, [name])[name]
+            plan = simulator.restore_plans(find_stored_plans(folder), [name])[name]
         else:
             plan = simulator.make_plans([name])[name]
             ready = make_ready(campaign, {name: plan})

@@ -18,7 +18,7 @@ FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True)
 class Severity:
-    """Severity by a metric: larger is worse, NaN for flights that failed to run."""
+    """Severity of flights by one metric: larger is worse, NaN if a flight failed to run."""
 
     criterion: Criterion  # metric, its bad values, and the limit of a requirement
     duration: float  # duration of a flight that does not terminate early, s

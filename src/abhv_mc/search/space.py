@@ -21,7 +21,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import OURS, Parameters
 
 _SMALLEST = 2.0**-53
-_TRIED, _FEWEST_INSIDE = 65536, 10  # numbers of random flights tried, and required inside the box
+_TRIED, _FEWEST_INSIDE = 65536, 10  # random flights tried, and minimum number inside the box
 _SEEDS = {
     "wind.turbulence_seed": "wind.turbulence",
     "sensor.noise_seed": "_noise",

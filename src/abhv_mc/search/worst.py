@@ -32,8 +32,8 @@ from abhv_mc.search.search_flights import (
 )
 from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import Space, make_space
-from abhv_mc.simulators.margin_plans import TrimMargins, trim_margins
 from abhv_mc.statistics.estimates import Criterion
+from abhv_mc.vehicle_simulator.margin_plans import TrimMargins, trim_margins
 
 _BATCH = 512  # random flights per batch
 _MOST_COMBINATIONS = 64  # maximum number of combinations of discrete values
@@ -194,23 +194,23 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
         rows = search.rows()
         severities = severity.ranked(rows)
         result = WorstFound(
-            request,
-            metric,
-            criterion,
-            controller,
-            case,
-            space.names,
-            bounds,
-            space.probabilities,
-            rows,
-            searched,
-            int(np.argmax(severities[:searched])),
-            searched + int(np.argmax(severities[searched : searched + len(random)])),
-            severities[: searched + len(random)],
-            severity.duration,
-            search.failed_to_run,
-            search.draw(severities[:searched]),
-            campaign.parameters,
+            request=request,
+            metric=metric,
+            criterion=criterion,
+            controller=controller,
+            case=case,
+            names=space.names,
+            bounds=bounds,
+            probabilities=space.probabilities,
+            flights=rows,
+            searched=searched,
+            worst=int(np.argmax(severities[:searched])),
+            random_worst=searched + int(np.argmax(severities[searched : searched + len(random)])),
+            severities=severities[: searched + len(random)],
+            duration=severity.duration,
+            failed_to_run=search.failed_to_run,
+            drawn=search.draw(severities[:searched]),
+            known=campaign.parameters,
             requirements=binding_requirements(campaign, controller, metric.name),
             random=len(random),
         )
@@ -268,18 +268,18 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
             least, faults = margins(space.rows(space.complete(values, seed, None)))
             worst_margins.append(
                 WorstMargin(
-                    name,
-                    metric,
-                    float(nominal[k]),
-                    float(least[0, k]),
-                    dict(zip(space.names, values[0].tolist(), strict=True)),
-                    tuple(
+                    controller=name,
+                    metric=metric,
+                    nominal=float(nominal[k]),
+                    found=float(least[0, k]),
+                    parameters=dict(zip(space.names, values[0].tolist(), strict=True)),
+                    moved=tuple(
                         space.names[i]
                         for i in np.argsort(-np.abs(case.place))
                         if abs(case.place[i]) > _MOVED
                     ),
-                    faults[0],
-                    len(case.values),
+                    fault=faults[0],
+                    evaluations=len(case.values),
                 )
             )
     return worst_margins

@@ -52,8 +52,7 @@ class Stability(NamedTuple):
 class FlightMargins(NamedTuple):
     """Smallest margins of each flight over loops and times; 0 if a flight has none."""
 
-    # [flight, 4] smaller gain (dB), phase (deg) and delay (ms) margins, and disk margin of all
-    # loops
+    # [flight, 4] smaller gain (dB), phase (deg), delay (ms) and disk margin
     table: Floats
     faults: list[list[str]]  # [time][flight] reason why there is no margin; empty if there is one
 

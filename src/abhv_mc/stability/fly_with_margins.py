@@ -54,7 +54,7 @@ def fly_with_margins(
 
 
 def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
-    """Return `_find` of a group, or of each flight separately if the group fails."""
+    """Return the margins of a group, computed flight by flight if the group fails."""
     try:
         return _find(plan, parameters)
     except Exception:

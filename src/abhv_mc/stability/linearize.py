@@ -37,7 +37,7 @@ _N_PATH = len(path.COORDINATES)
 _MEASURED = _N_PATH + 1
 _WHOLE = 1e-7  # largest distance to an integer of a measurement slope that is rounded
 _AT_ONCE = 1e5  # bandwidth of an ideal actuator with damping 1 (0.02 ms delay), rad/s
-_FELT = 1e-8  # rate over control below which a slope is a rounding error
+_FELT = 1e-8  # slope of a rate over a control below which it is a rounding error
 
 
 def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
@@ -77,18 +77,18 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     )
     phases = tuple(
         Linear(
-            plan.timing.tick,
-            plant_A,
-            plant_B,
-            A,
-            B,
-            law.slope[:, :m, n:],
-            law.slope[:, :m, :n],
-            law.slope[:, m:, n:],
-            law.slope[:, m:, :n],
-            np.minimum(age, MAX_DELAY_TICKS),
-            np.delete(sense, held, 2),
-            cut,
+            period=plan.timing.tick,
+            plant_A=plant_A,
+            plant_B=plant_B,
+            A=A,
+            B=B,
+            law_A=law.slope[:, :m, n:],
+            law_B=law.slope[:, :m, :n],
+            law_C=law.slope[:, m:, n:],
+            law_D=law.slope[:, m:, :n],
+            delay=np.minimum(age, MAX_DELAY_TICKS),
+            sense=np.delete(sense, held, 2),
+            cut=cut,
             inputs=name_inputs(plan.vehicle),
         )
         for law in law_phases(plan, points)

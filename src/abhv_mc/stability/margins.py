@@ -214,7 +214,7 @@ def gain_margins(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the neutral gains [row] closest to 1 from below and above, with frequencies."""
 
-    def turned(gains: Complexes) -> Floats:  # Zero gains are no loci and come last.
+    def turned(gains: Complexes) -> Floats:  # Zero gains are not loci and are sorted last.
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))
 
     row, where, value = _crossings(loci, turned, grid, values)

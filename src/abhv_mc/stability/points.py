@@ -56,15 +56,15 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     sensed, lane = begin(plan, saved)
     now = lane[:, s.X : s.X + s.N_STATES]
     points = Points(
-        path.make_path(now),
-        saved.rows[:, actuator_columns(plan.vehicle)[::2]],
-        now[:, s.LATITUDE],
-        now[:, s.MASS],
-        sensed[:, s.MEASURED : s.MEASURED + measured_count(plan)],
-        law_at(plan, sensed, tick),
-        lane,
-        custom_of(plan.vehicle, lane),
-        tick,
+        path=path.make_path(now),
+        controls=saved.rows[:, actuator_columns(plan.vehicle)[::2]],
+        latitude=now[:, s.LATITUDE],
+        mass=now[:, s.MASS],
+        measured=sensed[:, s.MEASURED : s.MEASURED + measured_count(plan)],
+        memory=law_at(plan, sensed, tick),
+        lane=lane,
+        custom=custom_of(plan.vehicle, lane),
+        tick=tick,
     )
     limited = behind_limit(plan, points)
     switches = np.zeros(len(ended), bool)

@@ -19,7 +19,7 @@ from abhv_mc.stability.point_slopes import Points, Slopes, newton_step, plant_sl
 _ITERATIONS = 40
 _AT_REST = 1e-8  # tolerance of rates, changes of memory, and commands minus controls
 _ROUNDING = 1e-8  # rounding error of the controller's slopes over the measurement
-_LOST = 1e-3  # share of a slope below which the controller is saturated
+_LOST = 1e-3  # relative slope below which the controller counts as saturated
 _MEASURED = 11  # row of the first measurement in the result of plant_slopes
 
 

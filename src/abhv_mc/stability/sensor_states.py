@@ -82,8 +82,8 @@ def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) ->
     if (ticks != ticks[0]).any():
         raise InputError(
             "sensor intervals",
-            "some that differ between flights",
-            "the same, to linearize them together",
+            "intervals that differ between flights",
+            "equal intervals, to linearize flights together",
         )
     first, models = max(points.tick, 1), []
     for tick in range(first, first + repeats_after(ticks[0], len(phases))):

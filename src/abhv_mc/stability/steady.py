@@ -73,7 +73,7 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Return a plan of steady flight at the mission's start for all time, with its gains.
+    """Return a plan of permanent steady flight at the mission's start, with its gains.
 
     `bank` (rad) is the bank of the guidance's trim in a steady turn; 0 means straight flight at any
     bank. `user_code` belongs to a custom controller. Raise InputError if no steady turn has this
@@ -176,15 +176,15 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
     custom = custom_of(plan.vehicle, lane)
     points = Points(
-        coordinates[:, :10],
-        controls(coordinates),
-        latitude,
-        mass,
-        nothing,
-        nothing,
-        lane,
-        custom,
-        1,
+        path=coordinates[:, :10],
+        controls=controls(coordinates),
+        latitude=latitude,
+        mass=mass,
+        measured=nothing,
+        memory=nothing,
+        lane=lane,
+        custom=custom,
+        tick=1,
     )
     last = _EXPECTED.stop + measured_count(
         plan

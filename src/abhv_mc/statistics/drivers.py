@@ -19,7 +19,7 @@ from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # smallest coefficient of a driver
 _FEWEST_SPARE = 10  # minimum number of flights in excess of the number of inputs
-_PARTNERS = 0.3  # minimum rank correlation of an input with a driver that it moves with
+_PARTNERS = 0.3  # rank correlation from which an input counts as related to a driver
 _TWINS = 0.9  # minimum rank correlation of inputs that a regression cannot distinguish
 _RESAMPLES = 300
 # maximum number of resampled flights; standard errors scale with the square root

@@ -117,14 +117,14 @@ def _rule(
     inside, bad = map(int, candidate.tables[0][:2])
     others = flights - failures
     return Rule(
-        candidate.conditions,
-        bad,
-        failures,
-        inside - bad,
-        others,
-        p_value,
-        q_value,
-        candidate.either,
+        conditions=candidate.conditions,
+        failures_inside=bad,
+        failures=failures,
+        others_inside=inside - bad,
+        others=others,
+        p_value=p_value,
+        q_value=q_value,
+        either=candidate.either,
     )
 
 

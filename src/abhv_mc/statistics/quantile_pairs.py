@@ -61,7 +61,7 @@ def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
     """Return the minimum number of flights that bounds a difference of two quantiles.
 
     No flight may be lost. The bound on the worse side is a value of the first controller above its
-    quantile; if all flights lie below the quantile there is none. The chance of that must be within
+    quantile; if all flights lie below the quantile there is none. The chance of this must be within
     one tail of the confidence for the scores used.
     """
     tail, draws = _draws(confidence)

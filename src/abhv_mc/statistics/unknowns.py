@@ -21,8 +21,7 @@ FEWEST_SEARCHED = 32  # number of search flights per point in small campaigns
 SEARCH_QUANTILE = 0.95  # quantile of the severities by which points are ranked
 MOST_UNKNOWNS = 64
 _HALTON = 32
-# search steps per requirement, half of them near the worst point of all, half near the worst that
-# is no corner
+# search steps per requirement, near the worst point and near the worst one that is no corner
 _STEPS = 64
 _FIRST_STEP, _SHRINK = 0.5, 0.95  # initial step in half-boxes, and its factor after each miss
 # largest numbers of unknowns for judging and for trying all corners

@@ -86,15 +86,15 @@ def judge(
         else "NOT SHOWN"
     )
     return Verdict(
-        status,
-        counted,
-        flights,
-        probability,
-        consumer_risk,
-        producer_risk,
-        _exp(met),
-        _exp(missed),
-        uncomputed,
+        status=status,
+        failures=counted,
+        flights=flights,
+        probability=probability,
+        consumer_risk=consumer_risk,
+        producer_risk=producer_risk,
+        E_pass=_exp(met),
+        E_fail=_exp(missed),
+        uncomputed=uncomputed,
     )
 
 

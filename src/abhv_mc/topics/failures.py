@@ -121,21 +121,23 @@ def _rule(
     else:
         description = _difference_words(rule, names, parameters, failed, column)
     return FailureRule(
-        description,
-        f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have "
-        f"{description}",
-        tuple(
+        where=description,
+        rule=(
+            f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights)"
+            f" have {description}"
+        ),
+        conditions=tuple(
             FailureCondition(
                 names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
             )
             for c in rule.conditions
         ),
-        rule.failures_inside,
-        rule.failures,
-        rule.others_inside,
-        rule.others,
-        rule.p_value,
-        rule.q_value,
+        failures_inside=rule.failures_inside,
+        failures=rule.failures,
+        others_inside=rule.others_inside,
+        others=rule.others,
+        p_value=rule.p_value,
+        q_value=rule.q_value,
     )
 
 
@@ -169,8 +171,8 @@ def _difference_words(
 ) -> str:
     """Describe how two inputs deviate in a rule's region, with medians of the failures.
 
-    The text is 'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if that
-    holds for each failure, else 'density far below drag, each in its own range'.
+    Return 'density and drag deviating in opposite directions (e.g. density -7 %, drag +9 %)' if
+    this holds for each failure, else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.input, condition.minus or 0
@@ -185,7 +187,7 @@ def _difference_words(
     )
     off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
     if np.all(off[0] * off[1] < 0.0):
-        description = f"{first} and {second} off in opposite directions"
+        description = f"{first} and {second} deviating in opposite directions"
     elif rule.either:
         description = f"{first} and {second} far apart, each in its own range"
     else:

@@ -34,7 +34,7 @@ _SHOWN = 3.0  # seconds shown on either side of the largest move
 
 @dataclass(frozen=True)
 class EnvelopePanel:
-    """One channel of one controller; every curve is (x, y)."""
+    """Panel of one channel and one controller; every curve is a pair (x, y)."""
 
     x: Floats  # time in s, or another abscissa
     bands: Mapping[

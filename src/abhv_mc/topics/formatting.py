@@ -129,7 +129,7 @@ _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
 
 def is_factor(name: str, parameters: Parameters = OURS) -> bool:
-    """Return whether a parameter multiplies (1 = nominal) rather than adds."""
+    """Return whether a parameter is a factor (1 = nominal) rather than an increment."""
     return name not in parameters or parameters[name].is_factor
 
 

@@ -70,5 +70,11 @@ def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
         target = Path(os.path.relpath(target.absolute(), page.absolute()))
     folder = shlex.quote(target.as_posix())
     return Names(
-        labels, campaign.metrics, results.asked, campaign.requirements, folder, campaign, results
+        controllers=labels,
+        metrics=campaign.metrics,
+        asked=results.asked,
+        requirements=campaign.requirements,
+        folder=folder,
+        campaign=campaign,
+        results=results,
     )

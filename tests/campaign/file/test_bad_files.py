@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from abhv_mc import check_inputs
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
-from abhv_mc.simulators import check_inputs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 BAD = Path(__file__).parent / "bad"
@@ -26,7 +26,7 @@ BAD = Path(__file__).parent / "bad"
 # File, line, column, what the message must say.
 TABLE = [
     ("unknown_parameter", 10, 3, ["'aero.lfit'", "'aero.lift'"]),
-    ("no_effect", 10, 3, ["'aero.side_force.elevator'", "changes no controller's flight"]),
+    ("no_effect", 10, 3, ["'aero.side_force.elevator'", "has no effect"]),
     ("missing_controller", 4, 20, ["tcl.yaml", "not there"]),
     ("empty_range", 9, 63, ["empty range from 1.1 to 0.9"]),
     ("not_positive_definite", 13, 3, ["not positive definite"]),

@@ -245,7 +245,7 @@ class Campaign(StrictModel):
     """Content of a campaign file."""
 
     # Function that makes the simulator; given by name, because it is in a higher layer.
-    simulator_maker: ClassVar = "abhv_mc.simulators.vehicle_simulator:VehicleSimulator"
+    simulator_maker: ClassVar = "abhv_mc.vehicle_simulator.simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign and of its results folder in reports/")
     question: str = Field(
         "", description="question that the campaign answers; headline of the report"

@@ -209,15 +209,15 @@ def check_requirements(
                     "the upper limit 'below' must be larger than the lower limit 'above'",
                 )
             yield Requirement(
-                entry.metric,
-                Bounds(low, high),
-                entry.probability,
-                entry.consumer_risk,
-                entry.producer_risk,
-                entry.controllers or tuple(systems)[:1],
-                bool(entry.controllers),
-                entry.ended_early == "failure",
-                {key: text for key in TRACED if (text := getattr(entry, key)) is not None},
+                metric=entry.metric,
+                limits=Bounds(low, high),
+                probability=entry.probability,
+                consumer_risk=entry.consumer_risk,
+                producer_risk=entry.producer_risk,
+                controllers=entry.controllers or tuple(systems)[:1],
+                named=bool(entry.controllers),
+                early_is_failure=entry.ended_early == "failure",
+                traced={key: text for key in TRACED if (text := getattr(entry, key)) is not None},
             )
         except Refusal as refusal:
             errors.append(document.error((*where, key), refusal.found, refusal.expected))

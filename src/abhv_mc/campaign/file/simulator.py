@@ -183,7 +183,14 @@ class OwnMetric(OwnChannel):
         """Return the metric as a record for tables of metrics."""
         label = self.label or label_of(name, "-")
         return Metric(
-            name, self.unit, self.doc, label, self.bad or "high", "user", "", Statistic.MAX
+            name=name,
+            unit=self.unit,
+            doc=self.doc,
+            label=label,
+            bad=self.bad or "high",
+            group="user",
+            of="",
+            statistic=Statistic.MAX,
         )
 
 
@@ -200,9 +207,7 @@ class SimulatorCampaign(Campaign):
     Fields of campaigns with the built-in simulator are class variables with the value None.
     """
 
-    simulator_maker: ClassVar = (
-        "abhv_mc.simulators.user_simulator.external_simulator:make_simulator"
-    )
+    simulator_maker: ClassVar = "abhv_mc.external_simulators.simulator:make_simulator"
     vehicle: ClassVar = None  # type: ignore[misc]
     mission: ClassVar = None  # type: ignore[misc]
     controllers: ClassVar = None  # type: ignore[misc]

@@ -204,14 +204,14 @@ def _record(
 ) -> Metric:
     unit, statistic = _unit(name, entry, sources), entry.statistic
     record = Metric(
-        name,
-        unit,
-        entry.doc,
-        entry.label or label_of(name, unit),
-        entry.bad or default_bad(statistic),
-        "user",
-        entry.of.strip(),
-        statistic,
+        name=name,
+        unit=unit,
+        doc=entry.doc,
+        label=entry.label or label_of(name, unit),
+        bad=entry.bad or default_bad(statistic),
+        group="user",
+        of=entry.of.strip(),
+        statistic=statistic,
         limit=entry.limit or entry.share or 0.0,
         start=window[0],
         end=window[1],

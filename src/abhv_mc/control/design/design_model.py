@@ -1,4 +1,4 @@
-"""Design model of controllers on a non-rotating sphere: Zhu and Shen 2014, (1), (3), (13).
+"""Design model on a non-rotating sphere (Zhu and Shen 2014, equations 1, 3 and 13).
 
 The model includes sideslip and thrust inclination. Arguments may be complex and have points as
 their last axis, because Jacobians are computed by complex steps (Squire and Trapp, SIAM Review 40,
@@ -146,7 +146,7 @@ def guidance_rates(
     state: Any,
     controls: Any,
 ) -> Numbers:
-    """Return the trimmed rates (1) of (altitude, gamma, chi, V) for (alpha, bank, eta)."""
+    """Return the trimmed rates of (altitude, gamma, chi, V), equation (1)."""
     altitude, gamma, chi, speed = state
     alpha, bank, eta = controls
     rise = altitude - environment.altitude
@@ -249,7 +249,7 @@ def wrench_at(
 def attitude_rates(
     force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any
 ) -> Numbers:
-    """Return the rates (13) of (alpha, beta, bank) for a body-axis force and body rates."""
+    """Return the rates of (alpha, beta, bank) for a force and body rates, equation (13)."""
     alpha, beta, bank = angles
     p, q, r = rates
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
@@ -269,7 +269,7 @@ def attitude_rates(
 
 
 def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
-    """Return the angular accelerations (3), ``J^-1 (M - w x J w)``."""
+    """Return the angular accelerations ``J^-1 (M - w x J w)``, equation (3)."""
     inertia, rates = np.asarray(inertia), np.asarray(rates)
     momentum = np.einsum("ij...,j...->i...", inertia, rates)
     torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)

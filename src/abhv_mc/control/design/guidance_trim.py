@@ -1,4 +1,4 @@
-"""Nominal controls along a trajectory: Zhu and Shen 2014, (12), by nested Brent searches.
+"""Nominal controls along a trajectory (Zhu and Shen 2014, eq. 12), by nested searches.
 
 The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times
 ``-tan^2 bank``). Here the third equation, which is explicit in the bank, is solved inside the
@@ -48,7 +48,7 @@ def trim_along(
     held_equivalence_ratio: float | None = None,
     warm_start: bool = True,
 ) -> GuidanceTrim:
-    """Solve (12) at every point in order, starting each search at the previous solution.
+    """Solve equation (12) at every point in order, starting each search at the previous solution.
 
     ``mass`` is the mass at the first point, kg; with ``tick`` (s between points) it decreases by
     the fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no

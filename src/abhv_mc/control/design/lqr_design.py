@@ -1,4 +1,4 @@
-"""Gains of the LQR along the reference: Zhu and Shen 2014, section 7, (22) and (23).
+"""Gains of the LQR along the reference (Zhu and Shen 2014, section 7, eqs. 22-23).
 
 Guidance is linearized with trimmed data and attitude with the full tables, both by complex steps.
 """

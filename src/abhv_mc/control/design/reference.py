@@ -51,14 +51,14 @@ def solve_reference(
         fixed_earth, profile.altitude, latitude, mission.make_air()
     )
     points = GuidancePoints(
-        profile.speed,
-        *environment_points,
-        latitude,
-        profile.flight_path_angle,
-        profile.heading,
-        profile.speed_rate,
-        profile.speed * profile.flight_path_angle_rate,
-        profile.speed * profile.heading_rate,
+        speed=profile.speed,
+        latitude=latitude,
+        flight_path_angle=profile.flight_path_angle,
+        heading=profile.heading,
+        axial=profile.speed_rate,
+        longitudinal=profile.speed * profile.flight_path_angle_rate,
+        lateral=profile.speed * profile.heading_rate,
+        **environment_points._asdict(),
     )
     # A glider cannot maintain its speed.
     fixed_equivalence_ratio = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0

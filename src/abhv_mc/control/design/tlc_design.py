@@ -54,7 +54,7 @@ def make_tlc_gains(
 
 
 def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tuple[Floats, Floats]:
-    """Return (20) at each tick: ``a1 = wn^2`` and ``a2 = 2 zeta wn - wn'/wn``.
+    """Return equation (20) at each tick: ``a1 = wn^2`` and ``a2 = 2 zeta wn - wn'/wn``.
 
     ``wn'`` is the derivative after the tick.
     """
@@ -80,7 +80,7 @@ def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tu
 def velocity_loop(
     reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> tuple[Floats, Floats]:
-    """Return A and B (8)-(9) of sub-loop 2, each ``[tick, 3, 3]``.
+    """Return A and B of sub-loop 2, equations (8)-(9), each ``[tick, 3, 3]``.
 
     The states are gamma, chi and V; the inputs are alpha, bank and eta.
     """

@@ -19,8 +19,7 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
-# Longest cells in Mach, radians and equivalence ratio. Interpolation errors are below 0.0005 deg
-# (angle of attack), 0.01 deg (elevator) and, above a ratio of 0.25, 0.001 of equivalence ratio.
+# Longest cells, for errors below 0.0005 deg of angle of attack and 0.01 deg of elevator.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
 # shortest Mach cell when cells are shortened to avoid nodes at steady Mach numbers
 _SHORTEST = 0.04
@@ -199,7 +198,7 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 
 
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
-    """Return the smallest number of cells with all steady values in middle halves.
+    """Return the smallest number of cells that puts all steady values in middle halves.
 
     ``steady`` contains fractions of the length. If there is no such number, return the best one
     with cells not shorter than _SHORTEST.

@@ -110,9 +110,7 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
         except Refusal:
             margin = -1.0
         if margin < 0.0:
-            raise InputError(
-                "--fail-if-worse", f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%"
-            )
+            raise InputError("--fail-if-worse", f"'{text}'", "METRIC=SHARE with a share such as 5%")
         if metric.strip() in margins:
             raise InputError(
                 "--fail-if-worse", f"'{metric.strip()}' given twice", "each metric once"

@@ -58,7 +58,7 @@ class ContrastController:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of two campaigns on different samples by the requirements of the first."""
+    """Comparison of two campaigns on different samples, for the first one's requirements."""
 
     # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
     changes: tuple[str, ...]
@@ -69,7 +69,7 @@ class Contrast:
 def contrast_results(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str] = ()
 ) -> Contrast:
-    """Compare the distributions of two campaigns over the metrics that both have.
+    """Compare the distributions of the metrics that two campaigns have in common.
 
     Raise InputError for campaigns with unknowns, whose flights do not share one distribution.
     """

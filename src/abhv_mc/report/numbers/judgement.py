@@ -176,7 +176,7 @@ def _name_controllers(controllers: list[str], names: Names) -> str:
 
 
 def _all_of(number: int) -> str:
-    """Return 'both' or 'all 3'."""
+    """Return 'both' for two, otherwise text such as 'all 3'."""
     return "both" if number == 2 else f"all {number}"
 
 

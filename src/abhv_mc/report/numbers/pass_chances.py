@@ -7,8 +7,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.simulators.feasibility import asked_in_vain
 from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.flights_planned import PLANNED_FAILURES, ever_chance, pass_chance, together
 from abhv_mc.statistics.unknowns import most_points, search_flights
@@ -100,27 +100,32 @@ def plan_campaign(campaign: Experiment) -> Planned:
         rates = np.minimum(_RATES * (1.0 - item.probability), 1.0)
         requirements.append(
             PlannedRequirement(
-                item.metric,
-                limit_words(campaign.metrics[item.metric], item.limits),
-                item.probability,
-                item.consumer_risk,
-                risk,
-                {str(k): flights_to_pass(k, *target) for k in PLANNED_FAILURES},
-                most_failures(runs, *target),
-                tuple(PassChance(n, ever_chance(n, *target, rates), pass_chance(n, *target, rates))
-                      for n in (times * runs for times in RUN_FACTORS)),
+                metric=item.metric,
+                words=limit_words(campaign.metrics[item.metric], item.limits),
+                probability=item.probability,
+                consumer_risk=item.consumer_risk,
+                risk_used=risk,
+                flights_for_failures={
+                    str(k): flights_to_pass(k, *target) for k in PLANNED_FAILURES
+                },
+                most_failures_at_runs=most_failures(runs, *target),
+                pass_chance=tuple(
+                    PassChance(n, ever_chance(n, *target, rates), pass_chance(n, *target, rates))
+                    for n in (times * runs for times in RUN_FACTORS)
+                ),
             )
-        )  # fmt: skip
+        )
+    points, flights = _points(campaign)
     return Planned(
-        model.name,
-        runs,
-        model.sampling.design == INDEPENDENT,
-        model.stop is not None,
-        model.family.risk if model.family else None,
-        verdicts,
-        _RATES,
-        tuple(requirements),
-        tuple(
+        name=model.name,
+        runs=runs,
+        independent_flights=model.sampling.design == INDEPENDENT,
+        stops_when_proven=model.stop is not None,
+        family_risk=model.family.risk if model.family else None,
+        verdicts=verdicts,
+        rates_over_allowed=_RATES,
+        requirements=tuple(requirements),
+        together=tuple(
             JointPassChance(
                 chances[0].runs,
                 Band(*together([chance.at_some_flight for chance in chances])),
@@ -128,8 +133,9 @@ def plan_campaign(campaign: Experiment) -> Planned:
             )
             for chances in zip(*(entry.pass_chance for entry in requirements), strict=True)
         ),
-        asked_in_vain(campaign),
-        *_points(campaign),
+        problems=asked_in_vain(campaign),
+        most_points=points,
+        search_flights=flights,
     )
 
 

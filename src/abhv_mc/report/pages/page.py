@@ -47,7 +47,7 @@ _STEPS = _MISSING - 1
 
 
 def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str]:
-    """Return the layout of arrays, and their values as base64 of gzip.
+    """Return the layout of arrays, and their values compressed and encoded in base64.
 
     A value is ``low + (high - low) * n / 65534`` with 16 bits for ``n``; 65535 is a missing or
     infinite value. The largest error is 1/131068 of an array's range. Along the last axis, ``n`` is
@@ -74,7 +74,7 @@ def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str
 
 
 def pack_bytes(content: bytes) -> str:
-    """Return bytes as base64 of gzip, reproducibly."""
+    """Compress bytes reproducibly with gzip, and encode them in base64."""
     return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
 
 

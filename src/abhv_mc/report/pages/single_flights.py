@@ -17,11 +17,11 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
-from abhv_mc.simulators.make_plans import reference_of
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.topics.formatting import shown_value
 from abhv_mc.topics.names import controller_label
+from abhv_mc.vehicle_simulator.make_plans import reference_of
 
 
 def write_nominal_report(

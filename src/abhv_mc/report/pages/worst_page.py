@@ -74,7 +74,7 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
         )
         answers.append(
             "Events in every flight of the search, but with a probability in a campaign and in the "
-            f"random flights: {occurrences}. The worst case without them was not searched."
+            f"random flights: {occurrences}. The worst case without them was not determined."
         )
     if result.flights.names != result.names:
         answers.append(

@@ -20,7 +20,7 @@ _RIDGE = 1e-9  # relative regularization that keeps the fit unique with few poin
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
-    """Climb from the record's best point until the step or the evaluations are used up.
+    """Climb from the record's best point until the step is small or evaluations run out.
 
     `reserve` evaluations are left unused.
     """

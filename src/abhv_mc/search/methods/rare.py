@@ -30,15 +30,14 @@ CONFIDENCE = 0.95
 FEWEST = 4  # minimum number of repetitions for an estimate
 _WIDEST = 10.0  # largest valid ratio of the ends of an interval
 _PRIOR = 4  # number of repetitions to which the chains' own estimate of the spread is equivalent
-# Repetitions differ 1 to 1.5 times as much as their chains explain (benchmarks/rare_coverage.py),
-# because a level's chains start in the previous level's; a ratio above 2 is a contradiction.
+# Repetitions differ 1 to 1.5 times as much as chains explain (benchmarks/rare_coverage.py).
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # share of the flights for importance sampling
-# minimum effective failures for which importance sampling can raise the upper end
+# effective failures from which importance sampling can raise the upper end
 _SEEN = 8.0
-_ENOUGH = 30.0  # minimum effective failures for importance sampling to replace the estimate
-EXPECTED = 100.0  # minimum effective failures to show that the estimate is too high
+_ENOUGH = 30.0  # effective failures from which importance sampling replaces the estimate
+EXPECTED = 100.0  # effective failures needed to show that the estimate is too high
 _HEAVY = 1.5  # factor on the standard error, for heavy weights that most samples miss
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
 _SHARE_OF_LANES = 10_000  # flights per full batch of lanes that a level's chains fill
@@ -94,7 +93,7 @@ class RareEstimate:
 def estimate_rare(
     evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000
 ) -> RareEstimate:
-    """Return P(severity > threshold) of standard normal points, with a 95 % interval.
+    """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
     The first repetitions run in parallel; more are added until the interval is as narrow as that of
     a normal estimate with `target_cov`, or until another one would exceed `flights`. Severities may
@@ -147,7 +146,16 @@ def estimate_rare(
                 f"{probability:.2g}"
             )
         high = max(high, min(1.0, check.probability * factor))
-    return RareEstimate(probability, low, high, cov, used, tuple(repetitions), check, refusal)
+    return RareEstimate(
+        probability=probability,
+        low=low,
+        high=high,
+        cov=cov,
+        flights=used,
+        repetitions=tuple(repetitions),
+        check=check,
+        refusal=refusal,
+    )
 
 
 def noise_share(severities: tuple[Floats, Floats]) -> float:
@@ -160,7 +168,7 @@ def noise_share(severities: tuple[Floats, Floats]) -> float:
 
 
 def _half_width(repetitions: list[Repetition], number: int) -> float:
-    """Return half the width of the interval of the logarithm with `number` repetitions.
+    """Return the half-width of the log-probability interval with `number` repetitions.
 
     The variance combines the spread of the repetitions with the estimate from their chains, which
     has the larger weight because few repetitions estimate their spread badly.

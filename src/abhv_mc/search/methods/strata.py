@@ -232,4 +232,13 @@ def _join(strata: Sequence[Stratum], main: RareEstimate | None, used: int) -> Ra
             refusal += f"; of the likeliest, {main.refusal}"
     cov = (high - low) / (3.92 * total) if total > 0.0 else np.inf
     repetitions, check = (main.repetitions, main.check) if main else ((), None)
-    return RareEstimate(total, low, high, cov, used, repetitions, check, refusal)
+    return RareEstimate(
+        probability=total,
+        low=low,
+        high=high,
+        cov=cov,
+        flights=used,
+        repetitions=repetitions,
+        check=check,
+        refusal=refusal,
+    )

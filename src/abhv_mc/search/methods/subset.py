@@ -171,8 +171,7 @@ def _move_chains(
     for step in range(1, _LENGTH):
         proposals = []
         for repetition, history in zip(active, histories, strict=True):
-            # A spread per dimension, from 64 seeds, gave probabilities 1.9 times too high in 100
-            # dimensions.
+            # A spread per dimension gave probabilities 1.9 times too high in 100 dimensions.
             repetition.spread = min(1.0, repetition.scale)
             noise = make_generator(seed, repetition.number, level, step).standard_normal(
                 history[-1][0].shape

@@ -104,7 +104,7 @@ def estimate_by_surrogate(
     target_cov: float = 0.2,
     runs: int = 400,
 ) -> SurrogateEstimate:
-    """Return P(severity > threshold) of standard normal points, with a 95 % interval.
+    """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
     The severity must be a smooth function of the point. The search has converged if two consecutive
     intervals overlap and are at most as wide as that of a normal estimate with `target_cov`. The
@@ -155,7 +155,16 @@ def estimate_by_surrogate(
         else points[:0]
     )
     return SurrogateEstimate(
-        middle, step.low, step.high, cov, len(points), (), None, refusal, tuple(steps), picked
+        probability=middle,
+        low=step.low,
+        high=step.high,
+        cov=cov,
+        flights=len(points),
+        repetitions=(),
+        check=None,
+        refusal=refusal,
+        steps=tuple(steps),
+        candidates=picked,
     )
 
 

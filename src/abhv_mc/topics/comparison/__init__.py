@@ -90,7 +90,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return medians of all controllers and the first one's difference from each other one."""
+    """Return each controller's median and the differences of the first from the others."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (

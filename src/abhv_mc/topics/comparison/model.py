@@ -281,7 +281,7 @@ def compare_any_failures(
 
 
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
-    """Return `a` minus `b` in a metric [pair], in its unit.
+    """Return the differences `a - b` of a metric [pair], in the unit of the metric.
 
     Differences are infinite if only one controller lost the flight, and 0 if both did.
     """

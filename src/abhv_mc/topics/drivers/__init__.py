@@ -179,7 +179,7 @@ def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
 
 
 def _middle(values: Floats) -> float:
-    """Return the median as one of the values, because some values may be infinite."""
+    """Return a median that is one of the values, because some of them may be infinite."""
     return float(np.quantile(values, 0.5, method="nearest"))
 
 

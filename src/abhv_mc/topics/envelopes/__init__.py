@@ -54,7 +54,7 @@ CURVES = (
 
 
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
-    """Return the curves on a sheet of a campaign's flights.
+    """Return the curves on the sheet of a campaign's channels.
 
     All channels of a user's simulator are included.
     """
@@ -117,7 +117,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
         spacing = " s apart"
         if not campaign.simulator.capabilities.has_mission:
-            who = "flights that have a history then"
+            who = "flights with a history at that time"
             ends = "of all samples returned; the other bands are of values"
             spacing += ", linear between samples"
         items.append(
@@ -152,7 +152,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
 
 
 def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
-    """Return a channel's range under each controller; empty if no flight has it."""
+    """Return a channel's range under each controller; empty if no flight recorded it."""
     ranges = [envelopes.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
     if not any(ranges):
         return ()

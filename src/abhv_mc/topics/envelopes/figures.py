@@ -36,7 +36,7 @@ _SIMULTANEOUS = (
 
 
 def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield one sheet of the channels with envelopes."""
+    """Yield the figure of all channels with envelopes."""
     controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
     simultaneous = {name: _simultaneous(results, name) for name in controllers}
@@ -144,7 +144,7 @@ def flight_curve(
 def _track(
     east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]
 ) -> EnvelopePanel | None:
-    """Return north against median east position, km."""
+    """Return the ground track, north position against median east position, km."""
     if east is None or north is None:
         return None
     reference_track = reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3

@@ -30,7 +30,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
-    """Return sentences on flights that failed, saturated, cycled or left the tables.
+    """Return sentences on flights that failed, saturated, oscillated or left the tables.
 
     With ``off_cards`` they omit the facts on the page's cards.
     """

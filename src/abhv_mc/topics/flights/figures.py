@@ -63,7 +63,7 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 
 def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> list[str]:
-    """Return the channels of the metrics in which flights are worst, by frequency.
+    """Return the channels of the flights' worst metrics, most frequent first.
 
     An early termination counts for the channel whose limit ended it, if its outcome names one.
     """

@@ -1,4 +1,4 @@
-"""Outcomes of the flights, findings beyond the errors, and the worst flights."""
+"""Outcomes and findings of the flights, and the worst flights."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ _SIDES = {
 
 
 def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
-    """Return factors from a metric's limit to levels of its channel, if comparable."""
+    """Return the factors that convert a metric's limit to levels of its channel."""
     return _SIDES.get(record.statistic, ()) if record.of in channels else ()
 
 
@@ -203,7 +203,7 @@ class FlightCounts:
 
 @dataclass(frozen=True)
 class Findings:
-    """Numbers of flights with findings for the review board."""
+    """Numbers of flights that saturated, oscillated or left the tables."""
 
     flown: int
     saturated: int | None  # flights with a surface at a deflection or rate limit; None if unknown
@@ -225,13 +225,13 @@ class InputMoments:
 
 @dataclass(frozen=True)
 class Flights:
-    """Flights of each controller."""
+    """Outcomes, findings and worst flights of all controllers."""
 
     parameters: tuple[str, ...]  # names of the dispersed parameters
     dispersions: Mapping[str, Mapping[str, object]]  # distributions as in the campaign file
     derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
-    left_out: Mapping[str, int]  # number of flights of controllers without any computed flight
+    left_out: Mapping[str, int]  # requested flights of controllers for which none could be computed
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
     inputs: Mapping[str, InputMoments]  # inputs of an imported table

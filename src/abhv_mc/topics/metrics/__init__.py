@@ -28,7 +28,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 @dataclass(frozen=True)
 class ControllerMetric:
-    """One metric of one controller."""
+    """Statistics of one metric for one controller."""
 
     # quantiles by level, with 95 % intervals; early terminations rank worst
     quantiles: Mapping[str, Interval]
@@ -38,7 +38,7 @@ class ControllerMetric:
 
 @dataclass(frozen=True)
 class MetricTable:
-    """One metric of every controller."""
+    """Statistics of one metric for every controller."""
 
     words: Mapping[str, str]  # printed names and units
     # name of the same metric over the whole flight, if this one excludes transients
@@ -56,7 +56,7 @@ class Metrics:
 
 
 def compute_metrics(results: FlownCampaign) -> Metrics:
-    """Return every metric of the flights."""
+    """Return the statistics of every metric."""
     records = results.campaign.metrics
     table = {
         metric: MetricTable(

@@ -27,7 +27,7 @@ from abhv_mc.topics.section import FigureText
 
 @dataclass(frozen=True)
 class Spread:
-    """One metric of every controller."""
+    """Values of one metric for every controller."""
 
     label: str
     values: Mapping[str, Floats]  # controller -> value per flight; infinite if the flight failed

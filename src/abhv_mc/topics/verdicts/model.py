@@ -32,7 +32,7 @@ class ControllerVerdict(Verdict):
     tolerance_limit: float | None
     # margin to the limit, as a share of it or of half the distance of two limits
     room: float | None
-    beyond_lost: bool  # whether too many lost flights are the reason
+    beyond_lost: bool  # whether too many lost flights prevent a limit
     # lower bound on the success probability for a single check
     one_look_bound: float | None
     # 95 % Jeffreys interval of the failure rate for a single check
@@ -245,11 +245,20 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
     unit = f"{record.unit} outside the limits" if limits.both else record.unit
     size = _size(limits, results, item.metric)
     text, limit = record.with_unit(limits.symbols), limits.sign * limits.limit
-    return GlanceRow(item.metric, record.label, unit, text, limit, limits.sign > 0.0, size, cells)
+    return GlanceRow(
+        metric=item.metric,
+        label=record.label,
+        unit=unit,
+        text=text,
+        limit=limit,
+        below=limits.sign > 0.0,
+        size=size,
+        cells=cells,
+    )
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """Return a metric without a requirement, with the first controller's median as limit."""
+    """Return the row of a metric without requirement, relative to the first median."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
@@ -258,7 +267,16 @@ def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
     middle = next((cell.median for cell in cells.values() if np.isfinite(cell.median)), 0.0)
     text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
     size = abs(middle) or _size(side, results, metric)
-    return GlanceRow(metric, record.label, record.unit, text, middle, side.sign > 0.0, size, cells)
+    return GlanceRow(
+        metric=metric,
+        label=record.label,
+        unit=record.unit,
+        text=text,
+        limit=middle,
+        below=side.sign > 0.0,
+        size=size,
+        cells=cells,
+    )
 
 
 def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:

@@ -12,17 +12,18 @@ from fake_flight import make_plan
 from scipy.io import loadmat
 
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.plan_file import flatten, stored_arrays, write_plan
+from abhv_mc.flight.plan_arrays import flatten, stored_arrays
+from abhv_mc.folder.plan_file import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.simulators.export_gains import write_gains
-from abhv_mc.simulators.stored_plans import code_of, read_plan, rebuild_sent
 from abhv_mc.stability.fly_with_margins import add_margins
+from abhv_mc.vehicle_simulator.export_gains import write_gains
+from abhv_mc.vehicle_simulator.stored_plans import code_of, rebuild_plan, rebuild_sent
 
 
 def read(path, plan):
-    return read_plan(path, plan.vehicle)
+    return read_plan(path, lambda arrays: rebuild_plan(arrays, plan.vehicle))
 
 
 def test_every_part_comes_back_with_its_type(tmp_path):

@@ -8,6 +8,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.feasibility import asked_in_vain, refuse_input, values_of
+from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.control.law_file import USER_LAWS
@@ -20,8 +22,6 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
 from abhv_mc.plant.parameters import DISTURBANCES
-from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.feasibility import asked_in_vain, refuse_input, values_of
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source

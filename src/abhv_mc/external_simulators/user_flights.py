@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.external_simulators.answers import find_extremes, read_answer, sample_histories
+from abhv_mc.external_simulators.process import LostFlightError, OutOfStepError, Process
+from abhv_mc.external_simulators.process_pool import StoppedError, current_pool
+from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
-from abhv_mc.simulators.user_simulator.answers import find_extremes, read_answer, sample_histories
-from abhv_mc.simulators.user_simulator.process import LostFlightError, OutOfStepError, Process
-from abhv_mc.simulators.user_simulator.process_pool import StoppedError, current_pool
-from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 
 _AHEAD = 1e-3  # s: shorter flights are requested ahead of their answers
 _SLACK = 0.02  # s that a proof of silence takes beyond twice the longest answer

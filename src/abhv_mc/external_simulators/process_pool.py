@@ -4,8 +4,8 @@ import atexit
 import os
 import threading
 
-from abhv_mc.simulators.user_simulator.process import Process
-from abhv_mc.simulators.user_simulator.user_plan import UserPlan
+from abhv_mc.external_simulators.process import Process
+from abhv_mc.external_simulators.user_plan import UserPlan
 
 
 class StoppedError(Exception):

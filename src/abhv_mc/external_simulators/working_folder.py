@@ -9,9 +9,9 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from abhv_mc.external_simulators.user_plan import UserPlan
+from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.io.input_error import InputError, is_exhausted
-from abhv_mc.simulators.user_simulator.user_plan import UserPlan
-from abhv_mc.simulators.user_simulator.watcher import unwatch, watch
 
 _LARGEST_COPY = 1 << 24  # bytes
 _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")

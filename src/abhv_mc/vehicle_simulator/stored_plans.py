@@ -12,44 +12,31 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.control.law_file import UserController
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.hashes import read_checked
-from abhv_mc.folder.inputs import read_folder_campaign
-from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.plan_file import REMEDY, flatten, is_stored, read_stored_arrays, rebuild
-from abhv_mc.folder.samples import SampleReader
-from abhv_mc.io.documents import one_of
+from abhv_mc.flight.plan_arrays import REMEDY, flatten, is_stored, rebuild
+from abhv_mc.interfaces import Arrays, StoredPlans
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.simulators.engine import make_ready
-from abhv_mc.simulators.make_plans import declare_metrics
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
+from abhv_mc.vehicle_simulator.make_plans import declare_metrics
 
 Code = dict[str, Any]  # the fields of a plan that no file stores: code, and whether it is lean
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
-def read_plan(path: Path, vehicle: Vehicle) -> FlightPlan:
-    """Return a stored plan, bit-identical; ``vehicle`` is the campaign's.
+def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
+    """Return a plan from its stored arrays, bit-identical; ``vehicle`` is the campaign's.
 
-    Raise InputError if it is missing, damaged, or of another vehicle.
+    Raise KeyError, ValueError or TypeError for arrays that are missing or of another vehicle.
     """
-    try:
-        return _rebuild_plan(read_stored_arrays(path), vehicle)
-    except (KeyError, ValueError, TypeError) as error:
-        raise InputError(path, f"a damaged plan ({error})", REMEDY) from None
-
-
-def _rebuild_plan(stored: dict[str, np.ndarray], vehicle: Vehicle) -> FlightPlan:
     flat = {
         name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"
     }
@@ -84,51 +71,28 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 
 
 def read_trusted_plan(
-    root: Path, campaign: Experiment, controller: str, trusted: bool = False
+    stored: StoredPlans, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
     """Return the stored plan of a controller with its code from the folder's copies.
 
     Raise InputError if the code is missing or untrusted.
     """
-    folder = CampaignFolder(root)
     check_vehicle_trusted(campaign.model.vehicle, trusted)
-    plan = read_plan(folder.plan(controller), load_vehicle(campaign.model.vehicle))
+    vehicle = load_vehicle(campaign.model.vehicle)
+    plan = stored.read(controller, lambda arrays: rebuild_plan(arrays, vehicle))
     if plan.source_hash:
-        code_folder = folder.inputs / "controllers" / controller
+        code_folder = stored.root / "inputs/controllers" / controller
         plan = dataclasses.replace(
             plan, source=_take(_read_laws(code_folder), code_folder, plan.source_hash, trusted)
         )
     if plan.channels_hash:
-        code_folder = folder.inputs / "channels"
+        code_folder = stored.root / "inputs/channels"
         sources = map(read_source, sorted(code_folder.rglob("*.py")))
         plan = dataclasses.replace(
             plan, channels_source=_take(sources, code_folder, plan.channels_hash, trusted)
         )
     return declare_metrics(
         campaign, dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
-    )
-
-
-def open_flown(
-    folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
-) -> Experiment:
-    """Return a folder's experiment with controllers ready to re-run, after an integrity check.
-
-    Raise InputError for another controller, or if code is untrusted.
-    """
-    read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
-    experiment, flown = (
-        read_folder_campaign(folder),
-        list(read_manifest(folder.manifest).controllers),
-    )
-    names = list(controllers)
-    for name in names:
-        if name not in flown:
-            raise InputError(folder.root, f"no controller '{name}'", one_of(flown, name))
-        read_checked(folder, [folder.plan(name)])
-    plans = experiment.simulator.restore_plans(folder.root, names, trusted)
-    return dataclasses.replace(
-        make_ready(experiment, plans), columns=SampleReader(folder.samples).names
     )
 
 
@@ -155,8 +119,8 @@ def code_of(plan: FlightPlan) -> Code:
     return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})
 
 
-def rebuild_sent(arrays: dict[str, np.ndarray], code: Code) -> FlightPlan:
-    """Return a plan from its code and arrays (:func:`abhv_mc.folder.plan_file.flatten`)."""
+def rebuild_sent(arrays: Arrays, code: Code) -> FlightPlan:
+    """Return a plan from its code and arrays (:func:`abhv_mc.flight.plan_arrays.flatten`)."""
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
         code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}

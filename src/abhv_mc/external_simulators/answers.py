@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
-from abhv_mc.simulators.user_simulator.user_plan import UserPlan
+from abhv_mc.external_simulators.user_plan import UserPlan
 
 _NEAR = (
     1e-6  # of the sampling interval: a history that ends within this tolerance of a sample has it

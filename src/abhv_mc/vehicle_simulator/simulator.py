@@ -12,7 +12,7 @@ from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_c
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Engine
+from abhv_mc.interfaces import Capabilities, Engine, StoredPlans
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
@@ -45,7 +45,7 @@ class VehicleSimulator:
         pass
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
-        from abhv_mc.simulators.campaign_code import find_code
+        from abhv_mc.vehicle_simulator.campaign_code import find_code
 
         return find_code(self.experiment.model)
 
@@ -61,19 +61,19 @@ class VehicleSimulator:
         }
 
     def make_plans(self, names: Sequence[str]) -> dict[str, FlightPlan]:
-        from abhv_mc.simulators.make_plans import make_plans
+        from abhv_mc.vehicle_simulator.make_plans import make_plans
 
         return make_plans(self.experiment, names, self.engine.prepare)
 
     def restore_plans(
-        self, root: Path, names: Sequence[str], trusted: bool = False
+        self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> dict[str, FlightPlan]:
-        from abhv_mc.simulators.stored_plans import read_trusted_plan
+        from abhv_mc.vehicle_simulator.stored_plans import read_trusted_plan
 
-        return {name: read_trusted_plan(root, self.experiment, name, trusted) for name in names}
+        return {name: read_trusted_plan(stored, self.experiment, name, trusted) for name in names}
 
     def add_margins(self, plans: Mapping[str, FlightPlan]) -> Mapping[str, FlightPlan]:
-        from abhv_mc.simulators.margin_plans import make_margin_plans
+        from abhv_mc.vehicle_simulator.margin_plans import make_margin_plans
 
         return make_margin_plans(self.experiment, plans)
 
@@ -81,7 +81,7 @@ class VehicleSimulator:
         self, plans: Mapping[str, FlightPlan], names: Sequence[str], rows: Floats
     ) -> dict[str, FlightPlan]:
         from abhv_mc.campaign.sampling.samples import full_rows
-        from abhv_mc.simulators.make_plans import check_rows
+        from abhv_mc.vehicle_simulator.make_plans import check_rows
 
         varied = {*self.experiment.names, *names}
         derived, parameters = self.experiment.derived, self.experiment.parameters
@@ -101,12 +101,12 @@ class VehicleSimulator:
         return every
 
     def find_warnings(self, plans: Mapping[str, FlightPlan]) -> list[str]:
-        from abhv_mc.simulators.make_plans import find_warnings
+        from abhv_mc.vehicle_simulator.make_plans import find_warnings
 
         return find_warnings(plans, self.experiment)
 
     def find_reference(self, plan: FlightPlan) -> dict[str, Floats]:
-        from abhv_mc.simulators.make_plans import reference_of
+        from abhv_mc.vehicle_simulator.make_plans import reference_of
 
         return reference_of(plan, self.find_stride(plan, "histories"))
 
@@ -123,14 +123,14 @@ class VehicleSimulator:
         return ()
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
-        from abhv_mc.simulators.end_sentence import describe_end
+        from abhv_mc.vehicle_simulator.end_sentence import describe_end
 
         plan: Any = self.experiment.systems[system].plan
         return describe_end(plan, self.experiment.rows(row), Outcome(outcome))
 
     def find_lacking(self) -> list[InputError]:
-        from abhv_mc.simulators.feasibility import find_lacking
         from abhv_mc.user_code.vehicle_functions import load_vehicle
+        from abhv_mc.vehicle_simulator.lacking_parts import find_lacking
 
         return find_lacking(self.experiment, load_vehicle(self.experiment.model.vehicle))
 
@@ -141,14 +141,15 @@ class VehicleSimulator:
 def make_engine() -> Engine:
     """Return the compiled simulation."""
     from abhv_mc.flight.prepare import prepare
-    from abhv_mc.simulators.corner_margins import describe_stability
     from abhv_mc.stability.fly_with_margins import fly_with_margins
+    from abhv_mc.vehicle_simulator.corner_margins import describe_stability, is_compiled
 
     return Engine(
         prepare,
         fly_with_margins,
         code_hash(),
-        describe_stability,
+        find_stability=describe_stability,
+        is_stability_compiled=is_compiled,
         checked=True,
         isolation=PROCESSES,
     )

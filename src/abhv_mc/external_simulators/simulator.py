@@ -10,21 +10,19 @@ from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.simulator import SYSTEMS, Simulator, SimulatorCampaign
+from abhv_mc.campaign.file.user_code import check_user_code
+from abhv_mc.external_simulators.native_reads import find_native_reads
+from abhv_mc.external_simulators.process import LostFlightError, Process
+from abhv_mc.external_simulators.process_pool import current_pool, end_processes
+from abhv_mc.external_simulators.user_flights import fly_user_simulator, seconds_of_a_flight
+from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flight.outcome import Outcome, simulator_outcomes
-from abhv_mc.folder.inputs import read_folder_campaign
-from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Engine
+from abhv_mc.interfaces import Capabilities, Engine, StoredPlans
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.input_files import read_input
-from abhv_mc.simulators.campaign_code import check_user_code
-from abhv_mc.simulators.feasibility import asked_in_vain
-from abhv_mc.simulators.user_simulator.native_reads import find_native_reads
-from abhv_mc.simulators.user_simulator.process import LostFlightError, Process
-from abhv_mc.simulators.user_simulator.process_pool import current_pool, end_processes
-from abhv_mc.simulators.user_simulator.user_flights import fly_user_simulator, seconds_of_a_flight
-from abhv_mc.simulators.user_simulator.user_plan import UserPlan
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted
 
@@ -94,14 +92,14 @@ class ExternalSimulator:
         return self._make_plans(names, self.model)
 
     def restore_plans(
-        self, root: Path, names: Sequence[str], trusted: bool = False
+        self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> dict[str, UserPlan]:
         ((_, source),) = self.find_code()
         check_trusted(source, trusted)
         if self.model.systems.keys() >= set(names):
             return self._make_plans(names, self.model)
         # simulated before, and not requested now
-        return self._make_plans(names, read_folder_campaign(CampaignFolder(root)).model)
+        return self._make_plans(names, stored.read_campaign())
 
     def _make_plans(self, names: Sequence[str], model: Any) -> dict[str, UserPlan]:
         """Return plans of systems with the settings of ``model``."""

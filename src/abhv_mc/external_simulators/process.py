@@ -16,9 +16,9 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from abhv_mc.simulators.user_simulator.user_plan import UserPlan
-from abhv_mc.simulators.user_simulator.watcher import unwatch, watch
-from abhv_mc.simulators.user_simulator.working_folder import make_working_folder
+from abhv_mc.external_simulators.user_plan import UserPlan
+from abhv_mc.external_simulators.watcher import unwatch, watch
+from abhv_mc.external_simulators.working_folder import make_working_folder
 from abhv_mc.user_code.child import describe_exit
 
 _AHEAD = 64  # requests sent before the first one is answered,

@@ -19,16 +19,16 @@ from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.io.input_error import InputErrors
-from abhv_mc.simulators.engine import make_ready, simulate
-from abhv_mc.simulators.user_simulator import (
+from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.external_simulators import (
     process,
     user_flights,
     working_folder,
 )
-from abhv_mc.simulators.user_simulator.process_pool import end_processes
+from abhv_mc.external_simulators.process_pool import end_processes
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.io.input_error import InputErrors
 
 LOST = int(Outcome.FAILED_TO_RUN)
 WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.feasibility import find_impossible
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.profile import make_profile
@@ -18,7 +19,6 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
-from abhv_mc.simulators.feasibility import find_impossible
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted

@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.simulators.margin_plans import make_steady
+from abhv_mc.vehicle_simulator.margin_plans import make_steady
 
 _ALL_CORNERS, _SOME = (
     6,

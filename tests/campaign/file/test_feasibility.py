@@ -4,9 +4,9 @@ import pytest
 from fake_flight import run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.feasibility import find_impossible
+from abhv_mc.check_inputs import check_inputs
 from abhv_mc.io.documents import InputErrors
-from abhv_mc.simulators.check_inputs import check_inputs
-from abhv_mc.simulators.feasibility import find_impossible
 
 RARE = "[{metric: altitude_error_max_m, below: 50, probability: 0.9999}]"
 

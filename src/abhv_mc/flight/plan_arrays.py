@@ -1,0 +1,74 @@
+"""Flight plans as named arrays of nested records.
+
+Index arrays are not stored but rebuilt from the campaign's inputs, because compiled code uses them
+without a check of their bounds. Only floating-point numbers of the expected shapes are read.
+"""
+
+import dataclasses
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.flight.plan import FlightPlan
+
+REMEDY = "the original file, or a new run in another folder (-o DIR) or with --fresh"
+REBUILT = "effectiveness."  # computed from the vehicle
+
+
+def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
+    """Return the arrays and scalars of a nested record by dotted name."""
+    if not _is_record(type(value)):
+        return {prefix: np.asarray(value)}
+    flat: dict[str, np.ndarray] = {}
+    for name in _fields(type(value)):
+        flat |= flatten(getattr(value, name), f"{prefix}.{name}" if prefix else name)
+    return flat
+
+
+def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
+    """Return the record of type ``kind`` from the result of :func:`flatten`.
+
+    Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if one has the
+    wrong type.
+    """
+    if _is_record(kind):
+        hints = typing.get_type_hints(kind)
+        fields = {
+            name: rebuild(hints[name], flat, f"{prefix}.{name}" if prefix else name)
+            for name in _fields(kind)
+        }
+        return kind(**fields)
+    value = flat[prefix]
+    if kind in (bool, int, float, str):
+        return kind(value.item())
+    if typing.get_origin(kind) is tuple:  # of floats
+        return tuple(value.tolist())
+    expected = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
+    return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])
+
+
+def stored_arrays(plan: FlightPlan) -> dict[str, np.ndarray]:
+    """Return the arrays of a plan to store: no integers, and none that are computed from others."""
+    numbers = {
+        name: value
+        for name, value in flatten(plan).items()
+        if value.ndim == 0 or value.dtype.kind in "fU"
+    }
+    return {name: value for name, value in numbers.items() if not name.startswith(REBUILT)}
+
+
+def _is_record(kind: Any) -> bool:
+    return dataclasses.is_dataclass(kind) or (isinstance(kind, type) and hasattr(kind, "_fields"))
+
+
+def _fields(kind: Any) -> tuple[str, ...]:
+    if dataclasses.is_dataclass(kind):
+        return tuple(field.name for field in dataclasses.fields(kind) if is_stored(field))
+    return tuple(kind._fields)
+
+
+def is_stored(field: "dataclasses.Field[Any]") -> bool:
+    """Return whether plan files contain a field."""
+    return bool(field.metadata.get("stored", True))
