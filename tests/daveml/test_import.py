@@ -233,7 +233,7 @@ def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> N
         text = text[:start] + text[start:].replace("<isOutput/></variableDef>", law, 1)
     imported(tmp_path, text)
     written = (tmp_path / "dispersions.yaml").read_text(encoding="utf-8")
-    assert "represents that of: s." in written
+    assert "represents the uncertainty of: s." in written
     assert read_document(tmp_path / "dispersions.yaml").data == {
         "dispersions": {
             "aero.lift": {"distribution": "normal", "sigma": pytest.approx(0.05)},
