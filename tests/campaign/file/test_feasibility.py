@@ -70,7 +70,7 @@ def test_what_can_is_not(tmp_path, entries):
 
 
 LIFT = "aero.lift: {distribution"
-ABSENT = "of a vehicle that has no such part"
+ABSENT = "refers to a component that the vehicle does not have"
 
 
 @pytest.mark.parametrize(
