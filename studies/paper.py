@@ -310,7 +310,7 @@ def spread_words(members: list[dict[str, Any]]) -> str:
     )
     return (
         f"The ratio of the largest to the smallest magnitude of each trait is {listed}. The figures "
-        "determine traits with a ratio near 1."
+        "determine only the traits whose ratio is near 1."
     )
 
 

@@ -234,8 +234,8 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. The "
         f"command gives {len(tuning.bench.table_1.warnings()) or 'no'} warnings for Table 1. If an "
         "inner bandwidth is reduced to the outer one, the error with the largest increase is "
-        f"{ordered[0]} that of Table 1; if the inner bandwidth is half the outer one, "
-        f"{ordered[1]}.",
+        f"{ordered[0]} that of Table 1. If the inner bandwidth is half the outer one, it is "
+        f"{ordered[1]} that of Table 1.",
         "",
         "## Differentiators: up to the onset of oscillation",
         "",

@@ -41,7 +41,7 @@ class Failure:
 
     @property
     def of_margin(self) -> bool:
-        """Whether the missed requirement concerns a stability margin."""
+        """True if the missed requirement concerns a stability margin."""
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:

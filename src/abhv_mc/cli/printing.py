@@ -99,7 +99,9 @@ def new_table(
     from rich.table import Table
 
     is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    table = Table(title=title, **{"box": SIMPLE if is_unicode else ASCII, **options})
+    table = Table(
+        title=title, **{"box": SIMPLE if is_unicode else ASCII, "title_justify": "left", **options}
+    )
     for heading in left:
         table.add_column(heading, no_wrap=True)
     for heading in right:
@@ -108,9 +110,10 @@ def new_table(
 
 
 def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
-    """Print a table; wrap its text or split its columns if it is too wide.
+    """Print a table; if it is too wide for the terminal, print its first column as headings.
 
-    Numbers are never truncated. The first ``keys`` columns are repeated in each piece.
+    If it is still too wide, wrap its text or split its columns. Numbers are never truncated. The
+    first ``keys`` columns are repeated in each piece.
     """
     import io
 
@@ -123,6 +126,10 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     terminal = shutil.get_terminal_size().columns
     tables = [(table, width)]
     if (sys.stdout.isatty() or "COLUMNS" in os.environ) and width > terminal:
+        lines = _lines_with_headings(table, terminal)
+        if lines:
+            say(*lines, sep="\n", folds=False, **options)
+            return
         tables = list(_fit_table(table, terminal, keys))
     text = io.StringIO()
     for piece, columns in tables:
@@ -135,6 +142,46 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
             highlight=False,
         ).print(piece)
     say(text.getvalue(), end="", folds=False, **options)
+
+
+def _lines_with_headings(table: "Table", terminal: int) -> list[str]:
+    """Return the lines of a table whose first column is printed above the others.
+
+    An empty list if rows would not fit on a line of the terminal each.
+    """
+    columns = [[str(cell) for cell in column.cells] for column in table.columns]
+    headings, *cells = columns
+    is_text = len(columns) > 2 and table.show_header and table.columns[0].justify != "right"
+    if not is_text or max(map(len, headings), default=0) > terminal:
+        return []
+    heads, widths = [], []
+    for column, texts in zip(table.columns[1:], cells, strict=True):
+        words = str(column.header).split() or [""]
+        widths.append(max(map(len, (*texts, *words))))
+        heads.append(fill(str(column.header), max(widths[-1], 1)).split("\n"))
+    is_cut = any("\n" in text for texts in columns for text in texts)
+    if is_cut or sum(widths) + 2 * len(widths) > terminal:
+        return []
+    spare = terminal - sum(widths) - 2 * len(widths)
+    gap = "  " + " " * min(2, spare // len(widths))
+
+    def line(texts: Iterable[str]) -> str:
+        padded = (
+            f"{text:>{width}}" if column.justify == "right" else f"{text:<{width}}"
+            for text, width, column in zip(texts, widths, table.columns[1:], strict=True)
+        )
+        return f"  {gap.join(padded)}".rstrip()
+
+    height = max(map(len, heads))
+    lines = fill(str(table.title), terminal).split("\n") if table.title else []
+    lines += [
+        line(texts) for texts in zip(*([""] * (height - len(head)) + head for head in heads),
+                                     strict=True)
+    ]  # fmt: skip
+    for heading, *texts in zip(headings, *cells, strict=True):
+        lines += [heading] if heading else []
+        lines.append(line(texts))
+    return [*lines, ""]
 
 
 def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:

@@ -85,7 +85,7 @@ class Climb(Phase):
     kind: Literal["climb"] = Field(description=_KIND)
     altitude_change: Length = Field(description="change of altitude, positive upwards")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
-    speed_change: Speed = Field(0.0, description="change of speed over the same time")
+    speed_change: Speed = Field(0.0, description="change of speed during the manoeuvre")
 
 
 class PullUp(Phase):

@@ -45,7 +45,7 @@ class Parameter:
 
     @property
     def is_factor(self) -> bool:
-        """Whether the parameter is a factor (1 = nominal) rather than an increment."""
+        """True if the parameter is a factor (1 = nominal) rather than an increment."""
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
     def read(self, value: float | str, of_nominal: bool = False) -> float:
@@ -344,7 +344,7 @@ class Parameters:
 
     @cached_property
     def has_program(self) -> bool:
-        """Whether the program's own parameters are included."""
+        """True if the program's own parameters are included."""
         return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:

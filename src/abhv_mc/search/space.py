@@ -139,7 +139,7 @@ class Space:
         return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
-        """Add seed columns to values, for flights from `first` on, or one seed if None."""
+        """Add seed columns for flights from `first` on, or with one common seed if None."""
         columns = []
         for name in self.seeds:
             drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)

@@ -88,7 +88,7 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def most_failures(flights: int, probability: float, risk: float) -> int:
-    """Return the largest number of failures with which `flights` PASS; -1 if none does."""
+    """Return the largest number of failures for which `flights` PASS; -1 if none does."""
 
     def fails_to_pass(failures: int) -> bool:
         return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)

@@ -42,7 +42,7 @@ class Column:
 
     @property
     def is_discrete(self) -> bool:
-        """Whether all values have positive probability."""
+        """True if all values have positive probability."""
         return bool(self.shares.sum() > 1.0 - 1e-9)
 
     @property

@@ -104,7 +104,7 @@ def _exp(logarithm: float) -> float:
 
 @dataclass(frozen=True)
 class Extension:
-    """Number of flights with which all verdicts are likely to be PASS."""
+    """Number of flights at which all verdicts are likely to be PASS."""
 
     flights: int  # total number of flights
     chance: float  # chance of PASS for independent failure rates; larger if they are correlated
@@ -129,7 +129,7 @@ def predict_pass(verdict: Verdict, flights: int) -> float:
 
 
 def advise(verdicts: Sequence[Verdict]) -> Extension | None:
-    """Return the smallest number of flights with which all verdicts are likely to be PASS.
+    """Return the smallest number of flights at which all verdicts are likely to be PASS.
 
     Return None if no number up to MOST_TIMES the flights suffices. The chances are multiplied as if
     the failure rates were independent.
@@ -158,7 +158,7 @@ def tolerance_limit(
     """Return the severity below which a share `probability` of all flights lies.
 
     The limit is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest
-    number of failures with which this number of flights passes. Return None if even no failure
+    number of failures for which this number of flights passes. Return None if even no failure
     would pass. The limit holds with a confidence of 1 - `consumer_risk` at any number of flights; a
     requirement passes if the limit lies within its bound. Lost and uncomputed flights count as
     +infinity.

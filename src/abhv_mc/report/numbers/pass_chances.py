@@ -85,7 +85,7 @@ class Planned:
 
 
 def plan_campaign(campaign: Experiment) -> Planned:
-    """Return the chances of PASS at once, twice and four times the planned flights."""
+    """Return the chances of PASS for 1, 2 and 4 times the planned number of flights."""
     model, runs = campaign.model, campaign.runs_at_point
     verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []

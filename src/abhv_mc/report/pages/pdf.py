@@ -19,7 +19,7 @@ _LONGEST = 120.0  # time-out, s
 
 
 def find_browser() -> str:
-    """Return the path of an installed Chromium. Raise InputError if there is none."""
+    """Return the path of an installed Chromium. Raise InputError if not found."""
     program = next(filter(None, map(shutil.which, NAMES)), None)
     if program is None:
         raise InputError(

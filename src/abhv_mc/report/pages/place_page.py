@@ -40,7 +40,7 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
         Picture("placement"),
         *(_table(flight, placement.simulated) for flight in placement.flights),
     )
-    title = f"Test flights among those of {controller_label(placement.controller)}"
+    title = f"Test flights and simulated flights of {controller_label(placement.controller)}"
     return Answer(title, f"Validation · {folder.name}", Section("Summary", items), _draw(placement))
 
 

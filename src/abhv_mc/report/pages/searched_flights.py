@@ -26,7 +26,7 @@ _LISTED = 10
 _PANELS = 6
 _DISTINCT = (
     f"The worst flight, and the worst flights at other points: at least {100 * DRAWN_APART:g} % of "
-    "the range (rms over the parameters) away from every worse one"
+    "the range (rms over the parameters) away from all worse ones"
 )
 
 

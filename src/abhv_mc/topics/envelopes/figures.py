@@ -26,7 +26,7 @@ Bands = tuple[Floats, Mapping[str, Floats]]  # time and the bands of one channel
 Find = Callable[[str, str], Bands | None]
 
 _OURS = (
-    "; insets show the largest move. The altitude error has no band of all flights while the "
+    "; insets show the largest change. The altitude error has no band of all flights while the "
     "reference climbs"
 )
 
