@@ -2,8 +2,8 @@
 
     python benchmarks/advised_flights.py
 
-True failure rates are uniform between zero and the allowed one. The true chance is that of PASS for
-all verdicts with the advised number of flights.
+True failure rates are uniform between zero and the allowed rate. The true chance is that of PASS
+for all verdicts with the advised number of flights.
 """
 
 import sys

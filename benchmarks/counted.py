@@ -55,7 +55,7 @@ def counted_sqrt(x: float) -> Counted:
 
 
 class CountedArray(np.ndarray):
-    """Array of objects that converts every assigned float to a counted one, as do its slices."""
+    """Array whose assigned floats, also in its slices, become counted floats."""
 
     def __setitem__(self, index: Any, value: Any) -> None:
         super().__setitem__(index, Counted(value) if isinstance(value, float) else value)

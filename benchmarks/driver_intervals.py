@@ -3,7 +3,8 @@
     python benchmarks/driver_intervals.py [--smoke]
 
 The true coefficients of a case are those of 200,000 flights. The script prints the share of
-campaigns whose interval misses them, for all inputs of a case together and for the worst one.
+campaigns whose interval misses the true coefficient, for all inputs of a case together and for the
+worst input.
 """
 
 import sys

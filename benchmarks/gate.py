@@ -46,7 +46,7 @@ CHANGES = {
 
 
 def count_stopped(change, flights, systems, seed=23, required=True):
-    """Return how many systems the gate rejects, with the requirement or only by the metric."""
+    """Return the number of rejected systems, with the requirement or only by the metric."""
     draw, stopped = np.random.default_rng(seed), 0
     none = np.zeros(flights, bool), np.zeros(flights, bool)
     for _ in range(systems):

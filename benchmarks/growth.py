@@ -2,15 +2,14 @@
 
     python -m benchmarks.growth [--flights 100 1000] [--repeats 3] [--controllers tlc] [--million]
 
-Every command runs in new processes with one worker per core, as a user starts it. The campaign
-stores the metrics of all flights, the envelopes and the histories of the worst 20. A line is fitted
-to each quantity by relative deviations. The results are written to
-``benchmarks/results/growth.json``, ``docs/images/growth.png`` and a table of
-``docs/explanation/performance.md``.
+Every command is run in new processes with one worker per core. The campaign stores the metrics of
+all flights, the envelopes and the histories of the worst 20. A line is fitted to each quantity by
+relative deviations. The results are written to ``benchmarks/results/growth.json``,
+``docs/images/growth.png`` and a table of ``docs/explanation/performance.md``.
 
 ``--million`` measures 1e4, 1e5 and 1e6 flights of the first 2 s of the manoeuvre instead, which is
 the cost of a campaign without simulation. The results are written to
-``benchmarks/results/million.json`` and another table.
+``benchmarks/results/million.json`` and ``benchmarks/results/million.md``.
 """
 
 import argparse
@@ -34,10 +33,10 @@ DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
 MILLION = [10_000, 100_000, 1_000_000]
 SHORT = 2  # s, duration of flights with --million
 QUANTITIES = {  # name: (label, unit, unit of a thousandth)
-    "run_s": ("flying, to the last file", "s", "ms"),
+    "run_s": ("run", "s", "ms"),
     "report_s": ("report", "s", "ms"),
-    "run_memory_mb": ("peak memory, flying", "MB", "kB"),
-    "report_memory_mb": ("peak memory, report", "MB", "kB"),
+    "run_memory_mb": ("peak memory of run", "MB", "kB"),
+    "report_memory_mb": ("peak memory of report", "MB", "kB"),
     "disk_mb": ("disk, without the report", "MB", "kB"),
 }
 
@@ -174,7 +173,11 @@ def make_table(flights: list[int], medians: Series, lines: Lines, note: str) -> 
     ]
     off = [f"{100.0 * lines[name]['largest_deviation']:.0f} %" for name in QUANTITIES]
     return "\n".join(
-        [*table, f"| line | {' | '.join(fits)} |", f"| furthest from it | {' | '.join(off)} |"]
+        [
+            *table,
+            f"| fitted line | {' | '.join(fits)} |",
+            f"| largest deviation | {' | '.join(off)} |",
+        ]
     )
 
 
@@ -236,7 +239,8 @@ def main() -> None:
             else f"medians of {options.repeats} campaigns of each size."
         )
     )
-    replace_part(DOCUMENT, name, make_table(flights, medians, lines, note))
+    document = ROOT / "benchmarks/results/million.md" if options.million else DOCUMENT
+    replace_part(document, name, make_table(flights, medians, lines, note))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ FAILS = {
 
 
 def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=True, shift=0.0):
-    """Return the share of answered campaigns, and in these the misses of share and quantile.
+    """Return the share of answered campaigns, and their misses of share and quantile.
 
     Misses are on each side. With ``widened`` the unobserved probability is included, as in
     `whatif`.

@@ -5,9 +5,9 @@
 The results are written to src/abhv_mc_verification/bench/operations.json.
 
 Operations are counted on values that depend on the lane: the state, the dispersions, the values of
-tables and all that is computed from them. Not counted are operations on values that all lanes share
+tables and all results of these. Not counted are operations on values that all lanes share
 (constants, gains and references of a tick, and weights computed from these), comparisons,
-selections, conversions and look-ups. Of two branches the executed one is counted.
+selections, conversions and look-ups. If there are two branches, the executed branch is counted.
 """
 
 import json

@@ -2,11 +2,11 @@
 
     python -m benchmarks.parent [--flights N] [--files N] [--json FILE]
 
-A batch is simulated once. Every block of a campaign after 4096 flights consists of copies of it,
-pickled as they would come through a worker's pipe, after the time that a core takes to compute
-them, plus or minus 20 %. A campaign of 64 workers thus runs on any machine, without the network.
-Few workers are up to eight times as fast, so that the launching process has the work of 64. The
-script prints its processor time per flight, and the flights per second by number of workers.
+A batch is simulated once. Every block of a campaign after 4096 flights consists of pickled copies
+of this batch, which arrive after the time that a core takes to compute them, plus or minus 20 %. A
+campaign of 64 workers thus runs on any machine, without the network. With few workers, each worker
+is up to eight times as fast, so that the launching process has the work of 64 workers. The script
+prints its processor time per flight, and the flights per second by number of workers.
 """
 
 import argparse

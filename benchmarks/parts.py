@@ -5,8 +5,8 @@
 
 Each part is measured alone with all lanes of a batch, and then finds its data in the nearest cache.
 In a flight the parts alternate and lanes are in different table cells, which is why the sum is less
-than the time of the flight. The results are written to ``benchmarks/results/parts.json`` and a
-table of ``docs/explanation/performance.md``.
+than the time of the flight. The results are written to ``benchmarks/results/parts.json`` and
+``benchmarks/results/parts.md``.
 """
 
 import json
@@ -54,14 +54,14 @@ from benchmarks.timing import measure_time
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "parts.json"
-DOCUMENT = ROOT / "docs" / "explanation" / "performance.md"
+DOCUMENT = ROOT / "benchmarks" / "results" / "parts.md"
 REPEATS = 9
 
 # name: (number in the kernel, calls per tick, control laws that use it)
 BOTH = ("tlc", "lqr")
 PARTS = {
     "air data: atmosphere, flow angles": (0, 4, BOTH),
-    "deflections felt": (1, 4, BOTH),
+    "effective deflections": (1, 4, BOTH),
     "tables: find the cells": (2, 4, BOTH),
     "tables: interpolate": (3, 4, BOTH),
     "build-up of the coefficients": (4, 4, BOTH),
@@ -76,7 +76,7 @@ PARTS = {
     "TLC: trim data": (13, 1, ("tlc",)),
     "TLC: attitude loops and allocation": (14, 1, ("tlc",)),
 }
-SLOW, REST = "of it divisions and roots", "the flight beyond its parts"
+SLOW, REST = "divisions and roots in these parts", "the flight apart from these parts"
 N = 1024  # size of arrays that fit into the nearest cache
 
 

@@ -1,4 +1,4 @@
-"""Time and memory of commands with all their processes, started as a user starts them."""
+"""Time and memory of commands with all their processes."""
 
 import contextlib
 import json

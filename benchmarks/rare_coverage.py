@@ -95,7 +95,7 @@ def study(case: Case, first: int, seeds: int) -> dict[str, float | int | str | l
 
 
 def study_missed(seeds: int) -> None:
-    """Print how often an interval is entirely below the true value in difficult cases.
+    """Print the number of intervals that are entirely below the true value in difficult cases.
 
     The cases have rare switches, and branches that are masked or give no warning.
     """

@@ -48,8 +48,8 @@ def repeat(processes: int, *arguments: str) -> list[Any]:
 def describe_machine(load_before: float) -> dict[str, Any]:
     """Return a description of this machine and its load before the start.
 
-    To be called after all measurements: the libraries that it loads would share pages with the
-    measured processes and reduce their memory.
+    Call the function after all measurements, because the libraries that it loads would share pages
+    with the measured processes and reduce their memory.
     """
     from abhv_mc.identity import find_machine
     from abhv_mc_verification.bench.speed import find_simd

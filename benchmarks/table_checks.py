@@ -1,8 +1,8 @@
 """False alarms and detections of `import flights`: python benchmarks/table_checks.py [--smoke]
 
-Honest tables contain independent draws: of one of seven distributions, or of all of them with a
-pair of correlation 0.9, an input that has its nominal value in 95 % of the flights and a level of
-0.1 %. They have all digits, or are rounded to 4, 3 or 2 digits.
+Valid tables contain independent draws from one of seven distributions, or from all seven with a
+correlation of 0.9 for one pair, an input that has its nominal value in 95 % of the flights, and a
+level of 0.1 %. The values have all digits, or are rounded to 4, 3 or 2 digits.
 """
 
 import sys
@@ -74,7 +74,7 @@ def rounded(values, digits):
 
 
 def judge(laws, values, matrix, risk=RISK):
-    """Return 'rejected', 'estimate' or 'verdict', as `import flights` decides."""
+    """Return the decision of `import flights`: 'rejected', 'estimate' or 'verdict'."""
     columns = []
     for law, column in zip(laws.values(), values.T, strict=True):
         half = half_steps(column)
@@ -88,7 +88,7 @@ def judge(laws, values, matrix, risk=RISK):
 
 
 def honest(tables, random, risk=RISK):
-    """Print the results for honest tables."""
+    """Print the results for valid tables."""
     laws, counts = LAWS | ATOMS, Counter()
     cases = chain.from_iterable(({name: law}, laws) for name, law in laws.items())
     settings = cycle(product(cases, ROWS, DIGITS))

@@ -1,15 +1,16 @@
 """Error rates of PASS with unknown parameters: python benchmarks/unknowns.py [repetitions, 300]
 
 An unknown has one value for the whole programme. The severity of a flight is a normal number and
-fails above 0. Its mean depends on the unknowns, and except for plain ramps also part of its
-scatter, so that different flights are bad at different values. In the case `spread` the value with
-the largest 95 % quantile never fails, and another one fails 5.5 times too often. `wide` regions
-fail by scatter, although all other values have a larger quantile.
+fails above 0. The mean of the severity depends on the unknowns. Except for plain ramps, a part of
+the scatter also depends on them, so that different flights are bad at different values. In the case
+`spread`, the value with the largest 95 % quantile never fails, and another value fails 5.5 times
+too often. In the case `wide`, a region fails because of its scatter, although all other values have
+a larger quantile.
 
-Requirements are 99.73 % at a risk of 10 %, judged every 100 flights up to 4000. `drawn`: the
-unknowns are drawn for each flight, like dispersions. `corners`: judged at the corners and the
-centre. `ranked`: judged at the points that the search ranks worst by a quantile. `rule`: judged
-also at the point where the search had the most failures.
+Requirements are 99.73 % at a risk of 10 %, judged every 100 flights up to 4000. In the column
+`drawn`, the unknowns are drawn for each flight, like dispersions. Campaigns are judged at the
+corners and the centre in `corners`, at the points that the search ranks worst by a quantile in
+`ranked`, and also at the point where the search had the most failures in `rule`.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """Error rates and decision rates of verdicts: python benchmarks/verdict_errors.py
 
-Systems at the limit are judged during 100,000 flights, good and bad ones up to 1000 and 4000.
-Impatient users extend their campaign, pool new seeds, or follow the advice, for ten rounds. The
-requirement is 99.73 % at a risk of 10 %.
+Systems at the limit are judged during 100,000 flights, and good and bad systems up to 1000 and 4000
+flights. Impatient users extend their campaign, pool new seeds, or follow the advice for ten rounds.
+The requirement is 99.73 % at a risk of 10 %.
 """
 
 import sys

@@ -6,8 +6,8 @@ CHECKOUT is the working tree of another version (``git worktree add --detach ../
 whose configuration both versions run in this environment. Times are processor time of all processes
 unless stated otherwise; ratios are medians over the rounds, this version over the other. The time
 of a flight is the best of 7 for 64 dispersed flights in a process. The rounds ``--cold`` start
-without compiled code and take minutes each. A table of ``docs/explanation/performance.md`` is
-written.
+without compiled code and take minutes each. The table is written to
+``benchmarks/results/versions.md``.
 """
 
 import argparse
@@ -212,7 +212,7 @@ def main() -> None:
         "this, s or MB | that |",
     ]
     table = "\n".join([*head, "|---|---|---|---|---|", *rows])
-    replace_part(current_tree / "docs" / "explanation" / "performance.md", "versions", table)
+    replace_part(current_tree / "benchmarks" / "results" / "versions.md", "versions", table)
 
 
 if __name__ == "__main__":

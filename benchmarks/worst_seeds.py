@@ -5,8 +5,8 @@
 
 The script prints a line for each seed with the worst value of the search and of the random flights
 (those that `worst` runs for its page). In the JSON file a flight that terminated early has 1e9 plus
-the remaining seconds. The last line has the number of seeds in which the search is not below; the
-exit code is 1 if it is below in any.
+the remaining seconds. The last line has the number of seeds in which the search is not worse than
+the random flights. The exit code is 1 if the search is worse for any seed.
 """
 
 import argparse

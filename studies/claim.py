@@ -1,4 +1,4 @@
-"""Page docs/explanation/claim.md on whether TLC tracks better with nearly the same control usage.
+"""Page docs/explanation/claim.md on whether TLC tracks better with nearly the same control effort.
 
     python studies/claim.py
 
@@ -30,19 +30,19 @@ HEAD = """# Does TLC track better with nearly the same control effort?
 
 ![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
 
-*Each point is a controller in the paper's S manoeuvre; lower left is better. Error: rms against \
-the controller's own command, median of 400 flights under the paper's dispersions. Control \
-effort: mean of rms and travel of the three surfaces. Both relative to TLC with Table 1 (star). \
-Lines: best designs within the same margins, two searches for each controller. Bars: 95 % \
-intervals.*
+*Each point is a controller in the paper's S manoeuvre; a point at the lower left is better. The error is \
+the rms error relative to the controller's own command, as the median of 400 flights under the paper's \
+dispersions. The control effort is the mean of rms and travel of the three surfaces. Error and control effort \
+are relative to those of TLC with Table 1 (star). The lines are the best designs within the same margins, from \
+two searches for each controller. The bars are 95 % intervals.*
 
 {answer}
 
 Zhu and Shen (2014) conclude: "with nearly the same amount of control surface usage, TLC has a better performance \
-in tracking angle of attack, sideslip angle and bank angle commands". [The comparison with the paper's \
-figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles; here both \
-controllers are tuned alike on three of them, each with its own S. `abhv` has all 20 ends of the paper's figures \
-inside their intervals, `seed-21` and `seed-23` have 18.
+in tracking angle of attack, sideslip angle and bank angle commands". The [comparison with the paper's \
+figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles. On this page, TLC and \
+LQR are tuned within the same limits on three of these vehicles, each with its own S. All 20 ends of the paper's \
+figures are inside their intervals for `abhv`, and 18 ends for `seed-21` and `seed-23`.
 
 ## The fronts
 
@@ -52,25 +52,25 @@ design, and in brackets the ratios in angle of attack, sideslip and bank.
 
 {fronts}
 
-Search 1 started from the printed gains and those tuned on `ghame_x`; search 2, twice as long, \
-from random points. {agreement}
+Search 1 started from the printed gains and from gains tuned on `ghame_x`. Search 2 was twice as long and \
+started from random points. {agreement}
 
 ## The search
 
-Both controllers have 14 free numbers: bandwidths and dampings of TLC, weights of LQR. Every \
-design on a line has at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 \
-deg and 30 ms at the corners of the paper's box). In the *wide box* (also effectiveness ±20 %, \
-and a delay of 0 to 40 ms: 128 corners and 200 new flights of 180 s) no flight terminates early \
+TLC and LQR have 14 free numbers each: bandwidths and dampings of TLC, and weights of LQR. Every \
+design on a line has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 \
+deg and 30 ms at the corners of the paper's box). The *wide box* also has an effectiveness of ±20 % \
+and a delay of 0 to 40 ms. In its 128 corners and in 200 new flights of 180 s, no flight terminates early \
 or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times the \
-larger one of the printed designs (2 in the new flights).
+larger error of the printed designs (2 times in the new flights).
 
 `studies/fronts.py` ran CMA-ES for each limit: {effort}. `studies/fronts_results.py` simulates \
 the results with new seeds.
 
 ## Printed and shipped designs
 
-`abhv` in the paper's box, relative to Table 1. The last column counts early terminations and \
-oscillations in the 328 flights of the wide box.
+The table has the results of `abhv` in the paper's box, relative to Table 1. The last column counts early \
+terminations and oscillations in the 328 flights of the wide box.
 
 {shipped}
 """
@@ -144,14 +144,15 @@ def shipped_table(results: dict[str, Any]) -> Iterator[str]:
 def answer(results: dict[str, Any]) -> str:
     """Return the conclusion of the fronts on the paper's claim."""
     return (
-        "**Not decided: TLC has the smaller error in all nine comparisons, by 5 to 19 %, but two "
-        "searches for one controller differ by up to 24 % (TLC) and 110 % (LQR). With the mean control effort of Table 1 the error "
-        f"of TLC in the three angles together is {ratio_words(results, 1.0)} of LQR's; with 0.85 "
-        f"of it {ratio_words(results, 0.85)}, with 0.7 {ratio_words(results, 0.7)}.** With the "
-        f"whole effort the ratios are {ratio_words(results, 1.0, 0)} in angle of attack, "
-        f"{ratio_words(results, 1.0, 1)} in sideslip and {ratio_words(results, 1.0, 2)} in bank. "
-        "With less effort TLC is not better in every angle (table). A longer search may change "
-        "these numbers and their order."
+        "**The claim is not decided: TLC has the smaller error in all nine comparisons, by 5 to 19 %, "
+        "but two searches for one controller differ by up to 24 % (TLC) and 110 % (LQR). With the "
+        "mean control effort of Table 1, the error of TLC in the three angles together is "
+        f"{ratio_words(results, 1.0)} times that of LQR on the three vehicles; with 0.85 of this "
+        f"effort it is {ratio_words(results, 0.85)} times, and with 0.7 {ratio_words(results, 0.7)} "
+        "times that of LQR.** With the full effort, the ratios are "
+        f"{ratio_words(results, 1.0, 0)} in angle of attack, {ratio_words(results, 1.0, 1)} in "
+        f"sideslip and {ratio_words(results, 1.0, 2)} in bank. With less effort, TLC is not better in "
+        "every angle (see the table). A longer search may change these numbers and their order."
     )
 
 
@@ -197,8 +198,8 @@ def agreement(results: dict[str, Any]) -> str:
         for budget in BUDGETS
     ]
     return (
-        f"They differ by up to {listed}; for LQR search 1 is worse in nearly all rows. Search 2 "
-        f"alone gives ratios of {min(ratios):.2f} to {max(ratios):.2f} over the nine rows."
+        f"The two searches differ by up to {listed}; for LQR, search 1 is worse in nearly all rows. "
+        f"With search 2 alone, the ratios in the nine rows are {min(ratios):.2f} to {max(ratios):.2f}."
     )
 
 

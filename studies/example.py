@@ -1,9 +1,8 @@
 """Run the default campaign and store its report as the example in reports/example: `make example`.
 
-The stored files are the same on every machine. Places and times of the run are left out, as are
-hashes of bits that depend on the linear algebra of a machine, and numbers have nine digits. The
-HTML page (6 MB) is left out, too; if Chromium is installed, its first screen becomes
-docs/images/report.png.
+The stored files are the same on every machine. Folders and times of the run, and hashes that depend
+on the linear algebra of a machine, are omitted, and numbers have nine digits. The HTML page (6 MB)
+is also omitted; if Chromium is installed, its first screen is stored as docs/images/report.png.
 
 `python studies/example.py FOLDER` writes into another folder, without the picture.
 """

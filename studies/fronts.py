@@ -1,4 +1,4 @@
-"""Searches for small errors within budgets of control usage, for both laws and the same margins.
+"""Searches for small errors of TLC and LQR within budgets of control effort and the same margins.
 
     OPENBLAS_NUM_THREADS=1 python studies/fronts.py
         [--vehicle NAME ...] [--law LAW ...] [--rounds R]
@@ -7,9 +7,9 @@
 The vehicles are three members of the paper's ensemble, each with its own S. Every candidate is
 evaluated by its margins in level flight, by 16 flights of the paper's box, whose medians give
 errors and usage relative to TLC with Table 1, and by 16 corners of the wide box with 40 ms of
-delay, which must neither terminate early nor cycle.
+delay, which must neither terminate early nor oscillate.
 
-- *Error*: the root mean square of the three angles' relative errors, so that all of them count.
+- *Error*: the root mean square of the three angles' relative errors, so that each angle counts.
 - *Usage*: the mean of six ratios, rms from the trim and travel of each surface.
 - *Path*: no error of altitude, speed or heading above ``PATH`` times the larger of the printed
   designs'; otherwise a law could make its commands easy to follow.

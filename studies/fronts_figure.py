@@ -1,4 +1,4 @@
-"""Figure of docs/explanation/claim.md: error against control usage of both laws."""
+"""Figure of docs/explanation/claim.md: error against control effort of TLC and LQR."""
 
 from typing import Any
 

@@ -4,9 +4,9 @@
         [--vehicle NAME ...] [--work DIR] [--shipped]
 
 From each search the best design within each of ``BUDGETS`` is selected that satisfies every limit:
-margins also at the corners of the paper's box, and no early termination or cycle at the 128 corners
-of the wide box and in ``WIDE`` new flights. Errors and usage are medians over 400 new flights of
-the paper's box with their exact 95 % intervals.
+margins also at the corners of the paper's box, and no early termination or oscillation at the 128
+corners of the wide box and in ``WIDE`` new flights. Errors and usage are medians over 400 new
+flights of the paper's box with their exact 95 % intervals.
 """
 
 import argparse
@@ -107,7 +107,7 @@ class Judge:
         }
 
     def promises(self, law: str, point: Floats) -> bool:
-        """Return whether a point satisfies the limits that need no new flights."""
+        """Return whether a point satisfies all limits that can be checked without new flights."""
         plan, steady = self.trials[law].duel.plans(self.trials[law].controller(point))
         corners = self.duel.fly(plan, self.corners)
         if corners.lost or corners.cycling:

@@ -27,8 +27,6 @@ from paper_vehicle_tables import (
     largest_misses,
     left_by,
     powers,
-    predictions,
-    vehicles,
 )
 
 from abhv_mc.control.controller_file import TlcController
@@ -67,56 +65,43 @@ IMAGES = {
 TEXT = """
 # Comparison with the figures of Zhu and Shen (2014)
 
-The paper prints neither its tables nor the formula of its S manoeuvre, and shows its flights \
-only as figures.
-`studies/paper_vehicle.py` therefore searched for vehicles that reproduce Figures 3 to 11 with \
-Table 1 and the LQR
-weights as printed, and found {number}. A conclusion is supported if it holds for all of them. \
-`studies/paper.py`
-writes this page.
+The paper prints neither its tables nor the formula of its S manoeuvre, and shows its flights only as
+figures. Therefore `studies/paper_vehicle.py` searched for vehicles that reproduce Figures 3 to 11 with
+Table 1 and the LQR weights as printed, and found {number}. A conclusion is supported if it holds for all
+{number} vehicles. `studies/paper.py` writes this page.
 
-- `configs/control/tlc.yaml` is Table 1, with the paper's differentiators of 0.3 and 1.5 rad/s;
+- The file `configs/control/tlc.yaml` is Table 1, with the paper's differentiators of 0.3 and 1.5 rad/s, and
   `configs/control/lqr.yaml` has the printed weights.
-- The end of an automatically chosen axis lies within one tick of the data, so each end gives an \
-interval for the
-  data's end, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10 and 11 \
-(one for both
-  controllers) and of 5 and 7 (one for each controller) have 20 ends: the smallest and largest \
-value of the curves on
-  each. Figure 3 and the insets of Figure 7 give limits only.
-- The S starts to the right. The paper does not state the signs of sideslip and deflections; \
-'mirrored' marks the
-  opposite sign.
-- The bank is established over a bank time; the lateral acceleration follows a power of the \
-cosine, the sharpness. The
-  paper's time is ours plus 180 s.
+- The end of an automatically chosen axis lies within one tick of the data, so each end gives an interval
+  for the end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10 and 11
+  (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends: the smallest and
+  largest value of the curves on each axis. Figure 3 and the insets of Figure 7 give limits only.
+- The S starts to the right. The paper does not state the signs of sideslip and deflections; the word
+  "mirrored" marks the opposite sign.
+- The bank is established within the bank time, and the lateral acceleration follows a power of the cosine,
+  the sharpness. The time in the paper is the time in abhv-mc plus 180 s.
 
 ## Figure by figure
 
-The default vehicle `abhv` is member {abhv} (`configs/vehicle/abhv.yaml`, with \
-`configs/mission/paper_s.yaml`). The
-last column is the distance by which the farthest of {flights} flights under the paper's \
-dispersions of 10, 10 and 15
-% exceeds the axis, in percent of its width. The flight in the paper may be a dispersed one.
+The default vehicle `abhv` is member {abhv} of the ensemble (`configs/vehicle/abhv.yaml`, with
+`configs/mission/paper_s.yaml`). The last column of the table is the distance by which the farthest of
+{flights} flights under the paper's dispersions of 10, 10 and 15 % exceeds the axis, in percent of its
+width. The flight in the paper may be a dispersed flight.
 
 [FIGURES]
 
-With dispersions, TLC exceeds an axis most in {furthest_tlc}, LQR in {furthest_lqr}.
+With dispersions, TLC exceeds the axis most in {furthest_tlc}, and LQR in {furthest_lqr}.
 
-Figure 2: the track ends {south} south of the initial parallel (paper: 5 km).
+In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
-Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three \
-of the eight traits
-below. They are the largest such set among the candidates of some {searches} searches that have \
-at least 18 of the 20
-ends inside, no end outside by more than 20 % of its axis, and [plausible \
-properties](paper-vehicles.md). Each member
-is a rigid body at both mass points, trims at least 0.1 deg from the nodes of the tables, and \
-does not saturate.
-
-[VEHICLES]
+Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the
+eight traits. The {number} vehicles are the largest set with this property among the candidates of about {searches}
+searches. A candidate has at least 18 of the 20 ends inside, no end outside by more than 20 % of its axis,
+and [plausible properties](paper-vehicles.md). Each member is a rigid body at both mass points, trims at
+least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json` has the
+traits of each member.
 
 {spread}
 
@@ -124,49 +109,35 @@ does not saturate.
 
 ## The claim, with the printed gains
 
-"With nearly the same amount of control surface usage, TLC has a better performance in tracking \
-angle of attack,
-sideslip angle and bank angle commands." The table has the percentage of {flights} dispersed \
-flights of each member in
-which TLC has the smaller rms error (whole flight / outside the transients, which are the ramps \
-of the bank and 5 s
-after each), and the control effort.
+The paper claims: "With nearly the same amount of control surface usage, TLC has a better performance in
+tracking angle of attack, sideslip angle and bank angle commands." The table has the percentage of {flights}
+dispersed flights of each member in which TLC has the smaller rms error, over the whole flight and outside
+the transients (the ramps of the bank and 5 s after each ramp), and the control effort.
 
 [CLAIM]
 
 [CLAIM_WORDS]
 
-Both controllers are stable in level flight on every member (least disk margins {disk_tlc} for \
-TLC, {disk_lqr} for
+TLC and LQR are stable in level flight on every member (least disk margins {disk_tlc} for TLC, {disk_lqr} for
 LQR), and no flight terminates early.
 
-In bank the result depends on the window. In a ramp the faster attitude loop has the smaller \
-error: 2 x 3.4 x 0.3 =
-2.0 rad/s for Table 1, sqrt(2.28e5 / 3.28e3) = 8.3 rad/s for the printed weights. Outside the \
-transients the static
-error counts, which is smaller for TLC, because it inverts the model and integrates.
+In bank, the result depends on the window. During a ramp, the faster attitude loop has the smaller error:
+the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the
+printed weights. Outside the transients, the static error is decisive; it is smaller for TLC, because TLC
+inverts the model and integrates.
 
-[The claim](claim.md) compares controllers that were tuned alike. On a vehicle that does not \
-reproduce the figures
-(`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in bank) the printed LQR \
-weights are unstable
-and Table 1 saturates, which the paper does not show.
+The page on [the claim](claim.md) compares controllers that were tuned within the same limits. On a vehicle
+that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in
+bank), the printed LQR weights are unstable and Table 1 saturates, which the paper does not show.
 
 ## Prediction of one figure from the others
 
-Three random starts were each fitted to the other seven figures alone. In brackets: distance \
-outside the intervals, in
-percent of the axis.
-
-[PREDICTIONS]
-
-{predicted}
+From three random starts, vehicles were fitted to all figures but one. {predicted}
 
 ## The figures
 
-Grey: the range of the paper's axis. Lines: nominal flights of `abhv`; dotted: their commands. \
-Shaded: all {flights}
-dispersed flights.
+The grey area is the range of the paper's axis. Solid lines are the nominal flights of `abhv`, and dotted
+lines are their commands. The shaded area contains all {flights} dispersed flights.
 
 [IMAGES]
 """
@@ -175,10 +146,10 @@ PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
 The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
-(`studies/paper_vehicle_sides.py`). The free numbers are factors on GHAME's tables at a length of 8.6 m, a little more
-than an X-51 with its booster. The wing loading is chosen: a common factor on mass, inertias, coefficients and cowl area
-changes no flight. Drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's growth over the Mach number;
-deflections have no drag. The tables begin at Mach 2.
+(`studies/paper_vehicle_sides.py`). The free numbers of the search are factors on GHAME's tables at a length of 8.6 m,
+a little more than that of an X-51 with its booster. The wing loading was chosen, because a common factor on mass,
+inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with
+GHAME's dependence on the Mach number, and deflections cause no drag. The tables begin at Mach 2.
 
 [CLASS]
 
@@ -186,19 +157,20 @@ Two limits have a source: Kuechemann's 4 (M + 3)/M, an L/D of 6.5 at Mach 4.74, 
 380 kg/m2 for the X-43A (Marshall et al., AIAA 2005-3332). The others are engineering judgement. The limit
 of both arms is half the length.
 
-The limits, not only the figures, determine some traits. Traits within a tenth of their unit in the search of a
-limit, and the number of members: {near}.
+The limits, not only the figures, determine some traits. The following traits are within a tenth of their search unit
+of a limit, with the number of members: {near}.
 
 {sides}
 
-GHAME itself is outside {ghame_outside} of these {sides_number} limits: its trimmed L/D here is {ghame_lift_to_drag},
-its thrust over weight {ghame_thrust_to_weight}. In Figure 11 the equivalence ratio rises from about 0.84 in straight
-flight to about 1.2 at 50 deg of bank, which with induced drag requires an L/D of 3 to 5; so the paper did not use
-GHAME's drag. This requirement rests on GHAME's specific impulse, which the members share: at Mach 4.74 it is
-{impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and {impulse_rich:.0f} s at 1.5. That it
-rises beyond 1 is GHAME's law, not combustion physics: fuel beyond 1 does not burn. Slender lifting bodies reach an L/D
-of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the members are above them, where waveriders are. The
-winged cone's least CD is one node, Mach 8 and -1 deg, of its polynomial fit.
+GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} at this
+point, and its ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about
+0.84 in straight flight to about 1.2 at 50 deg of bank. With induced drag, this increase requires an L/D of 3 to 5, so the
+paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the members share: at Mach 4.74
+the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and
+{impulse_rich:.0f} s at 1.5. The increase beyond 1 is a property of GHAME, because real fuel beyond the stoichiometric ratio
+does not burn. Slender lifting bodies reach an L/D of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D
+of the members is higher, as that of waveriders. The least CD of the winged cone is that of one node, Mach 8 and -1 deg, of
+its polynomial fit.
 
 ## Control powers
 
@@ -206,13 +178,13 @@ Derivatives are per rad, at the trim. Each arm is also given at the span or chor
 
 [POWERS]
 
-The control powers of the members are what the deflections in the paper's figures demand of a vehicle of this size, and
-do not come from a layout of surfaces. They do not fit together as one set: the aileron of `abhv` is {aileron_ratio:.1f}
-times as powerful as GHAME's and its rudder {rudder_ratio:.0f} times, but its elevator has {elevator_ratio:.1f} times
-the lift. So aileron and elevator must be different surfaces, not elevons. In a steady roll at 20 deg of aileron p b/2V
-would be {roll_ratio:.1f} times GHAME's, a rate that no structure bears. Either the paper's vehicle had such surfaces or
-its tables were not those of an aircraft; the figures cannot tell. The flights use about 1 deg of aileron and 0.4 deg of
-rudder.
+The deflections in the paper's figures determine the control powers of the members for a vehicle of this size; no layout
+of surfaces was used. The control powers are not consistent with one set of surfaces: the aileron of `abhv` is
+{aileron_ratio:.1f} times as powerful as GHAME's and the rudder {rudder_ratio:.0f} times, but the elevator has
+{elevator_ratio:.1f} times the lift. Aileron and elevator must therefore be different surfaces, not elevons. In a steady roll
+at 20 deg of aileron, p b/2V would be {roll_ratio:.1f} times that of GHAME, a rate that no structure would withstand. Either
+the paper's vehicle had such surfaces, or its tables were not those of an aircraft; the figures cannot decide. The flights
+use about 1 deg of aileron and 0.4 deg of rudder.
 
 Two derivatives do not come from a layout either. The pitch damping of `abhv` is that of lift {radius:.1f} m from the
 centre of gravity, beyond half the length ({half_length:g} m), as on {far} of {members} members: quasi-steady lift alone
@@ -261,12 +233,12 @@ def claim_words(judged: dict[str, Any]) -> Iterator[str]:
         ("settled", "Outside the transients"),
     ):
         phrases = [
-            f"{name.replace('_', ' ')} in {between(closer(judged, window, name))} % of the "
-            f"flights (its median error is {between(ratios(judged, window, name), 2)} of LQR's)"
+            f"{name.replace('_', ' ')} in {between(closer(judged, window, name))} % of the flights "
+            f"(median error {between(ratios(judged, window, name), 2)} times that of LQR)"
             for name in ("angle_of_attack", "sideslip", "bank")
         ]
         yield (
-            f"- {label} TLC has the smaller error in {phrases[0]}, in {phrases[1]} and in "
+            f"- {label}, TLC has the smaller error in {phrases[0]}, in {phrases[1]}, and in "
             f"{phrases[2]}."
         )
     uses = {
@@ -276,8 +248,8 @@ def claim_words(judged: dict[str, Any]) -> Iterator[str]:
         ]
         for surface in ("aileron", "rudder", "elevator")
     }
-    of_lqr = ", ".join(f"{surface} {between(use, 2)}" for surface, use in uses.items())
-    yield f"- Median control effort (rms) of TLC over that of LQR: {of_lqr}."
+    of_lqr = join([f"{between(use, 2)} ({surface})" for surface, use in uses.items()])
+    yield f"- The median control effort (rms) of TLC relative to that of LQR is {of_lqr}."
 
 
 def ends_words(judged: dict[str, Any]) -> str:
@@ -292,12 +264,13 @@ def ends_words(judged: dict[str, Any]) -> str:
     if not resist:
         return "All ends are inside on every member."
     listed = "; ".join(
-        f"{label} on {len(misses)} (up to {max(misses):.0f} %)" for label, misses in resist.items()
+        f"{label}: {len(misses)} (up to {max(misses):.0f} %)" for label, misses in resist.items()
     )
     full = [name for name, member in judged.items() if all_in(member)]
     return (
-        "Ends outside their interval, number of members and largest distance in percent of the "
-        f"axis: {listed}. All 20 ends are inside for {join(full) or 'no member'}."
+        "The following ends are outside their interval, with the number of members and the largest "
+        f"distance in percent of the axis: {listed}. All 20 ends are inside for "
+        f"{join(full) or 'no member'}."
     )
 
 
@@ -307,17 +280,17 @@ def all_in(member: dict[str, Any]) -> bool:
 
 
 def predicted_words(result: dict[str, Any]) -> str:
-    """Return sentences on the figures that the others predict, and on those that they do not."""
+    """Return a sentence on the figures that the fitted vehicles predict, or do not predict."""
     misses = largest_misses(result)
     near, far = (
         [label for label, miss in misses.items() if (miss <= NEAR) == is_near]
         for is_near in (True, False)
     )
     return (
-        f"The other figures predict {join(near)} within {100.0 * NEAR:.0f} % of the axis. They do "
-        "not predict "
+        f"The fitted vehicles predict {join(near)} within {100.0 * NEAR:.0f} % of the axis, "
+        "but not "
         f"{join([f'{label} (outside by up to {100.0 * misses[label]:.0f} %)' for label in far])}, "
-        "so the agreement of a member with these figures is no test."
+        "so the agreement of a member with these figures is not a test."
     )
 
 
@@ -327,17 +300,17 @@ def join(items: list[str]) -> str:
 
 
 def spread_words(members: list[dict[str, Any]]) -> str:
-    """Return a sentence on the traits that the figures determine, and those that they do not."""
+    """Return a sentence on the spread of each trait over the members."""
     shares = {}
     for name in TRAITS:
         sizes = [abs(member["traits"][name]) for member in members]
         shares[name.replace("_", " ")] = max(sizes) / min(sizes)
     listed = ", ".join(
-        f"{name} {share:.1f}" for name, share in sorted(shares.items(), key=lambda item: item[1])
+        f"{share:.1f} ({name})" for name, share in sorted(shares.items(), key=lambda item: item[1])
     )
     return (
-        f"Largest over smallest magnitude of each trait: {listed}. The figures determine "
-        "traits near 1."
+        f"The ratio of the largest to the smallest magnitude of each trait is {listed}. The figures "
+        "determine only the traits whose ratio is near 1."
     )
 
 
@@ -352,7 +325,7 @@ def sides_words(members: list[dict[str, Any]]) -> str:
     listed = ", ".join(
         f"{label}: {count}" for label, count in sorted(counts.items(), key=lambda item: -item[1])
     )
-    return f"Ends of the search box on which members lie: {listed or 'none'}."
+    return f"Members lie on these ends of the search box: {listed or 'none'}."
 
 
 _RADIUS = "radius of pitch damping at this chord, m"
@@ -440,10 +413,8 @@ def page(
         furthest[law] = f"{label} ({share:.0f} % of its width)"
     tables = {
         "FIGURES": figures(shipped),
-        "VEHICLES": vehicles(members),
         "CLAIM": claim(members, judged),
         "CLAIM_WORDS": claim_words(judged),
-        "PREDICTIONS": predictions(result),
         "IMAGES": (f"![{title}](../images/{name}.png)\n" for name, title in IMAGES.items()),
     }
     facts = {

@@ -3,12 +3,12 @@
     OPENBLAS_NUM_THREADS=1 python studies/paper_vehicle.py [--searches N] [--fresh] [--state DIR]
         [--minutes N]
 
-Zhu and Shen (2014) print neither their tables nor their S. The searches look for vehicles of the
-class (paper_vehicle_box.py, paper_vehicle_sides.py) with which Table 1 and the printed LQR weights
-reproduce Figures 3 to 11 (paper_vehicle_flights.py). All candidates of a search that may be members
-are stored. The ensemble is the largest set of these that includes the shipped vehicle and in which
-any two differ in three traits. Each search (paper_vehicle_search.py) aims at a vehicle that would
-enlarge the set.
+Zhu and Shen (2014) print neither their tables nor the formula of their S manoeuvre. The searches
+look for vehicles of the class (paper_vehicle_box.py, paper_vehicle_sides.py) with which Table 1 and
+the printed LQR weights reproduce Figures 3 to 11 (paper_vehicle_flights.py). All candidates of a
+search that may be members are stored. The ensemble is the largest set of these that includes the
+shipped vehicle and in which any two differ in three traits. Each search (paper_vehicle_search.py)
+aims at a vehicle that would enlarge the set.
 
 The vehicles of about fifty such searches are stored. `--searches` adds more, `--fresh` starts with
 only the shipped vehicle. Then each figure in turn is left out and predicted, from three random

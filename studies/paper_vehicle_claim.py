@@ -1,6 +1,6 @@
 """Assessment of a member of the ensemble with the printed gains: margins, flights and the claim.
 
-Flights use the plans of abhv-mc with the paper's dispersions. A law is closer in a flight if its
+Flights use the plans of abhv-mc with the paper's dispersions. A law is better in a flight if its
 rms error is smaller, over the whole flight or without each ramp of the bank and 5 s after it.
 """
 

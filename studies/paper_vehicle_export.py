@@ -146,16 +146,16 @@ def mission_text(values: dict[str, float]) -> str:
     s = (
         "manoeuvre:\n"
         "  kind: s_manoeuvre\n"
-        "  offset: -5 km         # to the right of the start's heading: south, flying east\n"
+        "  offset: -5 km         # to the right of the initial heading, here to the south\n"
         f"  length: {values['length']:.2f} s\n"
-        f"  bank_time: {values['bank_time']:.2f} s     # in which the bank is established, and "
-        "left at the end\n"
+        f"  bank_time: {values['bank_time']:.2f} s     # time in which the bank is established, "
+        "and removed at the end\n"
         f"  sharpness: {values['sharpness']:.2f}       # exponent of the lateral acceleration\n"
         "\n"
     )
-    head = """# The S of the paper's figures (Zhu and Shen 2014, section 7): fly east at 20 km \
-and 1400 m/s, move
-# the track 5 km aside, to the right first as Figure 7 shows it, and come back to the original \
+    head = """# The S manoeuvre of the paper's figures (Zhu and Shen 2014, section 7): the vehicle \
+flies east at 20 km and 1400 m/s,
+# moves its track 5 km sideways, first to the right as in Figure 7, and returns to the original \
 heading, height and
 # speed. The paper prints no formula; length, bank_time and sharpness were identified with the \
 vehicle abhv.

@@ -1,9 +1,9 @@
 """Search from a vehicle of the box for the nearest one whose flights match the paper's axes.
 
-Thirty parameters are free and there are twenty ends, so that few of them are determined; but
+Thirty parameters are free and there are twenty ends, so that few parameters are determined, but
 searches without further terms end near each other. A search may therefore have an aim and members
-to avoid. Both add terms to the Gauss-Newton steps in a trust region (scipy's least_squares) that
-lead to the ends and sides. Without a start the search draws one. The simulated candidates are
+to avoid, which add terms to the Gauss-Newton steps in a trust region (scipy's least_squares) that
+lead to the ends and sides. If no start is given, the search draws one. The simulated candidates are
 stored in a file, from which the search resumes: the method evaluates the same candidates if it
 receives the same results.
 """

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from paper_vehicle_flights import AXES, LAWS, READING, TRAITS, Axis
+from paper_vehicle_flights import AXES, LAWS, READING, Axis
 
 WORDS = {"angle_of_attack": "angle of attack", "sideslip": "sideslip", "bank": "bank"}
 
@@ -33,18 +33,6 @@ def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
     elif end["mirrored"]:
         low, high = -high, -low
     return float(100.0 * max(axis.lowest[0] - low, high - axis.highest[1], 0.0) / axis.width)
-
-
-def vehicles(members: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a row for each member with its traits and its S."""
-    yield "| member | " + " | ".join(TRAITS.values()) + " | length, s | bank_time, s | sharpness |"
-    yield "|" + "---|" * (4 + len(TRAITS))
-    for member in members:
-        numbers = [f"{x:.3g}" for x in member["traits"].values()]
-        numbers += [
-            f"{member['values'][name]:.2f}" for name in ("length", "bank_time", "sharpness")
-        ]
-        yield f"| {member['name']} | {' | '.join(numbers)} |"
 
 
 def powers(traits: dict[str, dict[str, float]]) -> Iterator[str]:
@@ -100,18 +88,3 @@ def largest_misses(result: dict[str, Any]) -> dict[str, float]:
         misses = [miss for end in prediction["ends"] for miss in end["misses"]]
         worst[label] = max(worst.get(label, 0.0), *misses)
     return worst
-
-
-def predictions(result: dict[str, Any]) -> Iterator[str]:
-    """Yield a row for each axis left out, with the ranges of vehicles fitted to the others."""
-    starts = sorted({prediction["start"] for prediction in result["without"]})
-    yield "| figure left out | " + " | ".join(f"start {start}" for start in starts) + " |"
-    yield "|---|" + "---|" * len(starts)
-    rows: dict[str, dict[int, str]] = {}
-    for prediction in result["without"]:
-        for end in prediction["ends"]:
-            misses = " and ".join(f"{100.0 * miss:.0f}" for miss in end["misses"])
-            cell = f"{end['low']:.4g} to {end['high']:.4g} ({misses} %)"
-            rows.setdefault(f"{prediction['figure']} {end['axis']}", {})[prediction["start"]] = cell
-    for label, cells in rows.items():
-        yield f"| {label} | {' | '.join(cells.get(start, 'none') for start in starts)} |"

@@ -1,9 +1,9 @@
-"""Retune the LQR baseline for a vehicle with the control usage of TLC; writes a controller file.
+"""Retune the LQR baseline for a vehicle with the control effort of TLC; writes a controller file.
 
     OPENBLAS_NUM_THREADS=1 python studies/retune_lqr.py [--vehicle FILE] [--mission FILE]
         [--also FILE ...] [-o FILE]
 
-Use one thread because the matrices are small: with two the search took five times as long.
+Use one thread, because the matrices are small: with two threads the search took five times as long.
 
 The paper's weights were made for the paper's vehicle. This procedure searches for the weights with
 the smallest tracking errors on another vehicle:
@@ -215,16 +215,16 @@ def main() -> None:
     lines = [
         f"LQR retuned for {arguments.vehicle.stem} on {arguments.mission.stem} by "
         "studies/retune_lqr.py,",
-        f"made again by: python {shlex.join(sys.argv)}",
+        f"written again by: python {shlex.join(sys.argv)}",
         "The weights of Zhu and Shen 2014, section 7, varied for small errors at no more than "
-        "1.05 times TLC's usage.",
+        "1.05 times the control effort of TLC.",
         "Mean rms errors over nominal and four corners of the paper's dispersions: this LQR / "
         "the paper's / TLC:",
         *(
             f"  {n}: {a:.4g} / {b:.4g} / {c:.4g}"
             for n, a, b, c in zip(ERRORS, errors, unvaried, study.errors, strict=True)
         ),
-        "Usage of the nominal flight: this LQR / TLC:",
+        "Control effort of the nominal flight: this LQR / TLC:",
         *(f"  {n}: {a:.4g} / {b:.4g}" for n, a, b in zip(USAGE, usage, study.usage, strict=True)),
     ]
     print(f"score {study.score(best_exponents):.4f}", *lines, sep="\n")

@@ -3,7 +3,7 @@
     OPENBLAS_NUM_THREADS=1 python studies/robust.py tlc|lqr [--vehicle NAME] [--ordered]
         [--candidates N] [-o FILE]
 
-Both laws have the same number of free parameters: TLC's bandwidths and dampings of the two inner
+TLC and LQR have the same number of free parameters: TLC's bandwidths and dampings of the two inner
 sub-loops, and LQR's weights except one of each regulator (only ratios count; the pitch rate has no
 weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``)
 and prefers candidates within the limits, then the smallest score. The result is written to a
@@ -13,7 +13,7 @@ Limits (numbers in ``robust_flights.py``):
 
 - margins of every loop (``NOMINAL``) in level flight at the trim, and at the corners of the paper's
   box (``CORNER``);
-- all flights of box (b) are complete, and no angle cycles by more than ``RIPPLE`` outside
+- all flights of box (b) are complete, and no angle oscillates by more than ``RIPPLE`` outside
   transients. Box (b) is the paper's box with control effectiveness +-20 % of each surface and a
   measurement delay of 0 to 40 ms;
 - usage of each surface in the nominal S: rms from the trim and travel at most 1.05 times those of
@@ -169,12 +169,12 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
     excess = duel.excess(margins, common, read_controller(file), False)
     least = margins[1:].min(axis=0)
     lines = [
-        f"Made by: {command}",
+        f"Written by: {command}",
         f"Least margins of all loops in level flight, nominal: {margins[0, 0]:.2f} dB, "
         f"{margins[0, 1]:.1f} deg, {margins[0, 2]:.0f} ms; at the corners of the paper's box: "
         f"{least[0]:.2f} dB, {least[1]:.1f} deg, {least[2]:.0f} ms.",
         "1000 fresh flights of the paper's box with effectiveness +-20 % and delay 0 to 40 ms: "
-        f"{fresh.lost} ended early, {fresh.cycling} cycle by more than {RIPPLE:g} deg",
+        f"{fresh.lost} terminated early, {fresh.cycling} oscillate by more than {RIPPLE:g} deg",
         f"(TLC with Table 1: {table_1.lost} and {table_1.cycling}). Errors, median / worst, and "
         "Table 1's:",
     ]
@@ -184,7 +184,7 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
             f"  {name}: {np.median(ours):.3g} / {ours.max():.3g}; {np.median(theirs):.3g} / "
             f"{theirs.max():.3g}"
         )
-    lines.append("Usage of the nominal flight, and Table 1's:")
+    lines.append("Control effort of the nominal flight, and Table 1's:")
     for name, ours_used, theirs_used in zip(
         USAGE, common.usage[0], duel.table_1.usage[0], strict=True
     ):

@@ -6,10 +6,10 @@
    loops (1 and 2).
 2. Order: inner bandwidths equal to the outer ones that rely on them, and half of them; `abhv-mc
    validate` warns of each.
-3. Differentiators: that of sub-loop 3 from zero upwards and that of sub-loop 4 at 3, 4 and 5 times
-   it, up to a clear oscillation, in which a surface makes MANY swings of more than SWING between
-   two steps of the bank. Another flight has noise on the measured angles and rates, which limits
-   the bandwidth of a differentiator.
+3. Differentiators: the bandwidth in sub-loop 3 increases from zero, and that in sub-loop 4 is 3, 4
+   or 5 times as large, up to a clear oscillation, in which a surface makes MANY swings of more than
+   SWING between two steps of the bank. Another flight has noise on the measured angles and rates,
+   which limits the bandwidth of a differentiator.
 4. Sensitivity: every bandwidth at 1/3 to 3 times Table 1, one at a time.
 
 Numbers are means over the nominal S and the corners of the paper's dispersions.
@@ -48,6 +48,7 @@ ORDERED = (  # outer, inner
     ("attitude.bank", "rates.roll_rate"),
 )
 DAMPINGS = (0.707, 1.0, 1.4, 2.0, 2.4, 3.4, 4.8)
+LISTED_DAMPINGS = (0.707, 1.4, 2.4, 3.4)  # rows of the page
 SLOWER = (1.0, 0.5)  # inner over outer bandwidth
 RATIOS = (3.0, 4.0, 5.0)
 DIFFERENTIATORS = (
@@ -80,7 +81,7 @@ def cells(numbers: Floats) -> str:
 def damping_rows(tuning: Tuning) -> Iterator[str]:
     """Yield a row for each damping of the inner and of the outer loops."""
     for label, channels in (("inner", INNER), ("outer", OUTER)):
-        for damping in DAMPINGS:
+        for damping in LISTED_DAMPINGS:
             changes = {f"{channel}.damping": damping for channel in channels}
             flown = tuning.fly(changes)
             if flown is None:
@@ -212,37 +213,39 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
     lines = [
         "# Tuning TLC",
         "",
-        f"Section 6 of the paper, repeated by `studies/tune_tlc.py` on `{vehicle}`: the S "
-        "manoeuvre, nominal and at four corners of the paper's dispersions. Errors are rms in m, "
-        "m/s and deg, travels in deg, both means over the five flights. Numbers that are not "
-        "listed are those of Table 1.",
+        f"`studies/tune_tlc.py` repeats section 6 of the paper on `{vehicle}`: the S manoeuvre is "
+        "simulated nominally and at four corners of the paper's dispersions. Errors are rms values "
+        "in m, m/s and deg, and travels are in deg; all are means over the five flights. Numbers "
+        "that are not listed are those of Table 1.",
         "",
         "## Damping, from 0.707 upwards",
         "",
-        "Damping of all channels of the inner loops (3 and 4) or of the outer ones (1 and 2). "
-        "Overshoot: of the nominal bank after the first step. Swings: largest number of reversals "
-        f"of a surface by more than {SWING:g} deg between the two steps; {MANY} or more count as "
-        f"an oscillation. Of the inner dampings tried, {calmest:g} is the smallest without "
-        "overshoot; Table 1 has 3.4.",
+        "The damping of all channels is changed in the inner loops (3 and 4) or in the outer loops "
+        "(1 and 2). The overshoot is that of the nominal bank after the first step. The swings are "
+        f"the largest number of reversals of a surface by more than {SWING:g} deg between the two "
+        f"steps; {MANY} or more count as an oscillation. The smallest inner damping without "
+        f"overshoot is {calmest:g} in these tests; Table 1 has 3.4.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
         *dampings,
         "",
         "## Outer bandwidths below inner ones",
         "",
-        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. Table "
-        f"1 gets {len(tuning.bench.table_1.warnings()) or 'no'} warnings. If an inner bandwidth is "
-        f"reduced to the outer one, the error that grows most is {ordered[0]} that of Table 1; "
-        f"with half of it, {ordered[1]}.",
+        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. The "
+        f"command gives {len(tuning.bench.table_1.warnings()) or 'no'} warnings for Table 1. If an "
+        "inner bandwidth is reduced to the outer one, the error with the largest increase is "
+        f"{ordered[0]} that of Table 1. If the inner bandwidth is half the outer one, it is "
+        f"{ordered[1]} that of Table 1.",
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
-        "The bandwidth of sub-loop 3's differentiators increases from zero; that of sub-loop 4 is "
-        f"3, 4 or 5 times as large. The largest bandwidths without an oscillation are {swings}; "
-        f"sub-loop 4 is then near the {surfaces:g} rad/s of the surfaces. The paper's 0.3 at ratio "
-        "5 is far below. Noise limits the bandwidth first: the last column is the travel of all "
-        f"surfaces in the nominal flight with white noise of {NOISE:g} deg and deg/s rms on each "
-        "measured angle and body rate at 100 Hz. Ratio 5:",
+        "The bandwidth of the differentiators of sub-loop 3 is increased from zero; that of "
+        "sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths without an "
+        f"oscillation are {swings}; sub-loop 4 is then near the {surfaces:g} rad/s of the "
+        "surfaces. The paper uses only 0.3 rad/s at ratio 5. Noise limits the bandwidth first: the "
+        "last column is the travel of all surfaces in the nominal flight with white noise of "
+        f"{NOISE:g} deg and deg/s rms on each measured angle and body rate at 100 Hz. The table is "
+        "for ratio 5:",
         "",
         *(
             line + tail
@@ -258,8 +261,8 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Sensitivity to each bandwidth",
         "",
-        "Each bandwidth is changed alone, by a factor of up to 3. Largest errors relative to Table "
-        "1: " + leads + ".",
+        "Each bandwidth is changed alone, by a factor of up to 3. The largest errors relative to "
+        "Table 1 are: " + leads + ".",
         "",
         "![Errors over the bandwidths](../images/tuning_sensitivity.png)",
         "",

@@ -49,6 +49,27 @@ DIVE_CHANNELS = {
 }
 
 
+def write_study(folder: Path, source: str, **changes: Any) -> Path:
+    """Write a campaign with two inputs and the metric ``total``; ``source`` is its simulator."""
+    folder.mkdir(exist_ok=True)
+    (folder / "sim.py").write_text(source)
+    content: dict[str, Any] = {
+        "name": "study",
+        "question": "Does it hold?",
+        "simulator": {"python": "sim.py"},
+        "inputs": {name: {"unit": "m", "nominal": 5} for name in "ab"},
+        "dispersions": {name: {"distribution": "normal", "sigma": "1 m"} for name in "ab"},
+        "metrics": {"total": {"unit": "m", "bad": "high"}},
+        "requirements": [
+            {"id": "R1", "metric": "total", "below": "11 m", "probability": "90 %"},
+        ],
+        "runs": 20,
+    }
+    path = folder / "study.yaml"
+    path.write_text(json.dumps(content | changes))
+    return path
+
+
 def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
     """Write a campaign of a dive recovery with the simulator ``source``; None removes a key."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -50,5 +50,5 @@ def test_the_same_flights(tmp_path):
     assert (
         np.ptp(private["tlc outcome"]) > 0 and len(np.unique(private["lqr metrics"], axis=0)) > 10
     )
-    for name, name in private.items():
-        assert np.array_equal(name, public[name], equal_nan=name.dtype.kind == "f"), name
+    for name, values in private.items():
+        assert np.array_equal(values, public[name], equal_nan=values.dtype.kind == "f"), name

@@ -142,7 +142,7 @@ if __name__ == "__main__":
 
 
 def write_campaign(folder: Path, runs: int) -> None:
-    """Write abhv-mc's campaign of the function."""
+    """Write the abhv-mc campaign that uses the function."""
     dispersed = {name: {"distribution": "normal", "sigma": 1.0} for name in ("a", "b")}
     content = {
         "name": "fight",

@@ -1,4 +1,4 @@
-"""Tables of docs/explanation/on-others-ground.md from the results in benchmarks/results.
+"""Tables of docs/explanation/on-others-ground.md and benchmarks/results/others.md.
 
 python -m benchmarks.others.page
 """
@@ -13,6 +13,7 @@ from benchmarks.others import gcas_search, reliability, rocketpy_table, sensitiv
 
 RESULTS = Path(__file__).parents[1] / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "on-others-ground.md"
+LONG_TABLES = RESULTS / "others.md"
 _METHOD = ("calls", "estimate", "right")
 HEADS: dict[str, tuple[str, ...]] = {
     "reliability": (
@@ -43,6 +44,7 @@ HEADS: dict[str, tuple[str, ...]] = {
         "here: drivers, the strongest first",
     ),
 }
+PAGES = dict.fromkeys(HEADS, PAGE) | dict.fromkeys(("reliability", "sensitivity"), LONG_TABLES)
 ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "reliability": reliability.describe,
     "surrogate": surrogate.describe,
@@ -76,7 +78,7 @@ def read_rows(section: str) -> list[dict[str, Any]]:
 
 def main() -> None:
     for section in HEADS:
-        replace_part(PAGE, section, make_table(section, read_rows(section)))
+        replace_part(PAGES[section], section, make_table(section, read_rows(section)))
 
 
 if __name__ == "__main__":

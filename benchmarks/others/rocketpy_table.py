@@ -6,8 +6,8 @@ The command reads FILE.inputs.txt and FILE.outputs.txt.
     python -m benchmarks.others.rocketpy_table adopt [--json FILE]
 
 The first command writes `tests/reference/rocketpy/monte_carlo.csv` with a row per flight; nested
-inputs, such as those of a motor, are found by their names in `rocketpy.yaml`. The second command
-imports that table and compares the results.
+inputs, such as the inputs of a motor, are found by their names in `rocketpy.yaml`. The second
+command imports that table and compares the results.
 """
 
 import argparse

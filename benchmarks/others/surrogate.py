@@ -4,7 +4,7 @@
         [--seeds 20] [--first-seed 30000] [--held-out] [--json FILE]
 
 The ten problems are the first of otbenchmark's list with at most ten dimensions; ``--held-out``
-runs the remaining ones. Each estimate takes at most 400 evaluations. The method is accepted if
+runs the remaining problems. Each estimate takes at most 400 evaluations. The method is accepted if
 
 - 90 % of all intervals contain the published value,
 - six of ten problems have an interval in at least half of the repetitions, and

@@ -36,13 +36,13 @@ ENVIRONMENT = Path(__file__).parent / ".venv"
 MODULES = ("ours", "twin", "jsbsim_x15", "rocketpy_flight")
 TIME_LIMIT = 300.0  # s, of a process: compiling, checking, repeats
 YARDSTICK = "abhv-mc lqr batched"
-OUR_EQUATIONS = "ours: GHAME-X, LQR, 100 Hz"
+OUR_EQUATIONS = "GHAME-X, LQR, 100 Hz"
 ROWS = {  # peer: (method, simulated vehicle)
-    "abhv-mc tlc batched": ("numba, batched flights, metrics", "ours: GHAME-X, TLC, 100 Hz"),
+    "abhv-mc tlc batched": ("numba, batched flights, metrics", "GHAME-X, TLC, 100 Hz"),
     YARDSTICK: ("numba, batched flights, metrics", OUR_EQUATIONS),
     "abhv-mc tlc one at a time": (
         "numba, one flight at a time, metrics",
-        "ours: GHAME-X, TLC, 100 Hz",
+        "GHAME-X, TLC, 100 Hz",
     ),
     "abhv-mc lqr one at a time": ("numba, one flight at a time, metrics", OUR_EQUATIONS),
     "C++ twin": ("g++ -O3 -march=native, one flight at a time", OUR_EQUATIONS),
@@ -200,8 +200,8 @@ def make_table(record: dict[str, Any]) -> str:
         + ", ".join(f"{name} {version}" for name, version in record["versions"].items())
         + ".",
         "",
-        "| simulator | how | what it flies | ms per 60 s flight and core | lowest to highest | "
-        "times ours |",
+        "| simulator | implementation | flight | ms per 60 s flight and core | lowest to highest | "
+        "relative to abhv-mc |",
         "|---|---|---|---|---|---|",
     ]
     for name, (how, what) in ROWS.items():
@@ -227,9 +227,10 @@ def make_table(record: dict[str, Any]) -> str:
     lines += [
         "",
         f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor "
-        f"time of one core; times ours: against `{YARDSTICK}` in the same round. Altitude after "
-        "60 s differs from "
-        "ours by at most " + ", ".join(differences) + ".",
+        f"time of one core; the last column is relative to `{YARDSTICK}` in the same round. "
+        "The altitude after 60 s differs from that of abhv-mc by at most "
+        + ", ".join(differences)
+        + ".",
     ]
     return "\n".join(lines)
 

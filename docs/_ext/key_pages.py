@@ -10,12 +10,15 @@ from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.io.units import DIMENSIONS, dimension_of
 
 _INTRODUCTIONS = {
-    "campaign": "Vehicle, mission, controllers, dispersions, number of flights and requirements.",
-    "vehicle": "The vehicle's numbers, its tables, and the terms of its coefficients. "
-    "[A custom vehicle](../../../tutorials/own-vehicle.md) has a complete example, the axes and "
-    "the signs.",
-    "mission": "The start, the reference trajectory and the end of a flight.",
-    "controller": "A control law with its gains or weights. The defaults are those of the paper.",
+    "campaign": "A campaign file states vehicle, mission, controllers, dispersions, number of "
+    "flights and requirements.",
+    "vehicle": "A vehicle file has the numbers of the vehicle, its tables, and the terms of its "
+    "coefficients. The tutorial [A custom vehicle](../../../tutorials/own-vehicle.md) has a "
+    "complete example, the axes and the signs.",
+    "mission": "A mission file defines the start, the reference trajectory and the end of a "
+    "flight.",
+    "controller": "A controller file has a control law with its gains or weights. The defaults "
+    "are those of the paper.",
 }
 _ENUMERATIONS = {  # named in words here: their tables have pages of their own
     "altitude_error_max_m": "a [metric](../metrics.md)",
@@ -146,8 +149,8 @@ def _page(kind: str) -> str:
     schema = make_schema(kind)
     lines = [f"# {kind.capitalize()} file\n", _INTRODUCTIONS[kind] + "\n"]
     lines.append(
-        f"A quantity has its [unit](../units.md) in the text. `abhv-mc list schemas {kind}` "
-        "prints this as JSON Schema,"
+        f"A quantity includes its [unit](../units.md). `abhv-mc list schemas {kind}` prints "
+        "these keys as a JSON Schema,"
     )
     lines.append("with which [an editor](../../../how-to/editors.md) completes and checks keys.\n")
     if "properties" in schema:

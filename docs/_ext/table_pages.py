@@ -40,21 +40,22 @@ def _metrics() -> str:
 
 Each metric is a column of `flights/*.parquet`; requirements, `keep.histories.by` and the report use
 the same names. Metrics are evaluated at every control tick, from the start to the end of the
-flight. A flight that terminated early has its metrics up to that time. Its outcome states the
-reason, and it counts as a failure unless the requirement sets `ended_early: as_measured`. Errors of
+flight. If a flight terminated early, its metrics cover the time up to the termination. The outcome
+states the reason, and the flight counts as a failure unless the requirement sets
+`ended_early: as_measured`. Errors of
 angle of attack and bank refer to the controller's own command.
 
 {table(("name", "unit", "meaning", "counted as", "bad", "group"), rows)}
-`abhv-mc list metrics` prints the same table, and with a campaign file also the metrics that it
-declares.
+`abhv-mc list metrics` prints the same table, and with a campaign file also the metrics that the
+file declares.
 
 Besides the channels, metrics may use these sources:
 
 {_signals(others)}
 ## Stability margins
 
-Computed if the campaign has `margins:`, for the number of flights given there. A flight whose loop
-is unstable, or that ended before the time of the margins, has 0.
+Margins are computed if the campaign has the key `margins`, for the stated number of flights. They
+are 0 if the loop is unstable, or if the flight ended before the time of the margins.
 
 {_signals(MARGIN_VALUES)}
 ## Custom metrics
@@ -67,13 +68,14 @@ built-in ones.
 def _channels() -> str:
     return f"""# Channels
 
-Quantities that histories, envelopes and replays record. Commands have `_command` before the unit.
-The heat flux is not-a-number if the vehicle file has no `reference.nose_radius`.
+Histories, envelopes and replays record the following quantities. Commands have `_command` before
+the unit. The heat flux is not-a-number if the vehicle file has no `reference.nose_radius`.
 
 {_signals(CHANNELS)}
 ## Reference channels
 
-The mission's reference, in `reference.parquet`. It is the same for every flight of a campaign.
+The file `reference.parquet` has the reference of the mission, which is the same for every flight of
+a campaign.
 
 {_signals(REFERENCE_CHANNELS)}"""
 
@@ -81,7 +83,7 @@ The mission's reference, in `reference.parquet`. It is the same for every flight
 def _parameters() -> str:
     parts = [
         "# Parameters\n",
-        "Parameters that a campaign can disperse under `dispersions:`. A factor multiplies "
+        "A campaign can disperse these parameters under `dispersions:`. A factor multiplies "
         "(nominal 1); an error is",
         "added in its unit (nominal 0). Nominal values do not change the flight. Dispersions "
         "act on the plant;",
@@ -103,11 +105,11 @@ def _parameters() -> str:
 def _outcomes() -> str:
     return f"""# Outcomes
 
-How a flight ended: the column `outcome` of `flights/*.parquet`.
+The column `outcome` of `flights/*.parquet` states how a flight ended.
 
 {table(("outcome", "meaning"), ((code(o.code), SENTENCES[o]) for o in Outcome))}
-Limits on altitude are in the mission file, those on angle of attack and sideslip in the vehicle
-file. Loads, heat, bank and oscillation may be limited in both; the tighter limit applies.
+The mission file has limits on altitude, and the vehicle file has limits on angle of attack and
+sideslip. Loads, heat, bank and oscillation may be limited in both files; the tighter limit applies.
 """
 
 
@@ -126,8 +128,8 @@ def _units() -> str:
     symbols = ", ".join(code(symbol) for symbol in units._UNITS)
     return f"""# Units
 
-In a file a quantity with a dimension carries its unit in the text; a number without a unit is
-rejected, so that degrees are not mistaken for radians. A unit is a product of symbols with integer
+In a file, a quantity with a dimension includes its unit; a number without a unit is rejected,
+so that degrees are not mistaken for radians. A unit is a product of symbols with integer
 powers, such as `kg m2` or `ft/s2`; `/` divides by the next symbol only. Parquet columns are in SI,
 angles in degrees if the name ends in `deg`.
 

@@ -10,8 +10,8 @@
 ``worst``, ``rare``, ``tune``         worst cases, rare failures, controller gains
 ``compare``                           comparison of two campaigns
 ``InputError``, ``InputErrors``       errors of invalid files and arguments
-``extend``, ``topics``                interfaces of custom controllers and report sections
-``statistics``, ``plots``             functions of arrays, and figures
+``extend``, ``topics``                interfaces for custom controllers and report sections
+``statistics``, ``plots``             functions on arrays, and figures
 ===================================== =============================================================
 
 Large modules are imported on first use.
@@ -27,7 +27,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 _MODULES = ("extend", "plots", "statistics", "topics")
-_ADDED = ("tune",)  # functions of other packages, entry points of the group abhv_mc.functions
+_ADDED = ("tune",)  # functions that other packages register as entry points of abhv_mc.functions
 __all__ = [
     "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__",
     "compare", "extend", "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare",

@@ -1,4 +1,4 @@
-"""Command line as ``python -m abhv_mc``."""
+"""Entry point of ``python -m abhv_mc``."""
 
 from abhv_mc.cli.app import main
 

@@ -58,7 +58,7 @@ __all__ = [
 
 
 class Campaign:
-    """Checked campaign file, which functions accept in place of its path.
+    """Validated campaign file, accepted by functions in place of its path.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Campaign:
     """
 
     def __init__(self, path: Path, checked: Experiment) -> None:
-        self.path = path.absolute()  # independent of later changes of the working folder
+        self.path = path.absolute()  # unaffected by later changes of the working directory
         self._checked = checked
         self.name: str = checked.model.name
         self.question: str = checked.model.question
@@ -116,7 +116,7 @@ class Campaign:
 
     @classmethod
     def make(cls, data: Mapping[str, Any], **overrides: Any) -> "Campaign":
-        """Return a campaign from the content of its file.
+        """Create a campaign from the content of a campaign file.
 
         Parameters
         ----------
@@ -157,11 +157,11 @@ class Campaign:
             raise
         weakref.finalize(
             campaign, shutil.rmtree, folder, ignore_errors=True
-        )  # results contain copies of the files
+        )  # The results folder contains copies of these files.
         return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
-        """Return the dispersions of the first flights.
+        """Return the dispersed parameters of the first flights.
 
         Parameters
         ----------
@@ -194,13 +194,13 @@ class Campaign:
 
     @takes(Request, method_of="campaign")
     def run(request: Request) -> "Results":  # noqa: N805  the campaign is a field of the request
-        """Run the campaign, or its missing flights, as ``abhv-mc run`` does, and return results.
+        """Run the missing flights, as ``abhv-mc run`` does, and return the results.
 
         Returns
         -------
         Results
-            After an interrupt completed flights are kept (``.complete`` is False); the same call
-            resumes.
+            After an interrupt, completed flights are kept (``.complete`` is False) and the same
+            call resumes the run.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class Campaign:
         return Results(run_campaign(request).folder)
 
     def _repr_html_(self) -> str:
-        """Return question, controllers and dispersions as HTML for notebooks."""
+        """Return the question, controllers and dispersions as HTML for notebooks."""
         head = f"{self.name}: {self.runs} flights each. {self.question}"
         data = self._checked.document.entries
         entries = data.get("dispersions") or {}
@@ -269,7 +269,7 @@ def rare(request: RareRequest) -> "RareFound":
     -------
     RareFound
         ``.numbers()`` returns the content of ``--json``. The probability is None if repetitions
-        contradict each other or the surrogate does not converge; ``.estimate.refusal`` is the
+        contradict each other or the surrogate does not converge; ``.estimate.refusal`` gives the
         reason.
 
     Raises
@@ -349,8 +349,8 @@ def compare(
 ) -> "Comparison":
     """Compare two campaigns.
 
-    Campaigns on the same samples are compared flight by flight, others by verdicts, shares and
-    quantiles.
+    Campaigns with the same samples are compared flight by flight, others by verdicts, failure
+    shares and quantiles.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ def compare(
     fail_if_worse
         Share by which `b` may be worse, by metric, such as ``{"altitude_error_max_m": "5 %"}``.
     output
-        Folder for the page; none is written by default.
+        Folder for the page; by default no page is written.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Types of arrays."""
+"""Type aliases of numpy arrays."""
 
 from typing import Any
 
@@ -8,6 +8,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
-Numbers = NDArray[Any]  # float64, or complex128 where a complex step asks for slopes
+Numbers = NDArray[Any]  # float64, or complex128 for complex-step derivatives
 Complexes = NDArray[np.complex128]
 Mask = NDArray[np.bool_]

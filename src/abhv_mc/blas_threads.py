@@ -1,4 +1,4 @@
-"""Limit of the threads of BLAS, which waste processor time on small matrices."""
+"""Limit on BLAS threads, which waste processor time on small matrices."""
 
 import os
 import threading
@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from typing import Any
 
 _lock = threading.Lock()
-_entered = 0  # open contexts
+_entered = 0  # number of open contexts
 _limits: Any = None
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread in this process, until the last of overlapping contexts ends.
+    """Limit BLAS to one thread in this process until the last overlapping context ends.
 
     Programs that start with OPENBLAS_NUM_THREADS=1, such as the command line and workers, need no
     limit.

@@ -1,4 +1,4 @@
-"""Limits of a requirement: failures and excess for counts, ranking, reports and searches."""
+"""Limits of a requirement, with masks of failed flights and distances to the limits."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ from abhv_mc.array_types import Floats, Mask
 
 
 class Bounds(NamedTuple):
-    """Limits of a value in its unit, ``low`` < value < ``high``; at most one is None."""
+    """Limits ``low`` < value < ``high`` in the unit of the value; at most one is None."""
 
     low: float | None = None
     high: float | None = None
 
     def as_entry(self) -> dict[str, float]:
-        """Return the keys of an entry of a campaign or a requirement matrix."""
+        """Return the limits as keys of a requirement in a campaign file or requirement matrix."""
         return {
             key: value
             for key, value in zip(("above", "below"), self, strict=True)
@@ -39,13 +39,13 @@ class Bounds(NamedTuple):
 
     @property
     def sign(self) -> float:
-        """-1 if small values are bad, else 1."""
+        """-1 if small values violate the limit, else 1."""
         return -1.0 if self.high is None else 1.0
 
     def worse(self, values: Floats) -> Floats:
-        """Return values with larger meaning worse.
+        """Return values transformed so that larger means worse.
 
-        They are signed values, or the distance outside two limits, which is negative inside.
+        For one limit, the values with a sign; for two, the distance outside, negative inside.
         """
         if self.low is not None and self.high is not None:
             return np.maximum(self.low - values, values - self.high)
@@ -53,12 +53,12 @@ class Bounds(NamedTuple):
 
     @property
     def limit(self) -> float:
-        """Limit of the values of :meth:`worse`: signed, 0 for two limits."""
+        """Limit for the values returned by :meth:`worse`; 0 for two limits."""
         return 0.0 if self.both else self.sign * sum(self.as_entry().values())
 
     @property
     def size(self) -> float:
-        """Reference size of a distance: the limit's size, or half the width between two limits."""
+        """Scale of distances: magnitude of the limit, or half the width between two limits."""
         return (
             (self.high - self.low) / 2.0
             if self.low is not None and self.high is not None
@@ -66,6 +66,6 @@ class Bounds(NamedTuple):
         )
 
     def failures(self, values: Floats, early: Mask | None = None) -> Mask:
-        """Return the mask of failed flights [flight]: by metric (NaN fails), or ended `early`."""
+        """Return the mask of failed flights [flight]: limit violated, metric NaN, or in `early`."""
         failed = ~(self.worse(values) < self.limit)
         return failed if early is None else failed | early

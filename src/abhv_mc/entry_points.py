@@ -27,8 +27,8 @@ _SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
 def _read() -> dict[str, dict[str, EntryPoint]]:
     """Return entry points by group and name.
 
-    ``importlib.metadata.entry_points`` parses those of all distributions and takes four times as
-    long.
+    ``importlib.metadata.entry_points`` parses the entry points of all distributions and takes four
+    times as long.
     """
     groups: dict[str, dict[str, EntryPoint]] = {}
     for distribution in distributions():
@@ -40,7 +40,7 @@ def _read() -> dict[str, dict[str, EntryPoint]]:
 
 
 def find_entry_points(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group by name; nothing is imported."""
+    """Return the entry points of a group by name, without importing them."""
     return _read().get(group, {})
 
 
@@ -51,9 +51,9 @@ def load_entry_point(group: str, name: str) -> Any:
 
 
 def find_packages() -> list[str]:
-    """Return the packages that may change results.
+    """Return the installed packages that may change results.
 
-    These are the packages that register more than commands, functions and topics.
+    A package counts if it registers more than commands, functions and topics.
     """
     entries = (
         entry

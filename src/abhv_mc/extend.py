@@ -1,27 +1,24 @@
 """Interface of custom control laws, filters, channels and vehicle functions.
 
 A control law is a Python function that is called once per control tick of a flight. Its arguments
-are passed by name: named tuples of floats, in SI units and radians. The functions of this module
-give equal bits in compiled code and in plain Python. ``docs/tutorials/own-controller.md`` is an
-introduction.
+are named tuples of floats in SI units and radians, passed by name. The functions of this module
+return identical bits in compiled code and in plain Python. ``docs/tutorials/own-controller.md`` is
+an introduction.
 
 ============================================= =====================================================
-``controller``, ``measurement_filter``,       decorators of the function of a file
-``dynamics``, ``channel``
-``Measured``, ``Reference``, ``Onboard``,     arguments of laws, with ``Moment`` and ``Inertia``
-``Command``, ``Filtered``                     results of a law and of a filter
+``controller``, ``measurement_filter``,       decorators for the function of a file ``dynamics``,
+``channel`` ``Measured``, ``Reference``, ``Onboard``,     arguments of laws, with ``Moment`` and
+``Inertia`` ``Command``, ``Filtered``                     results of a law and of a filter
 ``Coefficients``, ``Thrust``, ``Effect``,     results of aerodynamics, engine and custom dynamics
-``Sensed``
-``sqrt``, ``exp``, ``log``, ``power``         elementary functions of floats
-``sin``, ``cos``, ``sincos``, ``tan``,        trigonometric functions, in radians
-``asin``, ``acos``, ``atan2``
-``clamp``, ``larger``, ``smaller``, ``wrap``  limits, and angles in [-pi, pi]
-``table``, ``scattered``, ``allocate``        look-ups and control allocation
+``Sensed`` ``sqrt``, ``exp``, ``log``, ``power``         elementary functions of floats ``sin``,
+``cos``, ``sincos``, ``tan``,        trigonometric functions, in radians ``asin``, ``acos``,
+``atan2`` ``clamp``, ``larger``, ``smaller``, ``wrap``  limits, and angles in [-pi, pi] ``table``,
+``scattered``, ``allocate``        look-ups and control allocation
 ============================================= =====================================================
 
 Examples
 --------
-A law that commands the elevator of the reference with a damper:
+A control law that adds pitch damping to the reference elevator:
 
 >>> from typing import NamedTuple
 >>> class Settings(NamedTuple):
@@ -107,16 +104,16 @@ def controller(
     compiled: bool = True,
     dispersable: tuple[str, ...] = (),
 ) -> Any:
-    """Mark the function of a file that is its control law.
+    """Mark a function as the control law of its file.
 
     Parameters
     ----------
     function
         Control law; its arguments are passed by name.
     units
-        Units of settings; the YAML file must give these settings with a unit.
+        Units of settings, by name; the YAML file must give these settings with a unit.
     compiled
-        False calls the law in plain Python, a thousand times slower, for prototypes with any
+        If False, the law is called in plain Python: a thousand times slower, but it may use any
         library.
     dispersable
         Settings that a campaign may disperse as ``law.NAME``.
@@ -141,7 +138,7 @@ def controller(
 
 
 def channel(*, unit: str) -> Callable[[F], F]:
-    """Mark a function that computes a custom channel, which has the name of the function.
+    """Mark a function that computes a custom channel of the same name.
 
     Parameters
     ----------
@@ -151,7 +148,7 @@ def channel(*, unit: str) -> Callable[[F], F]:
     Returns
     -------
     callable
-        Decorator of a function of ``measured``, ``reference`` and other arguments of a law, which
+        Decorator for a function of ``measured``, ``reference`` and other arguments of a law, which
         is called once per control tick.
 
     Examples
@@ -170,15 +167,15 @@ def channel(*, unit: str) -> Callable[[F], F]:
 
 
 def measurement_filter(function: F | None = None, *, units: dict[str, str] | None = None) -> Any:
-    """Mark the function of a file that filters the measurements of TLC or LQR.
+    """Mark a function as the filter of the measurements of TLC or LQR.
 
     Parameters
     ----------
     function
-        Filter; returns a :class:`Filtered`, and with a class ``Memory`` in the file also the new
+        Filter; returns a :class:`Filtered`, and also the new ``Memory`` if the file has a class
         ``Memory``.
     units
-        Units of settings, see :func:`controller`.
+        Units of settings; see :func:`controller`.
 
     Returns
     -------
@@ -200,7 +197,7 @@ def measurement_filter(function: F | None = None, *, units: dict[str, str] | Non
 
 
 def dynamics(function: F) -> F:
-    """Mark the function of a file that computes custom dynamics of a vehicle.
+    """Mark a function as the custom dynamics of a vehicle.
 
     Parameters
     ----------
@@ -224,32 +221,32 @@ def dynamics(function: F) -> F:
 
 @scalar
 def sqrt(x: float) -> float:
-    """Return the square root of x, NaN below zero."""
+    """Return the square root of x, or NaN if x is negative."""
     return math.sqrt(x) if x >= 0.0 else math.nan
 
 
 @scalar
 def sin(x: float) -> float:
-    """Return the sine of x, rad."""
+    """Return the sine of x, an angle in radians."""
     return sincos(x)[0]
 
 
 @scalar
 def cos(x: float) -> float:
-    """Return the cosine of x, rad."""
+    """Return the cosine of x, an angle in radians."""
     return sincos(x)[1]
 
 
 @scalar
 def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
-    """Return deflections that add a moment to that of the last command.
+    """Return the changes of the deflections that produce an additional moment.
 
     Parameters
     ----------
     onboard
-        Nominal vehicle with the moments' slopes.
+        Nominal vehicle with the control derivatives of the moments.
     roll, pitch, yaw
-        Additional moment, N m.
+        Moment to add to that of the last command, N m.
 
     Returns
     -------

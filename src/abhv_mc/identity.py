@@ -1,12 +1,11 @@
-"""Origin of results: hash of the imported source and compiler, commit and machine.
+"""Origin of results: hashes of the imported source and the compiler, commit, and machine.
 
-Any code that simulates, samples, judges or merges may change a row, so every package counts except
-those that only present results (``_SHOWN``), and the packages that register executors, stores,
-control laws or blocks (:mod:`abhv_mc.entry_points`). A process whose source is edited still runs
-the old code: the hash is that of the source when this module was imported, and modules that are
-imported later are compared with it. Compiled code is cached by another, smaller hash
-(:mod:`abhv_mc.kernel.cache`), so that an edit of a table in ``execution`` does not recompile the
-kernels.
+The hash covers every package except those that only present results (``_SHOWN``), and the packages
+that register executors, stores, control laws or blocks (:mod:`abhv_mc.entry_points`). A process
+whose source is edited still runs the old code: the hash is computed when this module is imported,
+and modules that are imported later are compared with it. Compiled code is cached by another,
+smaller hash (:mod:`abhv_mc.kernel.cache`), so that an edit of a table in ``execution`` does not
+recompile the kernels.
 """
 
 import functools
@@ -33,22 +32,22 @@ _LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 class Flyer(NamedTuple):
     """Process that computed a block."""
 
-    code: str  # of code_hash()
+    code: str  # result of code_hash()
     versions: str
     processor: str
-    features: str  # of the processor, hashed
+    features: str  # hash of the processor's features
     host: str
     process: int
 
     @property
     def name(self) -> str:
-        """Host and process, for messages."""
+        """Host and process number as text for messages."""
         return f"{self.host}, process {self.process}"
 
 
 def hash_source(package: Path) -> dict[str, str]:
-    """Return the SHA-256 of each module of a package that may change a row, by its name."""
-    if package.is_file():  # a module alone
+    """Return the SHA-256 of each module that may change results, by module name."""
+    if package.is_file():  # a single module
         return {package.stem: hashlib.sha256(package.read_bytes()).hexdigest()}
     files = (
         file for file in package.rglob("*.py") if file.relative_to(package).parts[0] not in _SHOWN
@@ -65,7 +64,7 @@ def _module_name(package: Path, file: Path) -> str:
 
 
 def _hash_registered() -> dict[str, str]:
-    """Return the SHA-256 of each module of the registered packages, by its name."""
+    """Return the SHA-256 of each module of the registered packages, by module name."""
     hashes: dict[str, str] = {}
     for name in find_packages():
         spec = find_spec(name)
@@ -76,14 +75,14 @@ def _hash_registered() -> dict[str, str]:
 
 
 _source = hash_source(_PACKAGE) | _hash_registered()
-_known: set[str] = set()  # modules whose source has been compared with it
+_known: set[str] = set()  # modules whose source has been compared with the hash
 _lock = threading.Lock()
 
 
 def code_hash() -> str:
-    """Return the hash of the code, equal wherever the same code runs.
+    """Return the hash of the code and of the compiler versions.
 
-    If edited source was imported, the hash differs from that of all other processes.
+    If source edited during the run was imported, no other process has the same hash.
     """
     with _lock:
         for name in [name for name in list(sys.modules) if name in _source and name not in _known]:
@@ -106,7 +105,7 @@ def _join_hashes(modules: tuple[tuple[str, str], ...]) -> str:
 
 
 def this_flyer() -> Flyer:
-    """Return the identity of this process."""
+    """Return the code, versions and machine of this process."""
     return Flyer(code_hash(), *_describe_machine(), os.getpid())
 
 
@@ -127,7 +126,7 @@ def _describe_machine() -> tuple[str, str, str, str]:
 
 
 def find_processor() -> str:
-    """Return the processor's name."""
+    """Return the model name of the processor."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
@@ -138,7 +137,7 @@ def find_processor() -> str:
 
 
 def find_versions() -> dict[str, str]:
-    """Return the versions of the program, Python and the libraries that determine results."""
+    """Return the versions of abhv_mc, Python and the libraries that determine results."""
     return {
         "abhv_mc": abhv_mc.__version__,
         "python": platform.python_version(),
@@ -147,8 +146,8 @@ def find_versions() -> dict[str, str]:
 
 
 def find_compiler() -> str:
-    """Return numba's interface that compiled the flight: ``private`` or ``public``."""
-    from abhv_mc.kernel.jit import compiler  # which loads numba
+    """Return which numba interface compiled the flight code: ``private`` or ``public``."""
+    from abhv_mc.kernel.jit import compiler  # imported here because it loads numba
 
     return compiler()
 
@@ -156,7 +155,7 @@ def find_compiler() -> str:
 def find_commit() -> str | None:
     """Return the commit of the program's checkout, or None outside one.
 
-    ``+`` is appended if files differ from it.
+    ``+`` is appended if tracked source files have uncommitted changes.
     """
     root = Path(abhv_mc.__file__).parents[2]
     if not (root / ".git").exists():
@@ -177,7 +176,7 @@ def _git(root: Path, *arguments: str) -> str:
 
 
 def find_machine() -> dict[str, Any]:
-    """Return the properties of the machine on which results and times may depend."""
+    """Return the machine properties on which results and run times may depend."""
     return {
         "system": f"{platform.system()} {platform.release()}",
         "architecture": platform.machine(),
@@ -188,7 +187,7 @@ def find_machine() -> dict[str, Any]:
 
 
 def count_cores() -> int:
-    """Return the cores that this process may use, including a container's quota."""
+    """Return the number of cores available to this process, within a container's quota."""
     from joblib import cpu_count
 
     return int(cpu_count())

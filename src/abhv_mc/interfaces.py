@@ -1,7 +1,7 @@
 """Contracts at the package's boundaries: plans, simulators, executors and stores.
 
-Callers never ask which implementation they have. A feature that needs more than a contract requires
-asks for a capability, or calls :meth:`Simulator.check`. The contract of a report's section is
+Callers do not depend on the implementation. A feature that needs more than the contract checks a
+capability, or calls :meth:`Simulator.check`. The contract of a report section is
 :class:`abhv_mc.topics.Topic`.
 """
 
@@ -22,31 +22,31 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.user_code.source import UserSource
 
-Recorded = Recording | int | None  # a number: ticks between samples of all channels
+Recorded = Recording | int | None  # an int is the number of ticks between samples
 
 
 class Plan(Protocol):
-    """Data that the flights of one system need besides their inputs, sent to worker processes.
+    """Data for the flights of one system, except their inputs; sent to worker processes.
 
-    A folder stores it as arrays, which its simulator restores and checks. Plans without a mission
-    are not stored.
+    A results folder stores a plan as arrays, which its simulator restores and checks. Plans without
+    a mission are not stored.
     """
 
     @property
     def controller(self) -> str:
-        """Name of the system in the campaign."""
+        """Name of the controller or simulated system in the campaign."""
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Columns of the flights' metrics."""
+        """Metrics computed for each flight."""
 
     @property
     def timing(self) -> Timing | None:
-        """Control ticks of the mission, None if each flight has its own times."""
+        """Control ticks of the mission, or None if each flight has its own times."""
 
     @property
     def sources(self) -> tuple[UserSource, ...]:
-        """Custom code of the plan, whose imported packages the manifest names."""
+        """Custom code of the plan; the manifest lists the packages that it imports."""
 
 
 Arrays = dict[str, NDArray[Any]]
@@ -62,34 +62,34 @@ class StoredPlans(NamedTuple):
     read_campaign: Callable[[], Any]  # model of the folder's campaign file. Raises InputError.
 
 
-Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # of a Plan and rows [flight, parameter]
+Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # arguments: Plan, rows [flight, parameter]
 
 
 class Capabilities(NamedTuple):
     """Optional capabilities of a simulator."""
 
-    can_rerun: bool = True  # flights can be computed, not only read
-    is_repeatable: bool = True  # equal inputs give equal bits, so that no check is needed
-    has_margins: bool = True  # stability margins in flights and in steady flight
-    has_mission: bool = True  # common times, standard channels, a reference, a nominal flight
+    can_rerun: bool = True  # The simulator can compute flights, not only read them.
+    is_repeatable: bool = True  # Equal inputs give bit-identical results.
+    has_margins: bool = True  # Margins can be computed in flights and in trim.
+    has_mission: bool = True  # Flights share times, a reference and a nominal flight.
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Functions that make and run a plan; tests replace them by cheap ones.
+    """Functions that make and run a plan; tests replace them with fast ones.
 
-    A flight depends on its plan and its row only, not on the block that it is in.
+    A flight depends only on its plan and its row of inputs, not on the other flights of a block.
     """
 
-    prepare: Any  # makes a plan of vehicle, mission and controller; None without these
+    prepare: Any  # makes a plan from vehicle, mission and controller, or is None
     fly: Fly
-    source: str  # hash of the code; rows of different code never share a folder
-    # Makes the content of margins.json from the campaign and its plans.
+    source: str  # hash of the code; all rows of a folder have the same hash
+    # Return the content of margins.json for a campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
     is_stability_compiled: Callable[[], bool] = lambda: True
-    checked: bool = False  # whether ``source`` is identity.code_hash() in every process that flies
-    isolation: str = "threads"  # meaning of "auto"; processes need a ``fly`` that can be imported
-    # Ends processes started by the engine, which report each lost flight.
+    checked: bool = False  # ``source`` is identity.code_hash() in each computing process
+    isolation: str = "threads"  # meaning of "auto"; "processes" needs an importable ``fly``
+    # End the processes started by the engine.
     close: Callable[[], None] | None = None
 
 
@@ -97,87 +97,88 @@ class Simulator(Protocol):
     """Source of a campaign's flights: a program that computes them, or a table of results."""
 
     kind: str  # noun for a compared system, such as 'controller'
-    systems: tuple[str, ...]  # names; the first has to meet the requirements
-    outcomes: Outcomes  # possible ends of flights
-    channels: tuple[Signal, ...]  # of histories; empty if flights return no history
+    systems: tuple[str, ...]  # names of systems; the first must meet the requirements
+    outcomes: Outcomes  # possible outcomes of flights
+    channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities
-    independent: bool | None  # whether flights are declared independent; None: by the sampling
-    states_noise: bool  # whether flights are declared to have noise besides their inputs
-    origin: str  # description of flights computed elsewhere; '' if ``fly`` computes them
-    method: str  # sentence with the method's source for the page, or ''
+    independent: bool | None  # declared independence; None: follows from the sampling
+    states_noise: bool  # Flights are declared to have noise besides their inputs.
+    origin: str  # source of flights computed elsewhere; '' if ``fly`` computes them
+    method: str  # sentence on the method and its source for the page, or ''
 
     @property
     def engine(self) -> Engine:
-        """Functions that run plans; not needed to read flights."""
+        """Functions that make and run plans; not needed to read stored flights."""
 
     def check(self, feature: str) -> None:
         """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
-        """Return custom code with the file whose hash is trusted. Nothing is run."""
+        """Return each custom code and its file, without running it."""
 
     def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
-        """Return the campaign file's entries with the paths of its files in a results folder.
+        """Return the entries of the campaign file with paths inside a results folder.
 
-        ``take`` copies a file, and the files that it names, to a path; ``copies`` are files by
-        path.
+        ``take`` copies a file and the files that it names to a path; ``copies`` maps paths to
+        files.
         """
 
     def make_plans(self, names: Sequence[str]) -> Mapping[str, Plan]:
-        """Return plans of some systems. Raise InputError."""
+        """Return the plans of the named systems. Raise InputError if an input is invalid."""
 
     def restore_plans(
         self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Return stored plans of systems. Raise InputError."""
+        """Return the stored plans of systems. Raise InputError if they are invalid."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
-        """Return plans with the stability margins that the campaign requests, empty without any."""
+        """Return the plans with requested stability margins; empty if none are requested."""
 
     def fit_plans(
         self, plans: Mapping[str, Any], names: Sequence[str], rows: Floats
     ) -> Mapping[str, Plan]:
-        """Return plans for ``rows`` of these inputs. Raise InputError for invalid rows."""
+        """Return plans for ``rows`` of inputs ``names``. Raise InputError for invalid rows."""
 
     def find_stride(self, plan: Any, output: str) -> int:
-        """Return ticks between samples of 'histories' or 'envelopes'. Raise InputError."""
+        """Return the ticks between samples of 'histories' or 'envelopes'. Raise InputError."""
 
     def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
         """Return warnings about the mission and unattainable parts of the campaign."""
 
     def find_reference(self, plan: Any) -> dict[str, Floats]:
-        """Return columns of the mission's reference at the rate of the histories."""
+        """Return the reference trajectory as columns, at the rate of the histories."""
 
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
-        """Return the mean time of the last flights, s, which determines the size of blocks.
+        """Return the mean computing time of recent flights, s, which determines block sizes.
 
         It is 0 before any flight, and None if blocks have a fixed number of flights.
         """
 
     def prove(self, plan: Any, check: int = 0) -> Any:
-        """Return the plan whose blocks are each followed by a proof that no answer is left over.
+        """Return a plan that checks after each block that the simulator sent no extra reply.
 
-        ``check`` is the number of separate processes for its flights; 0 uses the campaign's.
+        ``check`` is the number of separate processes for the flights; 0 uses the campaign's
+        processes.
         """
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
-        """Return warnings about the events of a system's flights (:attr:`FlightBlock.events`)."""
+        """Return warnings about events in a system's flights (:attr:`FlightBlock.events`)."""
 
     def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:
-        """Return files that flights read since a time (s) and the campaign does not name."""
+        """Return undeclared files that flights have read since a time, s."""
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
-        """Return sentences on the end of the flight of ``row`` [1, input]."""
+        """Return sentences that explain how the flight with inputs ``row`` [1, input] ended."""
 
     def find_lacking(self) -> list[InputError]:
-        """Return errors for dispersions without effect in this simulator."""
+        """Return errors for dispersions that have no effect in this simulator."""
 
     def try_out(self) -> Iterator[str]:
-        """Start everything that needs no flight, and yield warnings. Raise InputError."""
+        """Start the simulator without a flight and yield warnings. Raise InputError if it fails."""
 
 
 class Executor(Protocol):
-    """Resource that computes blocks of flights: worker processes, this process, a cluster.
+    """Resource that computes blocks of flights: worker processes, this process or a cluster.
 
     An executor must promise:
 
@@ -197,7 +198,7 @@ class Executor(Protocol):
     - **Memory.** A block belongs to the caller once it is returned; the run has at most two for
       each worker.
 
-    Retries, checks, the time between blocks and everything on disk are the run's.
+    The run handles retries, checks and files.
     """
 
     @property
@@ -211,18 +212,18 @@ class Executor(Protocol):
         """End all workers."""
 
 
-# Opens an executor for an engine and a limit of the processor time of 16 flights, s, or None.
+# Opens an executor for an engine and a limit on the time of 16 flights, s, or None.
 OpenExecutor = Callable[[Engine, float | None], Executor]
-# Connects to the scheduler at an address, before any file is written. Raises InputError. It is an
-# entry point of the group ``abhv_mc.executors``, named after the scheme of the address.
+# Connects to the scheduler at an address, or raises InputError, before any file is written.
+# The entry point group is ``abhv_mc.executors``; the name is the scheme of the address.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
 class Store(Protocol):
     """Storage of campaign folders: a local folder, or an address.
 
-    Every command works in a local folder, which the store fills and copies back. A store must
-    promise:
+    Every command works in a local folder, which the store fills and copies back to the address. A
+    store must promise:
 
     - **Whole files.** A reader gets each file as it was written, or not at all. ``manifest.json``
       names the SHA-256 of the others and is copied after them, so that a reader never misses a file
@@ -236,7 +237,8 @@ class Store(Protocol):
       What is in the local folder when it ends, by an error or an interrupt too, is in the store, or
       is kept in a local folder that ``StorageFullError`` names. During a run new files are copied
       every few seconds.
-    - **Safety.** Names that lead out of the folder are rejected. No content of a folder is executed
+    - **Safety.** File names that point outside the folder are rejected. No content of a folder is
+    executed
       or unpickled.
 
     The package adds the following to each store: readers check every hash and name a damaged file;
@@ -244,19 +246,18 @@ class Store(Protocol):
     (envelopes, histories, margins, pages) follow from them and are remade if they are missing.
 
     A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``;
-    it is made of an
-    :class:`abhv_mc.io.address.Address`.
+    the constructor takes an :class:`abhv_mc.io.address.Address`.
     """
 
     @property
     def local(self) -> Path | None:
-        """The folder, if it is on this machine."""
+        """Local folder of the campaign, or None if the store is remote."""
 
     def reading(self, pattern: str = "*") -> AbstractContextManager[Path]:
-        """Give a local folder with the files whose names match ``pattern``. Raise InputError."""
+        """Provide a local folder with the files that match ``pattern``. Raise InputError."""
 
     def writing(self, staging: Path | None = None) -> AbstractContextManager[Path]:
-        """Give a local folder that is saved to the store; ``staging`` is the folder of a copy."""
+        """Provide a local folder that is saved to the store; ``staging`` may name the folder."""
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return the process that writes to the folder ``name``, and its size in bytes."""
+        """Return the process that writes to the folder ``name``, and the folder's size in bytes."""

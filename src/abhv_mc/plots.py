@@ -1,4 +1,4 @@
-"""Figures of a report as functions from arrays to matplotlib figures."""
+"""Functions that plot the figures of a report from arrays."""
 
 from abhv_mc.topics.comparison.figures import (
     DifferencePanel,

@@ -1,4 +1,4 @@
-"""Requests of runs and searches, and their use as function arguments.
+"""Options of runs and searches, used as function arguments and command-line options.
 
 A field is declared once: :func:`takes` makes it an argument in Python, and
 :mod:`abhv_mc.cli.request_options` an option of the command line.
@@ -24,22 +24,22 @@ Paths: TypeAlias = str | os.PathLike[str]
 
 
 class Option(NamedTuple):
-    """Description of a field of a request."""
+    """Description of one field of a request, such as a command-line option."""
 
     help: str
-    kind: str  # of the value, for `abhv_mc.cli.request_options`; '' for fields of Python only
-    default: str | None = None  # description of the default, if its value is not clear
-    low: Any = None  # bounds of numbers
+    kind: str  # kind of value in `abhv_mc.cli.request_options`; '' in Python only
+    default: str | None = None  # description of the default, if the value needs one
+    low: Any = None  # smallest and largest number
     high: Any = None
 
 
 def options_of(request: type) -> dict[str, Option]:
-    """Return the description of each field, by its name."""
+    """Return the descriptions of a request's fields, by field name."""
     return {field.name: get_args(field.type)[1] for field in fields(request)}
 
 
 def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
-    """Return an integer from `least` to `most`. Raise InputError with `name` otherwise."""
+    """Return an integer. Raise InputError unless it is from `least` to `most`."""
     is_integer = isinstance(value, Integral) and not isinstance(value, bool)
     if not is_integer or value < least or (most is not None and value > most):
         expected = (
@@ -73,7 +73,7 @@ def _check_side(value: object, name: str, _option: Option) -> object:
     return value
 
 
-_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # by kind, for values except None
+_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # checks by kind of option
     **dict.fromkeys(
         ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
     ),
@@ -96,16 +96,20 @@ Workers = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    Option("Address of a Dask scheduler, such as tcp://host:8786, to run on.", "scheduler"),
+    Option(
+        "Address of the Dask scheduler that runs the flights, such as tcp://host:8786.", "scheduler"
+    ),
 ]
-Fresh = Annotated[bool, Option("Delete the campaign in the folder first, and start again.", "flag")]
+Fresh = Annotated[
+    bool, Option("Delete an existing campaign in the folder and start again.", "flag")
+]
 
 
 class CheckedRequest:
-    """Record of options that are converted and checked on construction."""
+    """Base of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
-        """Convert and check each value. Raise InputError with the name of the field."""
+        """Convert and check each value. Raise InputError with the field name if it is invalid."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:
@@ -114,7 +118,7 @@ class CheckedRequest:
 
 @dataclass(frozen=True)
 class Request(CheckedRequest):
-    """Request of a run: by the command line, a notebook or merge."""
+    """Options of a run, requested from the command line, a notebook or a merge."""
 
     campaign: CampaignPath
     output: Annotated[
@@ -125,7 +129,7 @@ class Request(CheckedRequest):
     ] = None
     runs: Annotated[
         int | None,
-        Option("Number of flights of each controller.", "count", "the campaign's", low=1),
+        Option("Number of flights per controller.", "count", "the campaign's", low=1),
     ] = None
     seed: Seed = None
     controllers: Annotated[
@@ -141,21 +145,32 @@ class Request(CheckedRequest):
     ] = None
     plans: Annotated[
         Paths | None,
-        Option("Results folder whose flight plans are used, for equal bits.", "results", "new"),
+        Option(
+            "Results folder whose stored flight plans are used, for bit-identical results.",
+            "results",
+            "new",
+        ),
     ] = None
     trust_code: Annotated[
         bool,
-        Option("Allow Python code of the campaign to run that has not been run here.", "flag"),
+        Option(
+            "Allow custom code of the campaign to run although it has not been run here before.",
+            "flag",
+        ),
     ] = False
     check_workers: Annotated[
         bool,
-        Option("Re-run one flight of each worker locally and compare the bits.", "flag"),
+        Option(
+            "Re-run one flight of each worker locally and check that the results are "
+            "bit-identical.",
+            "flag",
+        ),
     ] = False
     baseline: Annotated[
         Paths | None,
         Option(
-            "Results folder of an earlier campaign with the same samples: its points of unknowns "
-            "are simulated, too, and the report lists the changes.",
+            "Results folder of an earlier campaign with the same samples. Its values of unknown "
+            "parameters are simulated too, and the report lists the changes.",
             "results",
         ),
     ] = None
@@ -163,7 +178,7 @@ class Request(CheckedRequest):
 
 @dataclass(frozen=True)
 class SearchRequest(CheckedRequest):
-    """Request fields common to all searches."""
+    """Options common to all searches."""
 
     campaign: CampaignPath
     output: Annotated[
@@ -183,66 +198,77 @@ class SearchRequest(CheckedRequest):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Fields specific to this kind of search, on which its result depends."""
+        """Options specific to this kind of search that affect its result."""
         specific = fields(self)[len(fields(SearchRequest)) :]
         return {field.name: getattr(self, field.name) for field in specific}
 
 
 @dataclass(frozen=True)
 class WorstRequest(SearchRequest):
-    """Request of a search for the worst value of a metric."""
+    """Options of a search for the worst value of a metric."""
 
-    metric: Annotated[str, Option("Metric whose worst value is searched.", "metric")]
+    metric: Annotated[str, Option("Metric whose worst value is sought.", "metric")]
     _: KW_ONLY
     bad: Annotated[
         Literal["high", "low"] | None,
-        Option("Whether large or small values are bad.", "side", "that of the metric"),
+        Option(
+            "Whether high or low values are worse.", "side", "the worse direction of the metric"
+        ),
     ] = None
     flights: Annotated[
         int,
-        Option("Number of flights of the search; as many random ones follow.", "count", low=1),
+        Option(
+            "Number of flights of the search; the same number of random flights follows.",
+            "count",
+            low=1,
+        ),
     ] = 2000
     box: Annotated[
         float,
-        Option("Range of unbounded distributions in sigma.", "number", low=0.1, high=8.0),
+        Option(
+            "Range of unbounded distributions, in standard deviations.", "number", low=0.1, high=8.0
+        ),
     ] = 3.0
 
 
 @dataclass(frozen=True)
 class RareRequest(SearchRequest):
-    """Request of an estimate of the probability of a failure."""
+    """Options of an estimate of a failure probability."""
 
     requirement: Annotated[
-        str, Option("Requirement to violate: its ID or its metric.", "requirement")
+        str, Option("ID or metric of the requirement whose violation is estimated.", "requirement")
     ]
     _: KW_ONLY
     target_cov: Annotated[
         float | str,
         Option(
-            "Coefficient of variation to reach, such as 0.2 or 20 %.", "share", low=0.01, high=1.0
+            "Target coefficient of variation of the estimate, such as 0.2 or 20 %.",
+            "share",
+            low=0.01,
+            high=1.0,
         ),
     ] = 0.2
     flights: Annotated[
         int | None,
-        Option("Largest number of flights.", "count", "20000, with a surrogate 400", low=1),
+        Option("Maximum number of flights.", "count", "20000, with a surrogate 400", low=1),
     ] = None
     surrogate: Annotated[
         bool,
         Option(
-            "Learn the metric by Gaussian processes: for slow simulators, at most 10 smooth "
-            "dispersions.",
+            "Use a Gaussian-process surrogate of the metric: for slow simulators and at most 10 "
+            "smooth dispersions.",
             "flag",
         ),
     ] = False
 
     @property
     def most_flights(self) -> int:
-        """Largest number of flights."""
+        """Maximum number of flights of the search."""
         return self.flights or (400 if self.surrogate else 20_000)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Fields specific to this search, with its number of flights."""
+        """Options specific to this search, with the maximum number of flights."""
         return {**super().settings, "flights": self.most_flights}
 
 
@@ -251,7 +277,8 @@ def takes(
 ) -> Callable[[Callable[[R], T]], Callable[P, T]]:
     """Return a decorator that makes the fields of a request the arguments of a function.
 
-    Signature and docstring follow. ``method_of`` is the field for the object of a method.
+    The decorator also sets the signature and docstring. For a method, ``method_of`` is the field
+    that takes the object.
     """
 
     def decorate(function: Callable[[R], T]) -> Callable[P, T]:

@@ -1,4 +1,4 @@
-"""Results of a campaign: tables, topics, figures, and re-run flights."""
+"""Results of a campaign: tables, report topics, figures and re-run flights."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -31,7 +31,7 @@ _AXES = {
 
 
 class Results:
-    """Results in a campaign's folder as pandas tables, in SI units and degrees.
+    """Results of a campaign as pandas tables, in SI units and degrees.
 
     ``attrs["units"]`` of a table holds the units of its columns. Tables are read on first access.
     Each topic of the report is an attribute, such as ``results.margins``.
@@ -41,7 +41,7 @@ class Results:
     folder
         Folder of the campaign; :func:`abhv_mc.open_results` opens it.
     requirements
-        Requirements that replace those of the folder, see :meth:`judge`.
+        Requirements that replace those of the folder; see :meth:`judge`.
 
     Attributes
     ----------
@@ -94,12 +94,12 @@ class Results:
 
     @cached_property
     def samples(self) -> "pd.DataFrame":
-        """Dispersions by flight, SI."""
+        """Dispersed parameters of each flight in SI units."""
         return self._read("samples").set_index("flight")
 
     @cached_property
     def envelopes(self) -> "pd.DataFrame":
-        """Extremes and quantiles over all flights, by controller, channel and time."""
+        """Time-history envelopes: extremes and quantiles, by controller and channel."""
         return self._read("envelopes")
 
     @cached_property
@@ -114,12 +114,12 @@ class Results:
 
     @cached_property
     def reference(self) -> "pd.DataFrame":
-        """Reference of the mission over time."""
+        """Reference trajectory of the mission over time."""
         return self._read("reference")
 
     @cached_property
     def numbers(self) -> dict[str, Any]:
-        """Numbers of the report, as in ``report.json``."""
+        """Content of ``report.json``."""
         from abhv_mc.report.numbers.report_numbers import make_numbers
 
         numbers = make_numbers(self._models)
@@ -134,18 +134,18 @@ class Results:
         return judge_campaign(self._models)
 
     def judge(self, requirements: "RequirementSource") -> "Results":
-        """Judge the stored flights by other requirements; nothing is run or written.
+        """Judge the stored flights by other requirements; no flight is run, no file written.
 
         Parameters
         ----------
         requirements : path, mapping or list of mappings
-            A campaign file, a YAML file with ``requirements``, a CSV file of them, or the entries
-            themselves.
+            A campaign file, a YAML file with ``requirements``, a CSV file of requirements, or the
+            entries themselves.
 
         Returns
         -------
         Results
-            The same flights; verdicts, judgement and figures follow from the requirements.
+            The same flights with the verdicts, judgement and figures for these requirements.
 
         Examples
         --------
@@ -160,7 +160,7 @@ class Results:
 
     @property
     def summary(self) -> list[str]:
-        """Summary of the campaign as sentences, as in the report."""
+        """Summary sentences of the report."""
         from abhv_mc.report.numbers.judgement_record import judgement_lead
         from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
 
@@ -173,7 +173,7 @@ class Results:
 
     @property
     def verdicts(self) -> "pd.DataFrame":
-        """Verdict, counts, tolerance limit and margin by requirement and controller."""
+        """Verdicts, counts, tolerance limits and margins, by requirement and controller."""
         import pandas as pd
 
         from abhv_mc.topics.verdicts import VERDICTS
@@ -189,7 +189,7 @@ class Results:
 
     @property
     def quantiles(self) -> "pd.DataFrame":
-        """Quantiles of each metric with their 95 % intervals, by metric, controller and level."""
+        """Quantiles with 95 % confidence intervals, by metric, controller and level."""
         import pandas as pd
 
         from abhv_mc.topics.metrics import METRICS
@@ -226,16 +226,16 @@ class Results:
         """Return a table over time as an xarray Dataset (needs the extra ``xarray``).
 
         Each column is a variable with ``units`` in its attrs. The axes are controller, flight and
-        time for histories (missing values for flights without a history or after their end),
-        controller, channel and time for envelopes, controller and time for nominal flights, and
-        time for the reference. Raise InputError.
+        time for histories (NaN for flights without a history or after their end), controller,
+        channel and time for envelopes, controller and time for nominal flights, and time for the
+        reference. Raise InputError for other tables.
         """
         if table not in _AXES:
             raise InputError("table", describe(table), one_of(_AXES))
         try:
             import xarray  # noqa: F401
         except ImportError:
-            raise InputError("to_xarray", "no xarray installed", "pip install xarray") from None
+            raise InputError("to_xarray", "xarray is not installed", "pip install xarray") from None
         rows = getattr(self, table)
         axes, units = list(_AXES[table]), rows.attrs.get("units", {})
         texts = {
@@ -248,22 +248,22 @@ class Results:
         return dataset.assign_attrs(campaign=self.manifest.name, digest=self.manifest.digest)
 
     def make_report(self) -> Path:
-        """Write the report into the folder and return the path of the page."""
+        """Write the report to the folder and return the path of the page."""
         from abhv_mc.report.pages.build import build_report
 
         refuse_changes(self._paths, self.manifest)
         if self._requirements is not None:
-            problem = "results judged by other requirements than those of the folder"
+            problem = "results judged by requirements other than those of the folder"
             raise InputError(
                 "make_report", problem, "`abhv-mc report DIR --requirements FILE -o OUT`"
             )
         return build_report(self.folder)
 
     def query(self, sql: str) -> "pd.DataFrame":
-        """Return the answer to SQL over the tables of the folder.
+        """Return the result of an SQL query on the tables of the folder.
 
-        The tables are flights, samples, histories, envelopes, nominal and reference. The answer is
-        empty for SQL without a query. Raise InputError if it cannot be answered.
+        The tables are flights, samples, histories, envelopes, nominal and reference. The result is
+        empty for SQL without a query. Raise InputError if the query fails.
         """
         import pandas as pd
 
@@ -276,8 +276,8 @@ class Results:
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
         """Re-run one flight and return its channels at full rate.
 
-        The default controller is the first. Raise RuntimeError if the flight differs from the
-        stored one in any bit, for instance because another version computed it.
+        The first controller is the default. Raise RuntimeError if any bit differs from the stored
+        flight, for instance because another version computed it.
         """
         import pandas as pd
 
@@ -309,16 +309,16 @@ class Results:
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
-        """Return the figure of a failed flight, with its causes alone, and the nominal flight."""
+        """Return a figure of a failed flight, its causes alone, and the nominal flight."""
         from abhv_mc.report.pages.single_flights import make_explained_figure
 
         return _on_white(make_explained_figure(explanation), dpi)
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Return quantiles as simulated and for other dispersions.
+        """Return quantiles as simulated and re-weighted for other dispersions.
 
-        `settings` are as ``{"aero.drag.half_width": "12 %"}``. The effective numbers of flights are
-        in the table's ``attrs``. Raise InputError if the flights do not cover the new
+        An example of `settings` is ``{"aero.drag.half_width": "12 %"}``. The effective numbers of
+        flights are in the table's ``attrs``. Raise InputError if the flights do not cover the new
         distributions.
         """
         import pandas as pd
@@ -367,7 +367,7 @@ class Results:
         return Models(self._results)
 
     def __getattr__(self, name: str) -> Any:
-        """Return the model of a topic of the report by its name, such as ``margins``."""
+        """Return the results on a topic of the report, such as ``margins``."""
         if name.startswith("_"):
             raise AttributeError(name)
         from abhv_mc.topics.registry import all_topics
@@ -391,7 +391,7 @@ class Results:
         ]
         refuse_changes(self._paths, self.manifest)
         arrow_table = pa.concat_tables(tables, promote_options="default")
-        table = arrow_table.to_pandas(ignore_metadata=True)  # metadata may rename columns
+        table = arrow_table.to_pandas(ignore_metadata=True)  # Metadata may rename columns.
         units = {
             field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
             for field in arrow_table.schema
@@ -407,7 +407,7 @@ class Results:
         )
 
     def _repr_html_(self) -> str:
-        """Return the outcomes and verdicts of the manifest as HTML for notebooks."""
+        """Return the outcomes and verdicts in the manifest as HTML for notebooks."""
         facts = self.manifest
         head = (
             f"{facts.name}: {facts.runs_done} of {facts.runs_planned} flights each, {facts.state}"
@@ -428,14 +428,14 @@ class Results:
 
 
 def _on_white(figure: "Figure", dpi: float) -> "Figure":
-    """Return the figure on white, so that notebooks with a dark theme show its text."""
+    """Give the figure a white background, so that its text is legible in dark notebooks."""
     figure.set_dpi(dpi)
     figure.set_facecolor("white")
     return figure
 
 
 def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
-    """Return a small HTML table with escaped text."""
+    """Return an HTML table of escaped text."""
     lines = (
         "".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows
     )
@@ -447,7 +447,7 @@ def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
 
 
 def open_results(folder: str | Path) -> Results:
-    """Return the results in a campaign's folder.
+    """Open the results folder of a campaign.
 
     Parameters
     ----------
@@ -457,7 +457,7 @@ def open_results(folder: str | Path) -> Results:
     Returns
     -------
     Results
-        Tables, verdicts, figures and re-run flights.
+        Results with tables, verdicts, figures and re-run flights.
 
     Raises
     ------

@@ -16,27 +16,27 @@ PACKAGES = (
     "abhv_mc_verification",
 )
 _PACKAGE = Path(__file__).parent
-DEFAULT_VEHICLE = "abhv"  # of flights, trims and margins
+DEFAULT_VEHICLE = "abhv"  # default vehicle of flights, trims and margins
 
 
 def shipped_folder() -> Path:
-    """Return the folder of ``configs`` and ``campaigns``: in the wheel, or the checkout's root."""
+    """Return the folder that contains ``configs`` and ``campaigns``."""
     installed = _PACKAGE / "shipped_files"
     return installed if installed.is_dir() else _PACKAGE.parents[1]
 
 
 def shipped_configs() -> Path:
-    """Return the folder of the vehicle, mission and control files."""
+    """Return the folder of the shipped vehicle, mission and control files."""
     return shipped_folder() / "configs"
 
 
 def shipped_campaigns() -> Path:
-    """Return the folder of the campaign files."""
+    """Return the folder of the shipped campaign files."""
     return shipped_folder() / "campaigns"
 
 
 def shipped_files(kind: str) -> dict[str, Path]:
-    """Return the shipped files of a kind by name.
+    """Return the shipped files of a given kind, by name.
 
     The kind is ``campaign``, ``vehicle``, ``mission`` or ``control``. Controllers made for one
     vehicle are in a folder with its name.
@@ -50,7 +50,7 @@ def shipped_files(kind: str) -> dict[str, Path]:
 
 
 def find_input(name: str | Path, *kinds: str) -> Path:
-    """Return the path of an input: ``name`` itself, or the shipped file of the first fitting kind.
+    """Return the path ``name``, or the shipped file of that name; the first kind has priority.
 
     Folders are ignored, because a campaign's results may have the name of the shipped campaign.
     Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.

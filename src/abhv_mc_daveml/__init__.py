@@ -1,1 +1,1 @@
-"""Import of DAVE-ML models (ANSI/AIAA S-119-2011) as Python functions with check shots."""
+"""Import of DAVE-ML models (ANSI/AIAA S-119-2011) as Python functions."""

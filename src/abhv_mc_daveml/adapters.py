@@ -1,4 +1,4 @@
-"""Adapters from an imported model to coefficients, thrust and a control law in SI units."""
+"""Adapters from an imported model to coefficients, thrust and control laws in SI units."""
 
 import math
 import re
@@ -12,7 +12,7 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 
-# a number in the file's units, a quantity of the program, or nothing yet
+# number in the units of the file, signal of the program, or open
 Answer = float | str | None
 
 _AIR = {
@@ -36,19 +36,20 @@ SOURCES: dict[str, dict[str, str]] = {
     "aerodynamics": {**_AIR, **_RATES, **_CONTROLS},
     "propulsion": {**_AIR, "throttle": "throttle"},
     "inertia": {},
+    "atmosphere": {"altitude": _AIR["altitude"]},
     "control": _MEASURED,
 }
 _TERM = re.compile(
     r"\s*([+-]?)\s*(?:([0-9]+\.?[0-9]*|\.[0-9]+)\s*\*?\s*)?([A-Za-z_]\w*)\s*", re.ASCII
 )
-MEASURED = "_measured"  # a command that says whether the measured value counts
+MEASURED = "_measured"  # suffix of commands that enable the measured value
 FORCES = {"body": ("CX", "CY", "CZ"), "stability": ("CL", "CD", "CY")}
 MOMENTS = ("Cl", "Cm", "Cn")
 THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", "moment_z")
 
 
 def find_questions(model: Model) -> list[Variable]:
-    """Return the inputs without a signal of the program, except commands of a control law."""
+    """Return the inputs that no signal of the program supplies, except commands."""
     kinds = kinds_of(model)
     supplied = {name for kind in kinds for name in SOURCES[kind]}
     open_ones = [
@@ -56,15 +57,15 @@ def find_questions(model: Model) -> list[Variable]:
         for v in model.inputs
         if (quantity := quantity_of(v)) not in supplied or sign_of(quantity, v) is None
     ]
-    return [] if "control" in kinds else open_ones
+    return [] if not kinds or "control" in kinds else open_ones
 
 
 def parse_answer(
     model: Model, variable: Variable, answer: str, effectors: Collection[str]
 ) -> list[tuple[float, str]]:
-    """Return the terms of 'elevator + aileron' or '-0.5 rudder': factors and names.
+    """Parse a sum such as 'elevator + aileron' or '-0.5 rudder' to factors and names.
 
-    Raise Refusal.
+    Raise Refusal if the answer is invalid.
     """
     names = {name for kind in kinds_of(model) for name in SOURCES[kind]} | set(effectors)
     example = "a number, or a sum such as 'elevator + aileron' of"
@@ -84,11 +85,13 @@ def parse_answer(
 
 
 def _factor_of(model: Model, variable: Variable, name: str) -> float:
-    return factor_to_si(model, variable, name if name in SI else "aileron")  # effectors: angles
+    return factor_to_si(
+        model, variable, name if name in SI else "aileron"
+    )  # Effector deflections are angles.
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor to the unit of a quantity. Raise InputError for another dimension."""
+    """Return the factor to the unit of a quantity. Raise InputError if incompatible."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:
@@ -111,7 +114,7 @@ def _scaled(value: str, factor: float, operation: str) -> str:
 def _call(
     model: Model, kind: str, answers: Mapping[str, Answer], effectors: Collection[str] = ()
 ) -> Line:
-    """Return the line that calls the model with the program's signals."""
+    """Return the source line that calls the model with the signals of the program."""
     arguments, sources = {}, SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
     for variable in model.inputs:
         key, answer = variable.key, answers.get(variable.identifier)
@@ -138,23 +141,23 @@ def _call(
             command = f"commands.{key}"
             if (
                 quantity == "cross_track"
-            ):  # cross-track error to the right, relative to the commanded track
+            ):  # The cross-track error is to the right of the commanded track.
                 command = f"({command} - {command}{MEASURED} * measured.cross_track)"
             arguments[key] = _scaled(command, command_unit(variable)[1], "/")
     return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in arguments.items()))}")
 
 
 def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor from an output to this program's unit and direction. Raise InputError."""
+    """Return the factor from an output to the unit and direction of the program."""
     sign = sign_of(quantity, variable)
     if sign is None and variable.sign:
         problem = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"
-        raise InputError(model.path, problem, "a sign that S-119 knows", variable.line)
+        raise InputError(model.path, problem, "a sign convention of S-119", variable.line)
     return (sign or 1) * factor_to_si(model, variable, quantity)
 
 
 def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
-    """Return the line that returns a record of the model's outputs in SI units.
+    """Return the source line that returns a record of the model's outputs in SI units.
 
     Outputs that are always zero are omitted.
     """
@@ -175,7 +178,7 @@ def write_coefficients(
     chord: float,
     effectors: Collection[str] = (),
 ) -> list[Line]:
-    """Return the function for the vehicle file's section ``aerodynamics``."""
+    """Return a coefficient function for section ``aerodynamics`` of a vehicle file."""
     frame = frame_of(model)
     called = _call(model, "aerodynamics", answers, effectors)
     about = f"Coefficients in {frame} axes about the moment reference of the file."
@@ -183,7 +186,7 @@ def write_coefficients(
     lengths = (("SPAN", span), ("CHORD", chord))
     read = names_in([called])
     used = [
-        Line(f"{key} = {number(value)}", "m, of the reduced rates")
+        Line(f"{key} = {number(value)}", "reference length of the reduced rates, m")
         for key, value in lengths
         if key in read
     ]
@@ -191,7 +194,7 @@ def write_coefficients(
 
 
 def frame_of(model: Model) -> str:
-    """Return the axes of a file's forces. Raise InputError if neither set is complete."""
+    """Return the axes of the forces. Raise InputError if no set of axes is complete."""
     outputs = find_signals(model.outputs)
     for frame, forces in FORCES.items():
         if any(name in outputs for name in forces if name != "CY"):
@@ -200,7 +203,7 @@ def frame_of(model: Model) -> str:
 
 
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
-    """Return the function for the vehicle file's section ``propulsion``."""
+    """Return a thrust function for section ``propulsion`` of a vehicle file."""
     body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
     return define(
         "def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body
@@ -208,12 +211,12 @@ def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
 
 
 def command_inputs(model: Model) -> list[Variable]:
-    """Return the inputs of a control law that are not measured."""
+    """Return the inputs of a control law that are commands, not measurements."""
     return [variable for variable in model.inputs if quantity_of(variable) not in _MEASURED]
 
 
 def command_unit(variable: Variable) -> tuple[str, float]:
-    """Return the SI unit of a command (``-`` for a number) and the factor to it."""
+    """Return the SI unit of a command (``-`` if dimensionless) and the factor to SI."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal:
@@ -225,7 +228,7 @@ def command_unit(variable: Variable) -> tuple[str, float]:
 
 
 def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
-    """Return the control law, with its commands as the class ``Commands`` in SI units."""
+    """Return a control law, with its commands as a class ``Commands`` in SI units."""
     fields, units = [], {}
     for variable in command_inputs(model):
         key, (unit, factor) = variable.key, command_unit(variable)
@@ -235,7 +238,7 @@ def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
             fields.append(
                 declare(
                     f"{key}{MEASURED}",
-                    "1: from the measured cross-track, 0: as commanded alone",
+                    "1: relative to the measured cross-track, 0: as commanded",
                     1.0,
                 )
             )
@@ -247,6 +250,6 @@ def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     ]
     head = f"def law({'measured, commands' if fields else 'measured'}):"
     law = define(head, "Deflections and throttle from the measured motion.", body)
-    about = "What the pilot and the autopilot are told, SI and radians."
+    about = "Commands of the pilot and the autopilot, SI and radians."
     commands = define("class Commands(NamedTuple):", about, fields) if fields else []
     return [*commands, Line(f"@controller(units={units!r})" if units else "@controller"), *law]

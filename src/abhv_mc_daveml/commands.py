@@ -17,13 +17,19 @@ def daveml(
 ) -> None:
     """Import DAVE-ML files (ANSI/AIAA S-119) as readable Python functions.
 
-    Their check shots must pass. Numbers that the files leave open are requested in DIR/import.yaml.
+    Their check shots must pass. Missing numbers are requested in DIR/import.yaml.
     """
     from abhv_mc_daveml.import_vehicle import import_daveml
 
     imported = import_daveml(files, out)
     for name, shots in imported.shots.items():
-        say(f"{name}: {shots} check shots pass" if shots else f"{name}: holds no check shots")
+        say(
+            f"{name}: {shots} check shots pass"
+            if shots
+            else f"{name}: the file contains no check shots"
+        )
     for path in imported.paths:
         say(path)
-    announce_warnings(f"{path} was edited; the new text is beside it" for path in imported.kept)
+    announce_warnings(
+        f"{path} was edited; the new version is written next to it" for path in imported.kept
+    )

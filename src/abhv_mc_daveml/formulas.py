@@ -1,6 +1,6 @@
-"""MathML calculations as Python expressions, with a fixed list of operators.
+"""Conversion of MathML calculations to Python expressions with a fixed set of operators.
 
-No text of a file becomes code: its names become identifiers, and its numbers are parsed and
+No text of a file becomes code: names are converted to identifiers, and numbers are parsed and
 rewritten.
 """
 
@@ -29,9 +29,9 @@ _OWN = (
     "law",
     "out",
 )
-TAKEN = frozenset((*extend.__all__, *FROM_MATH, *_OWN))  # names that no variable has
+TAKEN = frozenset((*extend.__all__, *FROM_MATH, *_OWN))  # names that variables cannot have
 
-_LOGIC = ("and", "or", "xor", "not")  # of truths
+_LOGIC = ("and", "or", "xor", "not")  # operators on truth values
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
 _BETWEEN = {
     "plus": "+",
@@ -39,7 +39,7 @@ _BETWEEN = {
     "and": "and",
     "or": "or",
     **_RELATIONS,
-}  # of any number of operands
+}  # operators with any number of operands
 _ONE = {
     "not": "(not {})",
     **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
@@ -74,7 +74,7 @@ _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 
 
 def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
-    """Return the Python of a MathML expression and the variables (varID) in it.
+    """Return the Python expression of a MathML element and the variables (varID) used.
 
     Raise InputError for unknown elements, operators or variables.
     """
@@ -86,7 +86,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             parts = [element.number(numeral) for numeral in text.split()]
             if len(parts) != 2 or parts[1] == 0.0:
                 raise element.refuse(
-                    f"'{' / '.join(text.split())}'", "a numerator and a denominator that is not 0"
+                    f"'{' / '.join(text.split())}'", "a numerator and a nonzero denominator"
                 )
             return f"({number(parts[0] / parts[1])})"
         if element.children:
@@ -99,7 +99,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             len(piece_node.children) for piece_node in (*pieces, otherwise)
         ] != [2] * len(pieces) + [1]:
             raise element.refuse(
-                "a piecewise", "pieces of a value and its condition, and 'otherwise' with a value"
+                "a piecewise", "pieces with a value and a condition, and 'otherwise' with a value"
             )
         expression = value(otherwise.children[0])
         for piece in reversed(pieces):
@@ -119,13 +119,13 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             return f"({' * '.join([base] * int(exponent_value))})"
         if abs(exponent_value) <= 64 and exponent_value == int(
             exponent_value
-        ):  # real for a negative base, too
+        ):  # The root of a negative base is real.
             return f"({base} ** {int(exponent_value)})"
         return f"power({base}, {exponent})"
 
     def apply(element: Node) -> tuple[str, bool]:
         if not element.children:
-            raise element.refuse("an empty apply", "an operator and its operands")
+            raise element.refuse("an empty apply", "an operator and operands")
         head, *arguments = element.children
         if head.name == "piecewise" and not arguments:
             return piecewise(head), False
@@ -149,15 +149,18 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             return power(*operands), False
         patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
         if operator not in patterns:
-            raise element.refuse(f"'{operator}' of {len(operands)} operands", "as many as it takes")
+            raise element.refuse(
+                f"'{operator}' with {len(operands)} operands",
+                "the number of operands that the operator requires",
+            )
         return patterns[operator].format(*operands), is_truth
 
     def read(element: Node) -> tuple[str, bool]:
-        """Return the Python, and whether it is a truth value."""
+        """Return the Python expression, and whether it is a truth value."""
         if element.name == "ci":
             if element.text not in names:
                 raise element.refuse(
-                    f"a value computed of '{element.text}', which there is not",
+                    f"the unknown variable '{element.text}'",
                     one_of(names, element.text),
                 )
             needs.append(element.text)
@@ -187,7 +190,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
 
     try:
         return ast.unparse(ast.parse(value(node), mode="eval")), needs
-    except (SyntaxError, RecursionError, MemoryError):  # raised by Python's parser
+    except (SyntaxError, RecursionError, MemoryError):  # errors of Python's parser
         raise node.refuse(
-            "a calculation too deep for Python", "parts of it as variables of their own"
+            "a calculation that is nested too deeply", "intermediate results as separate variables"
         ) from None

@@ -1,4 +1,4 @@
-"""DAVE-ML file as a graph: variables in computable order, functions, check shots."""
+"""DAVE-ML file as a graph: variables in computable order, functions and check shots."""
 
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -12,35 +12,35 @@ from abhv_mc_daveml.formulas import TAKEN, read_formula
 from abhv_mc_daveml.look_ups import LookUp, read_look_ups
 from abhv_mc_daveml.s119_units import parse_s119_unit
 
-_WITHOUT_TOLERANCE = 1e-6  # of a check value for which the file gives none
+_WITHOUT_TOLERANCE = 1e-6  # default tolerance of check values
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of a variable, as far as two numbers describe it."""
+    """Uncertainty of a variable, described by two numbers if possible."""
 
-    effect: str  # additive, multiplicative (a share of the value), percentage or absolute
-    half_width: float | None  # None: a table, other variables, or bounds that are not symmetric
-    sigmas: float | None  # standard deviations of a normal distribution in it; None: uniform
-    correlations: tuple[tuple[str, float], ...]  # varID and coefficient
+    effect: str  # additive, multiplicative (relative), percentage or absolute
+    half_width: float | None  # None: from a table, other variables, or asymmetric bounds
+    sigmas: float | None  # half-width in standard deviations; None: uniform
+    correlations: tuple[tuple[str, float], ...]  # (varID, coefficient)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Variable, computed by a formula or look-up, else with an initial value or an input."""
+    """Variable: computed by a formula or look-up, an input, or with an initial value."""
 
-    identifier: str  # varID
-    key: str  # its name in Python: its identifier where that is possible
+    identifier: str  # varID of the variable
+    key: str  # name in Python, equal to the identifier if possible
     name: str
     units: str
     sign: str
     description: str
-    low: float | None  # its value is held within
+    low: float | None  # bounds to which the value is clipped
     high: float | None
     initial: float | None
-    formula: str | None  # in Python
+    formula: str | None  # Python expression
     look_up: LookUp | None
-    needs: tuple[str, ...]  # variables (varID) that it is computed of
+    needs: tuple[str, ...]  # variables (varID) in the formula
     is_input: bool
     is_output: bool
     line: int
@@ -48,12 +48,12 @@ class Variable:
 
     @property
     def computed(self) -> bool:
-        """True if its value is computed from others."""
+        """True if the value is computed from other variables."""
         return self.formula is not None or self.look_up is not None
 
     @property
     def words(self) -> str:
-        """Description: name, units, sign and text of the file."""
+        """Description: name, units, sign and text from the file."""
         sign = f" ({self.sign})" if self.sign else ""
         return f"{self.name}, {self.units}{sign}" + (
             f": {self.description}" if self.description else ""
@@ -64,7 +64,7 @@ class Variable:
 class CheckValue:
     """Output of a check shot, or an internal value with a tolerance."""
 
-    identifier: str  # varID
+    identifier: str  # varID of the output
     value: float
     tolerance: float
     line: int
@@ -72,17 +72,17 @@ class CheckValue:
 
 @dataclass(frozen=True)
 class CheckShot:
-    """Inputs with the expected outputs."""
+    """Check shot: inputs with expected outputs."""
 
     name: str
-    inputs: dict[str, float]  # by varID
+    inputs: dict[str, float]  # values by varID
     outputs: tuple[CheckValue, ...]
     line: int
 
 
 @dataclass(frozen=True)
 class Model:
-    """Content of a file: header, and variables in computable order."""
+    """Content of a DAVE-ML file: header, and variables in computable order."""
 
     path: Path
     name: str
@@ -94,13 +94,13 @@ class Model:
 
     @property
     def inputs(self) -> list[Variable]:
-        """Inputs; those with an initial value last."""
+        """Input variables; those with an initial value come last."""
         inputs = [variable for variable in self.variables.values() if variable.is_input]
         return sorted(inputs, key=lambda variable: variable.initial is not None)
 
     @property
     def outputs(self) -> list[Variable]:
-        """Variables marked as outputs, or without marks those that no other variable needs."""
+        """Variables marked as outputs or, without marks, those not used by other variables."""
         everything = self.variables.values()
         needed = {name for variable in everything for name in variable.needs}
         left = [
@@ -124,7 +124,7 @@ def read_model(path: Path) -> Model:
     for name, look_up in look_ups.items():
         for used in (name, *(argument.variable for argument in look_up.arguments)):
             if used not in variables:
-                problem = f"the function '{look_up.name}' of '{used}', which is no variable"
+                problem = f"the function '{look_up.name}' uses '{used}', which is not a variable"
                 raise InputError(path, problem, one_of(variables, used), look_up.line)
     header = root.first("fileHeader") or root
     return Model(
@@ -143,12 +143,12 @@ def read_model(path: Path) -> Model:
 
 
 def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
-    """Return a Python name for each variable's identifier."""
+    """Return a unique Python name for the identifier of each variable."""
     names: dict[str, str] = {}
     for node in nodes:
         identifier = node.attributes.get("varID")
         if identifier is None or identifier in names:
-            raise node.refuse(f"'{node.name}' with varID '{identifier}'", "one of its own")
+            raise node.refuse(f"'{node.name}' with varID '{identifier}'", "a unique varID")
         names[identifier] = free_name(identifier, {*TAKEN, *names.values()})
     return names
 
@@ -213,7 +213,7 @@ def _read_uncertainty(node: Node) -> Uncertainty | None:
 
 
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
-    """Return the variables with each behind those it needs, otherwise as in the file."""
+    """Return the variables in an order in which each follows its operands."""
     done: dict[str, Variable] = {}
     for start in variables:
         pending = [start]
@@ -226,7 +226,10 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
             elif waiting[0] in pending:
                 circle = " of ".join([*pending[pending.index(waiting[0]) :], waiting[0]])
                 raise InputError(
-                    path, f"{circle}: a circle", "variables without one", variables[name].line
+                    path,
+                    f"{circle}: a circle",
+                    "variables without a circular definition",
+                    variables[name].line,
                 )
             else:
                 pending.append(waiting[0])
@@ -239,13 +242,13 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
         by_name.setdefault(variable.name, []).append(variable)
 
     def find(name: str, units: str) -> str:
-        """Return the varID of a name, selected by units if several variables share it."""
+        """Return the varID of a name; units distinguish variables of the same name."""
         several = by_name.get(name, [])
         same = [variable for variable in several if variable.units == units] or several
         return same[0].identifier if len(same) == 1 else name
 
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
-        """Yield each signal, its variable and the factor to the variable's units."""
+        """Yield each signal with its variable and the factor to the variable's units."""
         for signal in (signal for section in shot.all(group) for signal in section.all("signal")):
             name, identified = (
                 signal.words("signalName"),
@@ -281,7 +284,7 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
 
 
 def _conversion(signal: Node, variable: Variable) -> float:
-    """Return the factor from a signal's units to its variable's. Raise InputError."""
+    """Return the factor from a signal's units to those of its variable."""
     units = signal.words("signalUnits")
     if not units or units == variable.units:
         return 1.0
@@ -294,6 +297,6 @@ def _conversion(signal: Node, variable: Variable) -> float:
         dimension, own_dimension = (1, 0, 0, 0), (0, 0, 0, 0)
     if dimension != own_dimension:
         raise signal.refuse(
-            f"'{variable.name}' in '{units}'", f"'{variable.units}', as the variable is"
+            f"'{variable.name}' in '{units}'", f"'{variable.units}', the units of the variable"
         )
     return factor / own_factor

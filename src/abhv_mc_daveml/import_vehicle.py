@@ -25,29 +25,30 @@ from abhv_mc_daveml.adapters import (
     write_law,
     write_thrust,
 )
+from abhv_mc_daveml.air_profile import write_air_profile
 from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc_daveml.uncertainties import write_dispersions
 from abhv_mc_daveml.writer import make_function, run_shots, write_module
 
 ANSWERS, EFFECTORS = "import.yaml", "effectors"
-Answers = dict[str, dict[str, Answer]]  # [file name][varID]
+Answers = dict[str, dict[str, Answer]]  # answers by [file name][varID]
 
 
 @dataclass(frozen=True)
 class Imported:
-    """Files that an import wrote, and its check shots."""
+    """Result of an import: files written, and check shots."""
 
     paths: tuple[Path, ...]
-    shots: Mapping[str, int]  # check shots that passed, by file
-    kept: tuple[Path, ...]  # files that were edited, whose new text is written beside them
+    shots: Mapping[str, int]  # number of passed check shots, by file
+    kept: tuple[Path, ...]  # edited files, next to which new versions are written
 
 
 def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
     """Import DAVE-ML files into a folder, after running all check shots.
 
-    The import stops if the files leave a number open, and requests it in ``import.yaml`` in the
-    folder. Raise InputError.
+    If a number is missing, the import stops and requests it in ``import.yaml`` in the folder. Raise
+    InputError if a file is invalid.
     """
     models = [read_model(path) for path in files]
     for model in models:
@@ -56,12 +57,12 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
     values, effectors, is_given = _read_answers(folder / ANSWERS, models, questions)
     lines = [
         (
-            "# Inputs that no signal of the program gives: numbers in the units of the file, or "
-            "sums of signals, such as"
+            "# Inputs that no signal of the program supplies: numbers in the units of the file, "
+            "or sums of signals such as"
         ),
         (
-            "# elevator + aileron. Surfaces of its own: effectors: {left_flap: {elevator: 1, "
-            "aileron: 1}}."
+            "# elevator + aileron. Custom surfaces: effectors: "
+            "{left_flap: {elevator: 1, aileron: 1}}."
         ),
     ]
     if effectors:
@@ -88,7 +89,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
             folder.mkdir(parents=True, exist_ok=True)
             write_text(path, texts[ANSWERS])
         problem = f"no value for {', '.join(left)}"
-        raise InputError(path, problem, "numbers there, then the same command again")
+        raise InputError(path, problem, "numbers in this file, then the same command again")
     if texts:
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / ANSWERS, texts[ANSWERS])
@@ -101,7 +102,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
 def _read_answers(
     path: Path, models: Sequence[Model], questions: Mapping[str, Sequence[Variable]]
 ) -> tuple[Answers, dict[str, Any], bool]:
-    """Return the answers, the effectors they name, and whether they are complete.
+    """Return the answers, the named effectors, and whether the answers are complete.
 
     Raise InputError if the file is invalid.
     """
@@ -114,10 +115,12 @@ def _read_answers(
     document = read_document(path)
     answers: Any = document.data
     if not isinstance(answers, dict):
-        raise document.error((), describe(answers), "names of files with what they lack")
+        raise document.error((), describe(answers), "names of files with their missing inputs")
     effectors = answers.get(EFFECTORS, {})
     if not isinstance(effectors, dict) or not all(map(str.isidentifier, effectors)):
-        raise document.error((EFFECTORS,), describe(effectors), "names with shares of each axis")
+        raise document.error(
+            (EFFECTORS,), describe(effectors), "names of effectors with shares of each axis"
+        )
     by_name = {model.path.name: model for model in models}
     for name, content in answers.items():
         if name == EFFECTORS:
@@ -175,6 +178,8 @@ def _write_parts(
             elif kind == "control":
                 extra += write_law(model, file_answers)
                 texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
+            elif kind == "atmosphere":
+                texts[f"{Path(module).stem}.csv"] = write_air_profile(model, file_answers)
         texts[module] = write_module(model, extra)
     if "aerodynamics" in sections and "mass" in values:
         texts["vehicle.yaml"] = _vehicle(models, values, sections, effectors)
@@ -221,8 +226,10 @@ def _vehicle(
 ) -> str:
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
-            problem = f"a vehicle whose {name.replace('_', ' ')} is {values[name]:g}"
-            raise InputError(models[0].path, problem, "one that is symmetric about its x-z plane")
+            problem = f"the {name.replace('_', ' ')} is {values[name]:g}"
+            raise InputError(
+                models[0].path, problem, "a vehicle that is symmetric about the x-z plane"
+            )
     lines = [
         (
             f"# Imported from {', '.join(fold(model.path.name) for model in models)} (DAVE-ML, "
@@ -252,7 +259,7 @@ def _vehicle(
             for axis in ("x", "z")
         ),
         "",
-        "surfaces: # the files say nothing about actuators",
+        "surfaces: # actuators are not described by the files",
         "  ideal: true",
         "  limit: 30 deg",
     ]
@@ -266,7 +273,7 @@ def _vehicle(
 
 
 def _limits(models: Sequence[Model]) -> list[str]:
-    """Return limits at the ends of the tables over angle of attack and sideslip."""
+    """Return limits at the ends of the tables in angle of attack and sideslip."""
     ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
     for model in models:
         for look_up in (

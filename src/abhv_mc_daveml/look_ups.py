@@ -1,4 +1,4 @@
-"""Look-up functions of a DAVE-ML file: gridded and ungridded tables, and extrapolation."""
+"""Look-up functions of a DAVE-ML file, with gridded and ungridded tables."""
 
 import itertools
 from collections.abc import Iterator, Mapping
@@ -10,46 +10,44 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.xml_reader import Node
 
-Grids = tuple[
-    tuple[str, Floats], ...
-]  # breakpoints of each axis: their name, and numbers that rise
+Grids = tuple[tuple[str, Floats], ...]  # (name, ascending breakpoints) of each axis
 _Held = tuple[
     str, str, Grids, Floats | None, Floats
-]  # name, description, grids, scattered points, values
+]  # (name, description, grids, scattered points, values)
 _EXTRAPOLATE = ("neither", "min", "max", "both")
 _GRIDDED, _UNGRIDDED = ("griddedTableDef", "griddedTable"), ("ungriddedTableDef", "ungriddedTable")
 
 
 @dataclass(frozen=True)
 class Argument:
-    """Independent variable of a look-up."""
+    """Independent variable of a look-up function."""
 
-    variable: str  # varID
-    low: float | None  # it is held within, where it is not extrapolated
+    variable: str  # varID of the variable
+    low: float | None  # bounds to which the variable is clamped
     high: float | None
-    extrapolate: str  # beyond which end: neither, min, max or both
+    extrapolate: str  # end with extrapolation: neither, min, max or both
 
 
 @dataclass(frozen=True)
 class LookUp:
-    """Look-up function of a variable: a table on grids, or scattered points."""
+    """Look-up function: a table on grids, or values at scattered points."""
 
     name: str
     title: str
-    table: str  # its name
+    table: str  # name of the table
     arguments: tuple[Argument, ...]
     grids: Grids
-    points: Floats | None  # [point, axis], where they are scattered
-    values: Floats  # [axis_0, axis_1, ...], or [point]
+    points: Floats | None  # [point, axis] for scattered points
+    values: Floats  # values [axis_0, axis_1, ...] or [point]
     line: int
 
     def coordinates(self, axis: int) -> Floats:
-        """Return the coordinates of the table's values along an axis."""
+        """Return the coordinates of the table values along an axis."""
         return self.grids[axis][1] if self.points is None else self.points[:, axis]
 
 
 def read_look_ups(root: Node) -> dict[str, LookUp]:
-    """Return each function by its dependent variable (varID). Raise InputError."""
+    """Return the functions by dependent variable (varID). Raise InputError if invalid."""
     grids = {node.attributes.get("bpID", ""): _rising(node, node.first("bpVals") or node)
              for node in root.all("breakpointDef")}  # fmt: skip
     tables = {
@@ -60,9 +58,11 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
         dependent = node.first("dependentVarPts") or node.first("dependentVarRef")
         name = node.attributes.get("name", "function")
         if dependent is None or "varID" not in dependent.attributes:
-            raise node.refuse(f"the function '{name}' of nothing", "dependentVarRef with its varID")
+            raise node.refuse(
+                f"the function '{name}' has no dependent variable", "dependentVarRef with its varID"
+            )
         arguments = tuple(map(_read_argument, node.all("independentVarRef", "independentVarPts")))
-        if dependent.name == "dependentVarPts":  # it holds its points itself
+        if dependent.name == "dependentVarPts":  # The function contains its points itself.
             parts = node.all("independentVarPts")
             axes = tuple(
                 (axis_node.attributes.get("varID", ""), _rising(axis_node, axis_node))
@@ -74,7 +74,7 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
         table, title, axes, points, values = contents
         number = len(axes) if points is None else points.shape[1]
         if len(arguments) != number:
-            raise node.refuse(f"{len(arguments)} arguments of a table of {number} axes", "as many")
+            raise node.refuse(f"{len(arguments)} arguments for a table of {number} axes", "as many")
         variable = dependent.attributes["varID"]
         if variable in look_ups:
             raise node.refuse(f"a second function of '{variable}'", "one")
@@ -122,9 +122,9 @@ def _find_table(node: Node, tables_by_key: Mapping[str, Node]) -> Node:
 
 
 def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Held:
-    """Return name, description, grids, scattered points and values.
+    """Return the name, description, grids, scattered points and values of a table.
 
-    Scattered points that fill a grid become a gridded table.
+    Scattered points that form a complete grid become a gridded table.
     """
     name, title = node.attributes.get("name") or _key(node) or "table", node.words("description")
     if node.name in _GRIDDED:
@@ -140,7 +140,7 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
     rows = [_numbers(point) for point in node.all("dataPoint")]
     if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
         raise node.refuse(
-            "an ungridded table", f"points of {arguments} coordinates and a value each"
+            "an ungridded table", f"points with {arguments} coordinates and one value each"
         )
     points, values = np.split(np.array(rows), [-1], axis=1)
     order = np.lexsort(points.T[::-1])
@@ -165,14 +165,18 @@ def _numbers(node: Node) -> Floats:
 def _rising(node: Node, source: Node) -> Floats:
     points = _numbers(source)
     if points.size < 2 or not (np.diff(points) > 0.0).all():
-        raise node.refuse("breakpoints that do not rise", "at least two numbers that rise")
+        raise node.refuse("breakpoints that do not increase", "at least two increasing numbers")
     return points
 
 
 def _shaped(node: Node, axes: Grids) -> Floats:
     values, shape = _numbers(node), [points.size for _, points in axes]
     if not axes or values.size != np.prod(shape):
-        expected = f"{' x '.join(map(str, shape))}, as its breakpoints" if axes else "breakpoints"
+        expected = (
+            f"{' x '.join(map(str, shape))}values, as given by the breakpoints"
+            if axes
+            else "breakpoints"
+        )
         raise node.refuse(f"a table of {values.size} values", expected)
     return values.reshape(shape)
 

@@ -21,15 +21,13 @@ _SYMBOLS = (
     "mm", "ft", "in", "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
 )  # fmt: skip  # longest first
 _TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
-_ANY_CASE = re.compile(
-    _TOKEN.pattern, re.IGNORECASE
-)  # FT, Deg, LBF: where the exact spelling is none
+_ANY_CASE = re.compile(_TOKEN.pattern, re.IGNORECASE)  # spellings such as FT, Deg and LBF
 _EXACT = {symbol.lower(): symbol for symbol in reversed(_SYMBOLS)}
 _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
 
 def parse_s119_unit(text: str) -> tuple[float, Exponents]:
-    """Return factor to SI and exponents. Raise Refusal for an unknown unit."""
+    """Return the factor to SI and the exponents. Raise Refusal for an unknown unit."""
     if text.lower() in _NUMBERS:
         return _NUMBERS[text.lower()], (0, 0, 0, 0)
     above, _, below = text.partition("_")
@@ -38,7 +36,7 @@ def parse_s119_unit(text: str) -> tuple[float, Exponents]:
 
 
 def _words(text: str, unit: str) -> str:
-    """Return separated symbols with powers, for :func:`abhv_mc.io.units.parse_unit`."""
+    """Split a unit into symbols with powers, for :func:`abhv_mc.io.units.parse_unit`."""
     symbols, position = [], 0
     while position < len(text):
         match = _TOKEN.match(text, position) or _ANY_CASE.match(text, position)

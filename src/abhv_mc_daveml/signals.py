@@ -1,14 +1,13 @@
-"""S-119 signals of a vehicle: names with common synonyms, signs and units."""
+"""S-119 signals of a vehicle: names with synonyms, signs and units."""
 
 import re
 from collections.abc import Iterable
 
 from abhv_mc_daveml.graph import Model, Variable
 
-# Unit of each quantity in the program, and its names, compared by letters and digits only,
-# ignoring case.
+# Unit and names of each quantity; names are compared by letters and digits, ignoring case.
 _QUANTITIES: dict[str, tuple[str, ...]] = {
-    # the air and the motion
+    # signals of air and motion
     "airspeed": ("m/s", "trueAirspeed", "velocityTrue", "airspeed"),
     "equivalent_airspeed": ("m/s", "equivalentAirspeed"),
     "mach": ("-", "mach", "machNumber"),
@@ -30,12 +29,12 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
     "latitude": ("rad", "geLatitude", "geodeticLatitude", "latitude", "positionGeodetic_Latitude"),
     "longitude": ("rad", "geLongitude", "geodeticLongitude", "longitude",
                   "positionGeodetic_Longitude"),
-    # what moves
+    # signals of control surfaces and engine
     "aileron": ("rad", "aileronDeflection"),
     "rudder": ("rad", "rudderDeflection"),
     "elevator": ("rad", "elevatorDeflection", "stabilatorDeflection", "horizontalTailDeflection"),
     "throttle": ("-", "powerLeverAngle", "throttlePosition", "thrustLeverAngle"),
-    # the coefficients
+    # aerodynamic coefficients
     "CX": ("-", "aeroBodyForceCoefficient_X", "bodyForceCoefficient_X", "axialForceCoefficient_X"),
     "CY": ("-", "aeroBodyForceCoefficient_Y", "bodyForceCoefficient_Y", "sideForceCoefficient"),
     "CZ": ("-", "aeroBodyForceCoefficient_Z", "bodyForceCoefficient_Z"),
@@ -50,7 +49,7 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
     "area": ("m2", "referenceWingArea", "referenceArea"),
     "span": ("m", "referenceWingSpan", "lateralReferenceLength", "referenceSpan"),
     "chord": ("m", "referenceWingChord", "longitudinalReferenceLength", "referenceChord"),
-    # the engine
+    # signals of the engine output
     "force_x": ("N", "thrustBodyForce_X", "bodyThrustForce_X"),
     "force_y": ("N", "thrustBodyForce_Y", "bodyThrustForce_Y"),
     "force_z": ("N", "thrustBodyForce_Z", "bodyThrustForce_Z"),
@@ -58,7 +57,7 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
     "moment_y": ("N m", "thrustBodyMoment_Pitch", "bodyThrustMoment_Pitch"),
     "moment_z": ("N m", "thrustBodyMoment_Yaw", "bodyThrustMoment_Yaw"),
     "fuel_flow": ("kg/s", "massDot", "fuelFlow", "fuelMassFlowRate"),
-    # the body
+    # mass properties
     "mass": ("kg", "totalMass", "mass"),
     "inertia_xx": ("kg m2", "bodyMomentOfInertia_Roll"),
     "inertia_yy": ("kg m2", "bodyMomentOfInertia_Pitch"),
@@ -72,7 +71,7 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 SI = {quantity: unit for quantity, (unit, *_) in _QUANTITIES.items()}
 
-# Values of the attribute ``sign``: same direction as in this program, and opposite.
+# Values of the attribute ``sign``: same direction as in abhv-mc, and opposite.
 _ROLLS = (
     {"rwd", "rightroll", "rightwingdown", "rollsright"},
     {"lwd", "leftroll", "leftwingdown", "rollsleft"},
@@ -110,7 +109,7 @@ _SIGNS = {
     "latitude": ({"n", "north"}, {"s", "south"}),
     "longitude": ({"e", "east"}, {"w", "west"}),
 }
-_SURFACES = ("aileron", "rudder", "elevator")  # S-119 fixes no sign for their names
+_SURFACES = ("aileron", "rudder", "elevator")  # S-119 defines no sign for these names.
 
 
 def _plain(name: str) -> str:
@@ -123,7 +122,7 @@ _QUANTITY_OF = {
 
 
 def quantity_of(variable: Variable) -> str | None:
-    """Return the quantity of a variable by its name, else by its identifier, or None."""
+    """Return the quantity of a variable by name or, failing that, by identifier."""
     by_name = _QUANTITY_OF.get(_plain(variable.name))
     return (
         by_name or _QUANTITY_OF.get(_plain(variable.identifier))
@@ -133,9 +132,10 @@ def quantity_of(variable: Variable) -> str | None:
 
 
 def sign_of(quantity: str, variable: Variable) -> int | None:
-    """Return +1 if a quantity has this program's sign, -1 if the opposite, None if unknown.
+    """Return +1 for the sign convention of abhv-mc, -1 for the opposite, None if unknown.
 
-    S-119's names define the signs of all quantities except deflections; a file may define another.
+    Names in S-119 define the signs of all quantities except deflections; a file may define other
+    signs.
     """
     word = _plain(variable.sign)
     if quantity not in _SIGNS or (quantity not in _SURFACES and word in ("", "incr")):
@@ -145,7 +145,7 @@ def sign_of(quantity: str, variable: Variable) -> int | None:
 
 
 def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
-    """Return the variables by quantity; the first of each counts."""
+    """Return the first variable of each quantity."""
     signals: dict[str, Variable] = {}
     for variable in variables:
         quantity = quantity_of(variable)
@@ -155,7 +155,10 @@ def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
 
 
 def kinds_of(model: Model) -> tuple[str, ...]:
-    """Return the kinds of a file by its outputs: aerodynamics, propulsion, inertia, control."""
+    """Return the kinds of a file by its outputs.
+
+    The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if there is no other.
+    """
     outputs = find_signals(model.outputs)
     markers = {
         "aerodynamics": ("CX", "CZ", "CL", "CD"),
@@ -163,4 +166,5 @@ def kinds_of(model: Model) -> tuple[str, ...]:
         "inertia": ("mass", "inertia_xx"),
         "control": ("aileron", "rudder", "elevator"),
     }
-    return tuple(kind for kind, names in markers.items() if any(name in outputs for name in names))
+    kinds = tuple(kind for kind, names in markers.items() if any(name in outputs for name in names))
+    return kinds or (("atmosphere",) if "density" in outputs else ())

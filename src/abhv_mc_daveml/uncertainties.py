@@ -21,9 +21,9 @@ _INCREMENTS = {name: f"{_FACTORS[name]}.increment" for name in ("CL", "CD", "Cm"
 
 
 def write_dispersions(models: Sequence[Model]) -> str:
-    """Return the text of dispersions and correlations; empty without uncertainties.
+    """Return dispersions and correlations as text, empty without uncertainties.
 
-    The text lists the uncertainties without a parameter in a campaign.
+    The text also lists the uncertainties that no campaign parameter represents.
     """
     stated = [(v, v.uncertainty) for model in models for v in model.outputs if v.uncertainty]
     inner = [
@@ -37,9 +37,9 @@ def write_dispersions(models: Sequence[Model]) -> str:
     left += [variable.identifier for variable in inner]
     if not stated and not inner:
         return ""
-    lines = ["# Uncertainties of the files, to copy into a campaign."]
+    lines = ["# Uncertainties of the files, to be copied into a campaign."]
     if left:
-        lines.append(f"# No parameter of a campaign represents that of: {', '.join(left)}.")
+        lines.append(f"# No campaign parameter represents the uncertainty of: {', '.join(left)}.")
     lines += [
         f"dispersions:{'' if entries else ' {}'}",
         *(f"  {name}: {json.dumps(law)}" for name, law in entries.values()),
@@ -59,7 +59,7 @@ def write_dispersions(models: Sequence[Model]) -> str:
 
 
 def _entry(variable: Variable, own: Uncertainty) -> tuple[str, dict[str, str | float]] | None:
-    """Return the campaign parameter of an uncertainty and its distribution, or None."""
+    """Return the campaign parameter and distribution of an uncertainty, or None."""
     quantity = quantity_of(variable) or ""
     names = _INCREMENTS if own.effect == "additive" else _FACTORS
     if own.half_width is None or own.effect == "absolute" or quantity not in names:

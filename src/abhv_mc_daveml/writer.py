@@ -1,7 +1,7 @@
-"""Python text of a model: tables, constants and one function; and its check shots.
+"""Python source text of a model with tables, constants and a function; check shots.
 
-The text consists of this program's own words, identifiers and numbers; a file's words are comments
-and docstrings, which the reader folds so that they cannot end either.
+Statements consist of text of this module, identifiers and numbers. Text of the file is written only
+to comments and docstrings, folded so that it cannot end them.
 """
 
 import textwrap
@@ -36,7 +36,7 @@ from abhv_mc_daveml.look_ups import LookUp
 
 
 def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
-    """Return the text of the module; `extra` follows the model's function."""
+    """Return the text of the module; `extra` follows the function of the model."""
     tables, functions = _tables(model)
     constants: list[Line] = []
     body: list[Line] = []
@@ -53,7 +53,7 @@ def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
     lines = [
         *constants,
         *tables,
-        *define(f"class {OUTPUTS}(NamedTuple):", "What the model gives.", outputs),
+        *define(f"class {OUTPUTS}(NamedTuple):", "Outputs of the model.", outputs),
         *define(f"def {call(MODEL, parameters)}:", _docstring(model), body),
         *extra,
     ]
@@ -75,7 +75,7 @@ def _head(model: Model) -> str:
 
 
 def _value(variable: Variable, model: Model, functions: dict[str, str]) -> str | None:
-    """Return the expression of a variable's value; None for an input without limits."""
+    """Return the expression of a variable, or None for an input without limits."""
     value = variable.key
     if variable.formula is not None:
         value = variable.formula
@@ -102,7 +102,7 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 
 
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
-    """Return an argument clamped to the function's range if it is narrower than the table."""
+    """Return an argument, clamped if the range of the function is narrower than the table."""
     argument = look_up.arguments[axis]
     ends = (
         look_up.coordinates(axis)[[0, -1]]
@@ -118,7 +118,7 @@ def _held(model: Model, look_up: LookUp, axis: int) -> str:
 
 
 def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
-    """Return the lines of breakpoints and tables, and the table name of each variable."""
+    """Return the lines of breakpoints and tables, and the table name for each variable."""
     taken = {*TAKEN, *(variable.key for variable in model.variables.values())}
     definitions: dict[str, Line] = {}
     functions: dict[str, str] = {}
@@ -141,7 +141,7 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
             arguments = [add(f"GRID_{grid}", sequence(points)) for grid, points in look_up.grids]
             arguments.append(sequence(look_up.values))
             ends = tuple(argument.extrapolate for argument in look_up.arguments)
-            if set(ends) != {"neither"}:  # a table for this function
+            if set(ends) != {"neither"}:  # separate table for this function
                 arguments.append(f"extrapolate={ends!r}")
                 name = f"{name}_to_{'_'.join(ends)}"
             value = call("table", arguments)
@@ -152,7 +152,7 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
 
 
 def _docstring(model: Model) -> str:
-    lines = ["The outputs, in the units of the file.", ""]
+    lines = ["Outputs in the units of the file.", ""]
     for variable in model.inputs:
         sign = f" ({variable.sign})" if variable.sign else ""
         description = f" - {variable.description}" if variable.description else ""
@@ -162,7 +162,7 @@ def _docstring(model: Model) -> str:
 
 
 def make_function(model: Model) -> Callable[..., Any]:
-    """Return the model as a function of its inputs that returns a named tuple of outputs."""
+    """Return the model as a Python function that returns a named tuple of outputs."""
     function: Callable[..., Any] = run_module(
         UserSource(write_module(model), str(model.path))
     ).names[MODEL]
@@ -172,7 +172,7 @@ def make_function(model: Model) -> Callable[..., Any]:
 def run_shots(model: Model) -> None:
     """Run all check shots, including internal values with a tolerance.
 
-    Raise InputErrors with all differences.
+    Raise InputErrors with all differences from the expected values.
     """
     checked = {signal.identifier for shot in model.shots for signal in shot.outputs}
     seen = {
@@ -192,13 +192,15 @@ def _differences(model: Model) -> Iterator[InputError]:
         }
         missing = [v.name for v in model.inputs if v.initial is None and v.key not in inputs]
         if missing:
-            problem = f"the check shot '{shot.name}' without {', '.join(missing)}"
+            problem = f"the check shot '{shot.name}' lacks {', '.join(missing)}"
             yield InputError(model.path, problem, "it", shot.line)
             continue
         found_values = function(**inputs)
         for signal in shot.outputs:
             value = float(getattr(found_values, model.variables[signal.identifier].key))
-            if not abs(value - signal.value) <= signal.tolerance:  # also true for NaN
+            if (
+                not abs(value - signal.value) <= signal.tolerance
+            ):  # The condition is also true for NaN.
                 problem = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
                 yield InputError(
                     model.path,

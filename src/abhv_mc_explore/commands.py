@@ -12,15 +12,18 @@ from abhv_mc.io.input_error import InputError
 def explore(
     folder: Folder,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")
+        int,
+        typer.Option(
+            min=0, max=65535, help="Port of the server on this machine.", show_default="a free one"
+        ),
     ] = 0,
     browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
     trust_code: TrustCode = False,
 ) -> None:
-    """Show up to a million flights in the browser: brush, filter, click to re-run one.
+    """Show up to a million flights in the browser, to brush, filter and re-run them.
 
-    The server accepts only this machine, at an address with a token, until Ctrl-C. It reads only
-    the campaign's Parquet files; a click re-runs a flight as `replay` does.
+    The server accepts only connections from this machine, at an address with a token, until Ctrl-C.
+    It reads only the Parquet files of the campaign; clicking on a flight re-runs it like `replay`.
     """
     import webbrowser
     from contextlib import suppress
@@ -33,10 +36,10 @@ def explore(
         try:
             server = ExploreServer(folder, table, port=port, trust_code=trust_code)
         except OSError as error:
-            raise InputError("--port", f"{port}: {error.strerror}", "a port that is free") from None
+            raise InputError("--port", f"{port}: {error.strerror}", "a free port") from None
         with server:
             say(server.url, flush=True)
             if browser:
                 webbrowser.open(server.url)
-            with suppress(KeyboardInterrupt):  # Ctrl-C ends the server
+            with suppress(KeyboardInterrupt):  # Ctrl-C ends the server.
                 server.serve_forever()

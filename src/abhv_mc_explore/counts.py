@@ -1,6 +1,6 @@
-"""Queries of the browser view: counts in bins, lists, single flights and CSV.
+"""Queries for the browser view: counts in bins, lists, single flights and CSV.
 
-SQL contains only column names of the table and parameters; no text from the browser becomes SQL.
+SQL statements contain only column names and parameters; no text from the browser becomes SQL.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,58 +23,58 @@ from abhv_mc.topics.names import full_labels
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
-MOST_POINTS = 4000  # drawn one by one; more are counted in cells
-_ROWS = 10_000  # fetched at once
+MOST_POINTS = 4000  # maximum number of single points; more are counted in cells
+_ROWS = 10_000  # rows fetched at a time
 _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
     "ok": "and outcome = 'ok'",
-}  # in addition to missed requirements
+}  # columns in addition to missed requirements
 _OWN = (
     "rank",
     "flight",
     "controller",
     "outcome",
 )  # columns of the list without numeric values
-_RANK, _BY = '"its rank"', "worst in"  # no metric has a name with a space
+_RANK, _BY = '"its rank"', "worst in"  # Names of metrics contain no spaces.
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Selection shown in the view: two columns of the flights within all brushes."""
+    """Selection shown in the view: two columns, and the flights within all brushes."""
 
     x: str
     y: str
     controllers: tuple[str, ...]
     outcome: str
-    brushes: dict[str, tuple[float, float]]  # column -> ends, both included
-    fit: bool = False  # whether the axes reach as far as these flights only
-    sort: str = "rank"  # by what they are listed
-    down: bool = False  # whether the largest comes first
+    brushes: dict[str, tuple[float, float]]  # column -> inclusive range
+    fit: bool = False  # fit the axes to the selected flights
+    sort: str = "rank"  # sort key of the list
+    down: bool = False  # descending order
 
 
 @dataclass(frozen=True)
 class FlightTable:
-    """Flights in memory, and the description of the view."""
+    """Database of flights in memory, with a description of the view."""
 
     connection: "DuckDBPyConnection"
-    ranges: Mapping[str, tuple[float, float]]  # column -> the ends of its axis
+    ranges: Mapping[str, tuple[float, float]]  # column -> range of the axis
     view: dict[str, Any]
     results: FlownCampaign = field(repr=False)
 
     def cursor(self) -> "DuckDBPyConnection":
-        """Return another connection to the same tables, for the thread of a request."""
+        """Return a new connection to the same tables, for the thread of a request."""
         return self.connection.cursor()
 
     @property
     def order(self) -> dict[str, int]:
-        """Index of each controller in the campaign."""
+        """Index of each controller in the order of the campaign."""
         return {entry["name"]: k for k, entry in enumerate(self.view["controllers"])}
 
 
 @contextmanager
 def open_flights(root: Path) -> Iterator[FlightTable]:
-    """Open the flights of a campaign's folder. Raise InputError if it is none."""
+    """Load the flights of a results folder. Raise InputError if it is invalid."""
     results = read_flown(root)
     names, columns = results.controllers, [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
@@ -88,7 +88,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
         enum_names = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
         connection.execute(
             f"create type controllers as enum ({enum_names})"
-        )  # thrice as fast, in the campaign's order
+        )  # Enumerations are three times as fast as text.
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, "
             "replace(outcome::varchar, '_', ' ') as outcome, ranks.* exclude (controller, flight), "
@@ -111,7 +111,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             "total": total,
             "left": "",
             "histories": False,
-        }  # every flight is re-run instead
+        }  # All flights are re-run instead.
         yield FlightTable(
             connection,
             {column["name"]: column["ends"] for column in view["columns"]},
@@ -121,7 +121,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
 
 
 def _ranks(results: FlownCampaign) -> Any:
-    """Return rank, worst metric and missed requirements of each computed flight.
+    """Return the rank, worst metric and missed requirements of each computed flight.
 
     Ranks are over all controllers, worst first.
     """
@@ -140,7 +140,7 @@ def _ranks(results: FlownCampaign) -> Any:
 
 
 def parse_selection(data: Any, table: FlightTable) -> Selection:
-    """Return the selection that the browser sent. Raise InputError or ValueError."""
+    """Parse a selection sent by the browser. Raise InputError or ValueError if invalid."""
     selection = TypeAdapter(Selection).validate_python(data)
     for name in (selection.x, selection.y, *selection.brushes, *({selection.sort} - set(_OWN))):
         if name not in table.ranges:
@@ -158,11 +158,12 @@ def parse_selection(data: Any, table: FlightTable) -> Selection:
 
 
 def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
-    """Return counts of the flights within all brushes, by cells or points, and strips.
+    """Return the flights within all brushes as points or counts in cells, and histograms.
 
-    Few flights are returned as points. ``ends``: of both axes; ``cells``: [controller, across, up,
-    flights]; ``points``: [controller, x, y, flight, lost]; ``strips``: [bar, flights] of each;
-    ``rows``: [controller, flight, outcome, metrics...].
+    Few flights are returned as points. ``ends`` are the ranges of both axes; ``cells`` contains
+    [controller, column, row, flights]; ``points`` contains [controller, x, y, flight, lost];
+    ``strips`` contains the histograms [bar, flights]; ``rows`` contains [controller, flight,
+    outcome, metrics...].
     """
     cursor, order = table.cursor(), table.order
     where, values = _condition(table, selection)
@@ -210,9 +211,9 @@ def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
 def find_nearest(
     table: FlightTable, selection: Selection, x: float, y: float
 ) -> tuple[int, int] | None:
-    """Return controller and number of the nearest flight, or None.
+    """Return the controller and number of the flight nearest to a point, or None.
 
-    Distances are scaled by the columns' ranges.
+    Distances are scaled by the ranges of the columns.
     """
     where, values = _condition(table, selection)
     sizes = [
@@ -244,7 +245,7 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
     row = cursor.fetchone()
     if row is None:
         raise InputError(
-            "request", f"no flight {flight} of {describe(controller)}", "one that was computed"
+            "request", f"no flight {flight} of {describe(controller)}", "a flight that was computed"
         )
     record = dict(zip(names, row, strict=True))
     missed = [record[f"missed {k}"] for k in range(len(table.view["requirements"]))]
@@ -259,7 +260,7 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
 
 
 def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], Iterator[list[Any]]]:
-    """Return heads with units, and rows of all columns of the selected flights, in order."""
+    """Return headings with units, and the rows of the selected flights in order."""
     where, values = _condition(table, selection)
     columns = table.view["columns"]
     named = ", ".join(_finite(column["name"]) for column in columns)
@@ -273,7 +274,7 @@ def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], I
 
 
 def _ended(table: FlightTable) -> str:
-    """Return the SQL of a flight's outcome, as text of `topics.flights.model.ended_words`."""
+    """Return the SQL expression of an outcome, as in `topics.flights.model.ended_words`."""
     required = len(table.view["requirements"])
     missed = " + ".join(f'"missed {k}"::integer' for k in range(required)) or "0"
     return (
@@ -283,7 +284,7 @@ def _ended(table: FlightTable) -> str:
 
 
 def _condition(table: FlightTable, selection: Selection) -> tuple[str, list[Any]]:
-    """Return the SQL of a selection, and its parameters."""
+    """Return the SQL condition of a selection, with its parameters."""
     marks = ", ".join("?" * len(selection.controllers)) or "null"
     share = (
         _SHARES[selection.outcome]
@@ -299,7 +300,7 @@ def _condition(table: FlightTable, selection: Selection) -> tuple[str, list[Any]
 
 
 def _order(selection: Selection) -> str:
-    """Return the SQL of the order of flights; ties are sorted worst first."""
+    """Return the SQL order of flights; ties are sorted worst first."""
     key = (
         _RANK
         if selection.sort == "rank"
@@ -311,7 +312,7 @@ def _order(selection: Selection) -> str:
 
 
 def _bin(ends: Sequence[float], name: str, bins: int) -> tuple[str, list[float]]:
-    """Return the SQL of a column's bin, 0 to `bins` - 1 between two ends, and parameters."""
+    """Return the SQL expression of a column's bin, 0 to `bins` - 1, with parameters."""
     low, high = ends
     return f"least(floor(({_quoted(name)} - ?) / ?), {bins - 1})::integer", [
         low,
@@ -324,7 +325,7 @@ def _finite(name: str) -> str:
 
 
 def _ends(name: str) -> str:
-    """Return the SQL of a column's smallest and largest finite value; 0 if there is none."""
+    """Return the SQL of the smallest and largest finite values of a column, or 0."""
     return f"coalesce(min({_finite(name)}), 0), coalesce(max({_finite(name)}), 0)"
 
 

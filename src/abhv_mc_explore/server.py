@@ -1,4 +1,4 @@
-"""Server of the view, on the loopback address, with a token in the address."""
+"""Server of the browser view on the loopback address, with a token in the URL."""
 
 import gzip
 import hmac
@@ -35,8 +35,8 @@ from abhv_mc_explore.counts import (
 )
 
 _HOST = "127.0.0.1"
-_MOST_BYTES = 100_000  # of a request
-_MOST_TIMES = 1000  # of a history that is drawn
+_MOST_BYTES = 100_000  # maximum size of a request, bytes
+_MOST_TIMES = 1000  # maximum number of times in a plotted history
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -44,7 +44,7 @@ _POLICY = (
 
 
 def _page(path: str, token: str) -> tuple[str, str] | None:
-    """Return a page's text and media type, or None."""
+    """Return the text and media type of a page, or None."""
     own = files("abhv_mc_explore")
     if path == "/":
         frame = make_environment().from_string((own / "explore.html.j2").read_text("utf-8"))
@@ -60,7 +60,7 @@ def _page(path: str, token: str) -> tuple[str, str] | None:
 
 
 class ExploreServer(ThreadingHTTPServer):
-    """Server of one campaign; :attr:`url` is its address."""
+    """HTTP server for one campaign at the address :attr:`url`."""
 
     daemon_threads = True
 
@@ -75,11 +75,11 @@ class ExploreServer(ThreadingHTTPServer):
         super().__init__((_HOST, port), _Handler)
         self.root, self.table, self.fly, self.trust_code = root, table, fly, trust_code
         self.token = secrets.token_urlsafe(24)
-        self.one_flight = threading.Lock()  # at a time
+        self.one_flight = threading.Lock()  # only one flight is simulated at a time
 
     @property
     def url(self) -> str:
-        """Address with the token."""
+        """Address of the server, with the token."""
         return f"http://{_HOST}:{self.server_port}/?token={self.token}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -88,10 +88,10 @@ class ExploreServer(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
     def open_flight(self, controller: str, flight: int) -> dict[str, Any]:
-        """Return a flight's values and time history.
+        """Return the values and the time history of a flight.
 
         The flight is re-run as by ``abhv-mc replay``, subject to the trust list, and compared with
-        the stored one; if it cannot be re-run, the stored history is returned.
+        the stored flight; if the flight cannot be re-run, the stored history is returned.
         """
         entry = find_flight(self.table, controller, flight)
         if not self.table.results.campaign.can_rerun:
@@ -108,9 +108,9 @@ class ExploreServer(ThreadingHTTPServer):
             history = {"time": stored.pop("time"), "channels": stored} if stored else None
             return {**entry, "note": str(error), "history": history}
         same = (
-            "equal the stored ones bit for bit."
+            "equal the stored metrics bit for bit."
             if not again.differences
-            else "differ from the stored ones!"
+            else "differ from the stored metrics!"
         )
         return {
             **entry,
@@ -119,7 +119,7 @@ class ExploreServer(ThreadingHTTPServer):
         }
 
     def _history(self, block: FlightBlock) -> dict[str, Any] | None:
-        """Return the recorded channels of a flight, thinned; None without a record."""
+        """Return the thinned channels of a flight, or None if there is no history."""
         if not block.history.size:
             return None
         every = max(1, -(-block.times.size // _MOST_TIMES))
@@ -131,7 +131,7 @@ class ExploreServer(ThreadingHTTPServer):
         return {"time": block.times[::every], "channels": channels}
 
     def behind(self, controller: str, channel: str) -> dict[str, Any]:
-        """Return the background of a channel's plot: envelopes, and the nominal flight."""
+        """Return the envelopes and nominal flight of a channel for the background of a plot."""
         results = self.table.results
         time, curves = channel_curves(results, controller, channel)
         return {"time": time, **dict(zip((*band_names(results), "nominal"), curves, strict=True))}
@@ -182,9 +182,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
 
     def _admitted(self, query: str) -> bool:
-        """Return whether the request has the token and names this server.
+        """Return whether the request contains the token and names this server as its host.
 
-        Pages of other origins have neither.
+        Requests from pages of other origins do not.
         """
         token = parse_qs(query).get("token", [""])[0]
         host = self.headers.get("Host", "")
@@ -199,7 +199,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(json.dumps(json_data(value), allow_nan=False).encode(), "application/json")
 
     def _send_csv(self, text: str) -> None:
-        """Stream the selected flights as CSV, because a million of them do not fit in memory."""
+        """Stream the selected flights as CSV, because a million rows may not fit in memory."""
         table = self.server.table
         try:
             heads, flights = list_flights(table, parse_selection(json.loads(text), table))
@@ -235,4 +235,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
-        """Log nothing: each line would show the token in the terminal."""
+        """Suppress logging, because each line would show the token in the terminal."""

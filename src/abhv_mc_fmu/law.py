@@ -1,10 +1,10 @@
-"""Control law as an FMU for co-simulation (FMI 2.0, 3.0).
+"""Control law implemented by an FMU for co-simulation (FMI 2.0 and 3.0).
 
 fmpy unpacks the FMU and reads its description; compiled code calls its functions by address. One
-instance computes a flight from start to end and is reset for the next; the flight's lane stores
-its number. A control tick sets the inputs, makes one communication step of the control period and
-reads the outputs, which are the commands of this tick. For linearization, the states that the FMU
-declares are set as initial values at each tick.
+instance computes a flight from start to end and is reset for the next flight; the lane of a flight
+stores the number of the instance. A control tick sets the inputs, makes one communication step of
+the control period and reads the outputs, which are the commands. For linearization, the states that
+the FMU declares are set as initial values at each tick.
 """
 
 import ctypes
@@ -28,8 +28,7 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
 from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
 
-# FMI version -> functions that set up a flight, that a tick calls, and that create and free an
-# instance.
+# FMI version -> functions to set up a flight, for a tick, and to create and free an instance.
 _FUNCTIONS = {
     2: (
         *("Reset", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode"),
@@ -42,7 +41,7 @@ _FUNCTIONS = {
 }
 
 
-_KINDS = {  # FMI version -> type of a variable -> its type in FMI 3.0
+_KINDS = {  # FMI version -> type of a variable -> type in FMI 3.0
     2: {"Real": FLOAT, "Integer": "Int32", "Enumeration": "Int32", "Boolean": "Boolean4"},
     3: {
         **{name: name for name in (FLOAT, "Float32")},
@@ -56,22 +55,22 @@ _KINDS = {  # FMI version -> type of a variable -> its type in FMI 3.0
 
 
 class Fmu(NamedTuple):
-    """FMU whose library is loaded into this process."""
+    """FMU with a library loaded into this process."""
 
     version: int
-    functions: tuple[Any, ...]  # that a flight calls
-    typed: tuple[Any, ...]  # of parameters, inputs and outputs that are not 64-bit floats
-    instantiate: Callable[[], int]  # returns the address of a new instance, 0 on failure
+    functions: tuple[Any, ...]  # functions called in flights
+    typed: tuple[Any, ...]  # functions for variables that are not 64-bit floats
+    instantiate: Callable[[], int]  # returns the address of an instance, or 0
     free: Any
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]
     params: tuple[Wire, ...]
-    states: dict[str, tuple[int, float | None]]  # name -> reference and initial value
+    states: dict[str, tuple[int, float | None]]  # name -> (reference, initial value)
 
 
 @functools.lru_cache(maxsize=16)
 def _describe(source: UserSource) -> tuple[Path, Any]:
-    """Return the folder of an unpacked FMU and its description by fmpy.
+    """Return the folder of an unpacked FMU and its model description.
 
     Raise InputError if fmpy is missing or the FMU cannot be read.
     """
@@ -87,13 +86,13 @@ def _describe(source: UserSource) -> tuple[Path, Any]:
             f"fmu_{source.hash[:24]}", lambda target: fmpy.extract(file, str(target))
         )
         return folder, fmpy.read_model_description(str(folder), validate=False)
-    except Exception as error:  # errors of zipfile, lxml and fmpy
+    except Exception as error:  # zipfile, lxml and fmpy raise various errors
         raise InputError(source.file, f"the FMU cannot be read ({error})", "a valid FMU") from None
 
 
 @functools.lru_cache(maxsize=16)
 def load_fmu(source: UserSource) -> Fmu:
-    """Unpack an FMU and load its library into this process. Raise InputError if unsuitable."""
+    """Unpack an FMU and load its library. Raise InputError if it is unsuitable."""
     check_may_run()
     folder, description = _describe(source)
     import fmpy
@@ -161,19 +160,19 @@ def load_fmu(source: UserSource) -> Fmu:
 
 
 def _function_suffix(version: int, kind: str) -> str:
-    """Return the suffix of the names of functions for a type, as in ``fmi2SetReal``."""
+    """Return the suffix of function names for a type, as in ``fmi2SetReal``."""
     if kind.startswith("Boolean"):
         return "Boolean"
     return {FLOAT: "Real", "Int32": "Integer"}[kind] if version == 2 else kind
 
 
-Misfit = tuple[tuple[str, str], str, str]  # keys in the controller file, problem, expected
+Misfit = tuple[tuple[str, str], str, str]  # (keys in the controller file, problem, expected)
 
 
 def _read_wires(
     description: Any, recipe: Mapping[str, Any], file: str
 ) -> tuple[tuple[tuple[Wire, ...], ...], list[Misfit]]:
-    """Return the parameters, inputs and outputs of a law, and the errors of its wiring.
+    """Return the parameters, inputs and outputs of a law, and errors in their assignment.
 
     In each group 64-bit floats come first.
     """
@@ -206,7 +205,7 @@ def _read_wires(
 
 
 def find_misfits(source: UserSource) -> list[Misfit]:
-    """Return the errors of a law's wiring, without loading the library of its FMU.
+    """Return the errors in the assignment of variables, without loading the library.
 
     Raise InputError if the FMU cannot be read.
     """
@@ -215,9 +214,9 @@ def find_misfits(source: UserSource) -> list[Misfit]:
 
 
 def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
-    """Return the initial values of the states of an FMU; None if one cannot be set.
+    """Return the initial values of an FMU's states, or None if a state cannot be set.
 
-    To be called in the child process.
+    Call this function in the child process.
     """
     starts = {
         name: start for name, (_, start) in load_fmu(source).states.items() if start is not None
@@ -228,7 +227,7 @@ def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
 def _make_instantiate(
     create: Any, version: int, description: Any, folder: Path
 ) -> Callable[[], int]:
-    """Return a function that creates an instance without messages, with structures of fmpy."""
+    """Return a function that creates an instance without log messages."""
     from fmpy import fmi2, fmi3
 
     name, token = description.coSimulation.modelIdentifier.encode(), description.guid.encode()
@@ -247,7 +246,7 @@ def _make_instantiate(
 def _wire(
     file: str, description: Any, name: str, quantity: str, value: str | float | None = None
 ) -> Wire:
-    """Return a variable with its wired quantity, or a parameter with its ``value``.
+    """Return a variable with its assigned quantity, or a parameter with its ``value``.
 
     Raise InputError if the variable does not exist, has an unsuitable type, or a unit of another
     dimension.
@@ -278,12 +277,12 @@ def _wire(
         raise InputError(file, problem, "a unit with its base units") from None
     expected = find_unit(quantity) if value is None else unit_of(value)
     dimension = parse_unit(expected or "")[1]
-    compared = 4 if value is not None and not any(dimension) else 3  # radians are often left out
+    compared = 4 if value is not None and not any(dimension) else 3  # Radians are often omitted.
     if expected is not None and exponents[:compared] != dimension[:compared]:
         problem = (
             f"'{name}' in {unit}"
             if value is None
-            else f"'{name}: {value}' of a parameter in {unit}"
+            else f"'{name}: {value}' for a parameter in {unit}"
         )
         raise InputError(file, problem, f"a quantity in {expected if value is None else unit}")
     offset = 0.0 if base is None else base.offset
@@ -299,11 +298,11 @@ def open_fmu(
     _: int,
     effectors: tuple[str, ...],
 ) -> OpenLaw:
-    """Return the law for ``width`` lanes, with instances for ``flights`` flights.
+    """Open the law for ``width`` lanes, with instances for ``flights`` flights.
 
-    ``effectors`` are those of the vehicle. With ``memory`` the rows of the lanes store the states
-    that the FMU declares, like those of a compiled law, and an instance is reset and receives
-    them at each tick. Raise InputError if the wiring or the FMU is unsuitable.
+    ``effectors`` are those of the vehicle. With ``memory`` the rows of the lanes store the declared
+    states of the FMU, like the memory of a compiled law, and an instance is reset and receives the
+    states at each tick. Raise InputError if the FMU or the assignment is unsuitable.
     """
     fmu = load_fmu(source)
     states = tuple(reference for reference, _ in fmu.states.values()) if memory is not None else ()
@@ -316,7 +315,7 @@ def open_fmu(
     if unknown:
         raise InputError(
             source.file,
-            f"an input is wired to the unknown '{unknown[0]}'",
+            f"an input is assigned to the unknown '{unknown[0]}'",
             one_of([f"gains.{g}" for g in gains]),
         )
     recipe: Any = source.recipe
@@ -334,7 +333,7 @@ def open_fmu(
     instances = np.array([fmu.instantiate() for _ in range(flights)], np.int64)
     if not instances.all():
         raise InputError(
-            source.file, "the FMU creates no instance", "an instance for each of many flights"
+            source.file, "the FMU creates no instance", "an FMU that can be instantiated many times"
         )
     starts = {
         wire: (parse_any(recipe["params"][wire.name]) - wire.offset) / wire.factor

@@ -1,4 +1,4 @@
-"""Compiled loop over the lanes that calls an FMU, generated as text for its wiring."""
+"""Compiled loop over lanes that calls an FMU, generated for an assignment of variables."""
 
 import functools
 import math
@@ -14,12 +14,12 @@ from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
 from abhv_mc.user_code.native_loop import build_native
 
-FLAGS = 8  # numbers reserved for the flags that a step of FMI 3.0 returns
+FLAGS = 8  # numbers reserved for the flags returned by a step in FMI 3.0
 
 
 FLOAT = "Float64"
 _INTEGERS = {f"{sign}Int{bits}": (not sign, bits) for sign in ("", "U") for bits in (8, 16, 32, 64)}
-NAMES = {  # available to the generated text
+NAMES = {  # names available to the generated code
     "floor": math.floor,
     "int64": np.int64,
     "int32": np.int32,
@@ -29,17 +29,17 @@ NAMES = {  # available to the generated text
 
 
 class Wire(NamedTuple):
-    """Variable of the FMU and its wired quantity; SI is ``offset + factor * value``."""
+    """Variable of an FMU with its assigned quantity; SI is ``offset + factor * value``."""
 
-    name: str  # measured.altitude, gains.k, time, or a field of Command
+    name: str  # such as measured.altitude, gains.k, time, or a field of Command
     reference: int
     factor: float
     offset: float
-    kind: str = FLOAT  # type of FMI 3.0; Boolean1 and Boolean4 by their number of bytes
+    kind: str = FLOAT  # FMI 3.0 type; Boolean with the number of bytes
 
 
 def _ends(kind: str) -> tuple[float, float]:
-    """Return the smallest and largest integer of a type that a signed 64-bit integer can pass."""
+    """Return the range of an integer type, within that of a signed 64-bit integer."""
     signed, bits = _INTEGERS[kind]
     if bits == 64:
         return (-(2.0**63) if signed else 0.0), 2.0**63 - 1024.0
@@ -47,7 +47,7 @@ def _ends(kind: str) -> tuple[float, float]:
 
 
 def pack(kind: str, value: float) -> int:
-    """Return the integer whose low bytes are a value of a type; 0 for 64-bit floats."""
+    """Return a value as an integer with the same low bytes, or 0 for 64-bit floats."""
     if kind == FLOAT:
         return 0
     if kind.startswith("Boolean"):
@@ -59,7 +59,7 @@ def pack(kind: str, value: float) -> int:
 
 
 def encode(kind: str, value: str) -> str:
-    """Return the expression that computes :func:`pack`."""
+    """Return the source expression that computes :func:`pack`."""
     if kind.startswith("Boolean"):
         return f"(1 if {value} != 0.0 else 0)"
     if kind == "Float32":
@@ -69,7 +69,7 @@ def encode(kind: str, value: str) -> str:
 
 
 def decode(kind: str, bits: str) -> str:
-    """Return the expression of the float that the low bytes of an integer represent."""
+    """Return the source expression that converts the low bytes of an integer to a float."""
     if kind.startswith("Boolean"):
         return f"(1.0 if ({bits} & {2 ** (8 * int(kind[7:])) - 1}) != 0 else 0.0)"
     if kind == "Float32":
@@ -94,11 +94,11 @@ def compile_fmu_adapter(
     remade: int | None,
     effectors: tuple[tuple[str, int], ...] = (),
 ) -> Any:
-    """Return the compiled loop for a wiring.
+    """Compile the loop for an assignment of variables.
 
-    ``remade`` is the number of states that the lanes store and that are set at each tick.
-    ``effectors`` are the names and rows of the commanded effectors. Variables of 64-bit floats are
-    set and read in one call; each variable of another type has eight bytes and a call.
+    ``remade`` is the number of states stored in the lanes and set at each tick. ``effectors`` are
+    the names and rows of the commanded effectors. All 64-bit float variables are set and read in
+    one call; each variable of another type has eight bytes and a separate call.
     """
     written = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)) | {
         f"effectors.{name}": row for name, row in effectors

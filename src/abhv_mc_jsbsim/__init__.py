@@ -1,1 +1,1 @@
-"""Import of JSBSim models: aerodynamics as Python functions, metrics and mass as a vehicle file."""
+"""Import of JSBSim models as a Python aerodynamics function and a vehicle file."""

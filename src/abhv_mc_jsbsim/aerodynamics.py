@@ -1,8 +1,8 @@
 """Aerodynamics of a JSBSim model as one Python function that returns coefficients.
 
 A force is ``qbar S`` times its coefficient, and a moment is also multiplied by a length. Most
-functions of a model are products with these factors, which are omitted; other functions are
-divided by them.
+functions of a model are products with these factors, which are omitted; other functions are divided
+by these factors.
 """
 
 from collections.abc import Iterable
@@ -49,13 +49,13 @@ _NAMES = (
 _LEFT_OUT = {
     "alphalimits": "limits of the angle of attack",
     "hysteresis_limits": "hysteresis of the stall",
-    "aero_ref_pt_shift_x": "the reference point's shift",
+    "aero_ref_pt_shift_x": "shift of the reference point",
 }
 
 
 @dataclass
 class Setting:
-    """Constant for a property without a quantity of abhv-mc, and the functions that use it."""
+    """Constant for a property that abhv-mc does not model, and the functions that use it."""
 
     key: str
     value: float
@@ -63,7 +63,7 @@ class Setting:
 
 
 class Aerodynamics:
-    """Functions of a model in the order of their dependence."""
+    """Functions of a model in order of dependence."""
 
     def __init__(
         self,
@@ -73,21 +73,21 @@ class Aerodynamics:
         full_deflections: dict[str, float],
         reserved: Iterable[str],
     ) -> None:
-        """Read the functions of ``node``.
+        """Read the functions of the element ``node``.
 
-        Metrics, ``values`` of the file's properties and full deflections (rad) are by property;
-        ``reserved`` are names that the generated module must not define.
+        ``metrics``, ``values`` and full deflections (rad) are given by property; ``reserved`` lists
+        names that the generated module must not define.
         """
-        self.settings: dict[str, Setting] = {}  # by property
+        self.settings: dict[str, Setting] = {}  # settings by property
         self.notes: list[str] = []
         self.body: list[Line] = []
         self._taken = {*reserved, *_NAMES}
         self._expressions = Expressions(self._resolve, self._taken)
         self._known, self._values, self._full = metrics, values, full_deflections
-        self._functions: dict[str, tuple[Node, str | None]] = {}  # property -> function, axis
-        self._done: dict[str, str] = {}  # property -> expression of its value
+        self._functions: dict[str, tuple[Node, str | None]] = {}  # property -> (function, axis)
+        self._done: dict[str, str] = {}  # property -> expression
         self._pending: list[str] = []
-        self._terms: dict[str, list[str]] = {}  # axis -> names of its coefficients
+        self._terms: dict[str, list[str]] = {}  # axis -> names of coefficients
         axes = {}
         for child in node.children:
             if child.name in _LEFT_OUT:
@@ -108,7 +108,7 @@ class Aerodynamics:
 
     @property
     def tables(self) -> list[Line]:
-        """Statements that define the tables."""
+        """Python statements that define the tables."""
         return self._expressions.tables
 
     def _choose_frame(
@@ -150,12 +150,14 @@ class Aerodynamics:
         self._functions[name] = (function, axis)
 
     def _read(self, name: str) -> str:
-        """Add a function after those that it needs, and return the expression of its value."""
+        """Add a function after its dependencies, and return the expression of its value."""
         if name in self._done:
             return self._done[name]
         function, axis = self._functions[name]
         if name in self._pending:
-            raise function.refuse(f"'{name}' depends on itself", "functions without a cycle")
+            raise function.refuse(
+                f"'{name}' depends on itself", "functions without circular dependence"
+            )
         self._pending.append(name)
         key = free_name(name.rpartition("/")[2], self._taken)
         self._taken.add(key)
@@ -176,7 +178,7 @@ class Aerodynamics:
         return value
 
     def _coefficient(self, operand: Node, key: str, axis: str) -> str:
-        """Return a function of an axis without its factors dynamic pressure, area and length."""
+        """Return a function without its factors dynamic pressure, area and length."""
         factors = factors_of(operand)
         names = [
             property_of(factor)[1] if factor.name in ("property", "p") else "" for factor in factors
@@ -185,7 +187,7 @@ class Aerodynamics:
         if (rate := next((name for name in UNKNOWN_RATES if name in names), None)) is not None:
             constants = [constant for constant in factors if constant.name in ("value", "v")]
             if all(constant.number(constant.text) for constant in constants):
-                self.notes.append(f"{rate} of {self._pending[-1]}, which is 0 here")
+                self.notes.append(f"{rate} of {self._pending[-1]}, which is set to 0")
             return "0.0"
         if PRESSURE_AREA not in names and not {DYNAMIC_PRESSURE, AREA} <= set(names):
             scale = number(self._known[AREA] * (self._known[length] if length else 1.0))
@@ -219,7 +221,7 @@ class Aerodynamics:
         return self._expressions.tidy(operand, f"{'-' if len(signs) % 2 else ''}{product}{divisor}")
 
     def _resolve(self, name: str, node: Node) -> str:
-        """Return the expression of a property. Raise InputError if it cannot be computed."""
+        """Return the expression of a property. Raise InputError if it is not available."""
         if name in self._functions:
             return self._read(name)
         if name in self._known:
@@ -229,7 +231,7 @@ class Aerodynamics:
         if name == LIFT_SQUARED:
             return self._lift_squared(node)
         if name in UNKNOWN_RATES:
-            self.notes.append(f"{name}, which is 0 here")
+            self.notes.append(f"{name}, which is set to 0")
             return "0.0"
         if name in GROUND:
             self.notes.append("ground effect of terrain above sea level")

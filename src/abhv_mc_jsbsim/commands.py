@@ -17,7 +17,7 @@ def jsbsim(
 ) -> None:
     """Import aerodynamics, metrics and mass of a JSBSim model as a vehicle.
 
-    Parts of the model that are not imported are listed.
+    The command lists the parts of the model that are not imported.
     """
     from abhv_mc_jsbsim.import_vehicle import import_jsbsim
 
@@ -27,8 +27,8 @@ def jsbsim(
     for name in imported.settings:
         say(f"constant in the vehicle file: {name}")
     for name in imported.left_out:
-        say(f"left out: {name}")
+        say(f"not imported: {name}")
     announce_warnings(
-        f"{path} was edited and is kept; the new text is written next to it"
+        f"{path} was edited and is kept; the new version is written next to it"
         for path in imported.kept
     )

@@ -1,6 +1,7 @@
-"""Translation of JSBSim functions and tables to Python expressions, for a fixed list of elements.
+"""Translation of JSBSim functions and tables to Python expressions.
 
-No text of a file becomes code: names are converted to identifiers, and numbers are parsed.
+Only a fixed list of elements is supported. No text of a file becomes code: names are converted to
+identifiers, and numbers are parsed.
 """
 
 import ast
@@ -49,7 +50,7 @@ Resolve = Callable[[str, Node], str]
 
 
 def operand_of(function: Node) -> Node:
-    """Return the only element with the value of a function. Raise InputError if not unique."""
+    """Return the element that defines a function. Raise InputError unless there is one."""
     operands = [child for child in function.children if child.name not in _WORDS]
     if len(operands) != 1:
         raise function.refuse(f"the function has {len(operands)} elements", "one element")
@@ -57,32 +58,32 @@ def operand_of(function: Node) -> Node:
 
 
 def property_of(node: Node) -> tuple[str, str]:
-    """Return the sign, empty or ``-``, and the name of a property."""
+    """Return the sign ('' or '-') and the name of a property."""
     name = node.text
     return ("-", name[1:]) if name.startswith("-") else ("", name)
 
 
 def factors_of(node: Node) -> list[Node]:
-    """Return the factors of a product and its nested products, or the element itself."""
+    """Return the factors of nested products, or the element itself."""
     if node.name != "product":
         return [node]
     return [factor for child in node.children for factor in factors_of(child)]
 
 
 class Expressions:
-    """Translator of elements; collects each table once as a statement of the module."""
+    """Translator of elements to Python expressions; it collects each table once."""
 
     def __init__(self, resolve: Resolve, reserved: set[str]) -> None:
         self._resolve, self._taken = resolve, reserved
-        self._tables: dict[str, str] = {}  # text -> name
+        self._tables: dict[str, str] = {}  # text of a table -> name
 
     @property
     def tables(self) -> list[Line]:
-        """Statements that define the tables."""
+        """Python statements that define the tables."""
         return [Line(f"{name} = {text}") for text, name in self._tables.items()]
 
     def read(self, node: Node, name: str) -> str:
-        """Return the expression of an element, whose tables are named after ``name``.
+        """Return the expression of an element; its tables are named after ``name``.
 
         Raise InputError if the element is not supported.
         """
@@ -90,7 +91,7 @@ class Expressions:
 
     @staticmethod
     def tidy(node: Node, text: str) -> str:
-        """Return an expression without superfluous brackets. Raise InputError if too deep."""
+        """Return an expression without superfluous brackets."""
         try:
             return ast.unparse(ast.parse(text, mode="eval"))
         except (SyntaxError, RecursionError, MemoryError):
@@ -99,7 +100,7 @@ class Expressions:
             ) from None
 
     def value(self, node: Node, name: str) -> str:
-        """Return the expression of an element like :meth:`read`, with superfluous brackets."""
+        """Return the expression of an element, possibly with superfluous brackets."""
         kind = node.name
         if kind in _PROPERTY:
             sign, property_name = property_of(node)
@@ -130,7 +131,10 @@ class Expressions:
         if kind in patterns:
             return patterns[kind].format(*operands)
         if kind in _OPERATORS:
-            raise node.refuse(f"'{kind}' of {count} operands", "another number of operands")
+            raise node.refuse(
+                f"'{kind}' with {count} operands",
+                "the number of operands that the element requires",
+            )
         raise node.refuse(f"the element '{kind}'", one_of(_OPERATORS, kind))
 
     @staticmethod
@@ -139,7 +143,7 @@ class Expressions:
             value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        is_integer = abs(value) <= 64 and value == int(value)  # also for a negative base
+        is_integer = abs(value) <= 64 and value == int(value)  # A negative base is allowed.
         return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
 
     def _table(self, node: Node, name: str) -> str:
@@ -152,7 +156,7 @@ class Expressions:
         axes = ("row", "column", "table")[: len(by_axis)]
         if set(by_axis) != set(axes):
             raise node.refuse(
-                f"a table over {', '.join(by_axis) or 'nothing'}", "row, column, table"
+                f"a table with the axes {', '.join(by_axis) or 'none'}", "row, column, table"
             )
         long_axes = [k for k, grid in enumerate(grids) if len(grid) > 1]
         values = values.squeeze(tuple(k for k in range(len(grids)) if k not in long_axes))
@@ -170,18 +174,18 @@ class Expressions:
 
 
 def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
-    """Return the grids of the axes of a table, and the values on them."""
+    """Return the grids of the axes of a table, and the values on the grids."""
     blocks = node.all("tableData")
     if axes in (1, 2) and len(blocks) == 1:
         *grids, values = _read_block(blocks[0], axes)
         return grids, values
     if axes != 3 or not blocks:
-        raise node.refuse(f"a table of {axes} axes and {len(blocks)} blocks", "1 to 3 axes")
+        raise node.refuse(f"a table with {axes} axes and {len(blocks)} blocks", "1 to 3 axes")
     levels = np.array([block.number(block.attributes.get("breakPoint", "")) for block in blocks])
     tables = [_read_block(block, 2) for block in blocks]
     rows = np.unique(np.concatenate([block[0] for block in tables]))
     columns = np.unique(np.concatenate([block[1] for block in tables]))
-    # A block that is bilinear on its own grid is so on the common grid, and constant outside.
+    # Resampling on the common grid preserves bilinear interpolation.
     resampled = [_on_grid(block, rows, columns) for block in tables]
     return [rows, columns, levels], np.stack(resampled, axis=-1)
 

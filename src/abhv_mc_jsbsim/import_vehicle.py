@@ -1,4 +1,4 @@
-"""Import of a JSBSim model into a folder with a Python module and a vehicle file."""
+"""Import of a JSBSim model as a Python module and a vehicle file."""
 
 import hashlib
 import math
@@ -34,8 +34,8 @@ from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_b
 from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG, SPAN, SQUARE_FOOT
 
 _MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
-_LIMIT = 30.0  # deg, of deflections, because limits in the model's flight control are not read
-_ANGLES = (-20.0, 45.0)  # deg, largest range of angles of attack
+_LIMIT = 30.0  # assumed deflection limit, deg; limits in the model are not read
+_ANGLES = (-20.0, 45.0)  # widest range of angles of attack, deg
 _LOW_SPEED = {
     "altitude": 0.0,
     "mach": 0.3,
@@ -47,7 +47,7 @@ _LOW_SPEED = {
     "sideslip": 0.0,
 }
 _SURFACES = ("aileron", "rudder", "elevator")
-_UNREAD = {  # sections of a model that are not imported -> their items and description
+_UNREAD = {  # section that is not imported -> items and description
     "ground_reactions": ("contact", "landing gear and contacts"),
     "external_reactions": ("force", "external forces"),
     "buoyant_forces": ("gas_cell", "buoyant forces"),
@@ -59,16 +59,16 @@ _UNREAD = {  # sections of a model that are not imported -> their items and desc
 
 @dataclass(frozen=True)
 class Imported:
-    """Files that an import wrote, and parts of the model that it left out."""
+    """Result of an import: files written, and parts of the model that are not imported."""
 
     paths: tuple[Path, ...]
     left_out: tuple[str, ...]
     settings: tuple[str, ...]  # properties that are constants in the vehicle file
-    kept: tuple[Path, ...]  # edited files, whose new text is written next to them
+    kept: tuple[Path, ...]  # edited files, next to which new versions are written
 
 
 def import_jsbsim(path: Path, folder: Path) -> Imported:
-    """Write a model into a folder. Raise InputError, with line and column, if it is unsuitable."""
+    """Write a model to a folder. Raise InputError, with location, if it is unsuitable."""
     root, content = read_xml(path, "a JSBSim model")
     if root.name != "fdm_config":
         raise root.refuse(
@@ -92,7 +92,7 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
     )
     module = _write_module(aerodynamics, origin, properties)
     idle = [
-        f"the {name}: not used by any function"
+        f"the {name}, which no function uses"
         for name in _SURFACES
         if f"controls.{name}" not in module
     ]
@@ -111,7 +111,7 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
 def _section(root: Node, name: str) -> Node:
     """Return a section of the model, which may be in a separate file.
 
-    Raise InputError if it is missing or empty.
+    Raise InputError if the section is missing or empty.
     """
     node = root.first(name)
     if node is not None and (file := node.attributes.get("file")):
@@ -123,9 +123,9 @@ def _section(root: Node, name: str) -> Node:
 
 
 def _read_metrics(metrics: Node) -> dict[str, float]:
-    """Return the metrics by the names of their properties, in JSBSim's units.
+    """Return the metrics by property name, in the units of JSBSim.
 
-    Raise InputError if one is invalid.
+    Raise InputError if a metric is invalid.
     """
     properties = {}
     for name, kind, unit, key in (
@@ -147,7 +147,7 @@ def _read_metrics(metrics: Node) -> dict[str, float]:
 
 
 def _full_deflections(root: Node) -> dict[str, float]:
-    """Return full deflections in rad by the output property of a flight control component."""
+    """Return full deflections (rad) by output property of the flight control components."""
     deflections = {"": math.radians(_LIMIT)}
     pending = list(root.all("flight_control"))
     while pending:
@@ -167,7 +167,7 @@ def _engine(node: Node) -> str:
 
 
 def _left_out(root: Node, mass: Mass, center: Floats) -> list[str]:
-    """Return descriptions of the parts of a model that a vehicle file cannot represent."""
+    """Describe the parts of a model that a vehicle file cannot represent."""
     notes = []
     for name, (child, description) in _UNREAD.items():
         for section in root.all(name):
@@ -218,7 +218,7 @@ def _write_module(aerodynamics: Aerodynamics, origin: str, properties: dict[str,
 
 
 def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]:
-    """Return the range of angles of attack around 0, in deg, in which the lift increases."""
+    """Return the range of angles of attack around 0 (deg) in which the lift increases."""
     function = run_module(UserSource(module, _MODULE)).names["coefficients"]
     settings = SimpleNamespace(
         **{setting.key: setting.value for setting in aerodynamics.settings.values()}
@@ -233,7 +233,7 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
         try:
             coefficients = function(air, controls, rates, settings)
-        except (ArithmeticError, ValueError):  # for example a division by an angle of 0
+        except (ArithmeticError, ValueError):  # such as a division by an angle of 0
             return _ANGLES
         lift.append(
             coefficients.CL + coefficients.CX * np.sin(angle) - coefficients.CZ * np.cos(angle)
@@ -261,7 +261,7 @@ def _write_vehicle(
         for name, setting in aerodynamics.settings.items()
     ]
     lines = [
-        f"# Imported from {fold(path.name)} (JSBSim). Parts that were left out:",
+        f"# Imported from {fold(path.name)} (JSBSim). Parts that are not imported:",
         *(f"# - {fold(note)}" for note in left_out),
         f"name: {free_name(path.stem.lower())}",
         "",
@@ -282,20 +282,16 @@ def _write_vehicle(
         f"      center_of_gravity_x: {float(center[0])!r} m",
         f"      center_of_gravity_z: {float(center[2])!r} m",
         "",
-        "surfaces: # without the flight control of the model",
+        "surfaces: # the flight control of the model is not imported",
         "  ideal: true",
         f"  limit: {_LIMIT:g} deg",
         "",
         "aerodynamics:",
         f"  python: {_MODULE}",
         f"  frame: {aerodynamics.frame}",
-        *(
-            ["  settings: # properties without a quantity of abhv-mc", *settings]
-            if settings
-            else ()
-        ),
+        *(["  settings: # properties that abhv-mc does not model", *settings] if settings else ()),
         "",
-        "limits: # flights end outside; the lift increases in this range at low speed",
+        "limits: # range in which the lift increases at low speed",
         f"  angle_of_attack: [{angles[0]:g} deg, {angles[1]:g} deg]",
         "  sideslip: 30 deg",
     ]

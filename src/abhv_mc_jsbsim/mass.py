@@ -1,4 +1,4 @@
-"""Mass of a JSBSim model: empty vehicle, point masses and contents of the tanks."""
+"""Mass of a JSBSim model: empty vehicle, point masses and contents of tanks."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> float:
-    """Return the number of an element in SI; ``unit`` is the default unit.
+    """Return the number in an element, SI; ``unit`` is the default unit.
 
     Raise InputError if the number or its unit is invalid.
     """
@@ -32,9 +32,9 @@ def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> f
 
 
 def location(node: Node | None) -> Floats:
-    """Return a position [axis] in the structural frame (aft, right, up), m.
+    """Return a position [axis] in the structural frame (aft, right, up) in metres.
 
-    Raise InputError if it is invalid.
+    Raise InputError if the element is invalid.
     """
     if node is None:
         return np.zeros(3)
@@ -46,14 +46,14 @@ def location(node: Node | None) -> Floats:
 
 @dataclass(frozen=True)
 class Mass:
-    """Mass, centre of gravity in the structural frame, and inertia matrix about it in body axes.
+    """Mass, centre of gravity (structural frame) and inertia matrix (body axes).
 
-    All values are in SI units.
+    All values are in SI units. The inertia matrix is about the centre of gravity.
     """
 
     mass: float
-    center: Floats  # [axis]
-    inertia: Floats  # [axis, axis]
+    center: Floats  # position of the centre of gravity [axis]
+    inertia: Floats  # inertia matrix [axis, axis]
     added: tuple[str, ...]  # descriptions of masses added to the empty vehicle
 
 
@@ -69,7 +69,7 @@ def read_mass(balance: Node, propulsion: Node | None) -> Mass:
         mass = quantity(point.first("weight"), "mass", "LBS")
         bodies.append((mass, location(point.first("location"))))
         name = point.attributes.get("name", "point mass")
-        form = " (as a point without extent)" if point.first("form") is not None else ""
+        form = " (as a point mass)" if point.first("form") is not None else ""
         added.append(f"{name} {mass:.4g} kg{form}")
     for k, tank in enumerate(propulsion.all("tank") if propulsion else ()):
         mass = quantity(tank.first("contents"), "mass", "LBS")
@@ -88,7 +88,7 @@ def read_mass(balance: Node, propulsion: Node | None) -> Mass:
 
 
 def to_body(structural: Floats) -> Floats:
-    """Return a vector in body axes (forward, right, down) from the structural frame."""
+    """Convert a vector from the structural frame to body axes (forward, right, down)."""
     return structural * np.array([-1.0, 1.0, -1.0])
 
 

@@ -1,11 +1,16 @@
-"""Expressions of JSBSim properties by the arguments of a vehicle function.
+"""Expressions for JSBSim properties in terms of the arguments of a vehicle function.
 
-The arguments are in SI units and radians, the properties in JSBSim's units.
+The arguments are in SI units and radians, the properties in the units of JSBSim.
 """
 
-FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 0.45359237, 14.593902937206364  # m, m, kg, kg
+FOOT, INCH, POUND, SLUG = (
+    0.3048,
+    0.0254,
+    0.45359237,
+    14.593902937206364,
+)  # conversion factors to m, m, kg and kg
 SQUARE_FOOT = FOOT**2
-CONSTANTS = {  # defined in a generated module if used
+CONSTANTS = {  # constants, defined in a generated module if used
     "DEGREE": (3.141592653589793 / 180.0, "rad"),
     "FOOT": (FOOT, "m"),
     "PSF": (47.88025898033584, "Pa"),
@@ -19,7 +24,10 @@ DYNAMIC_PRESSURE, AREA, SPAN, CHORD = (
 )
 PRESSURE_AREA = "aero/qbar-area"  # product of DYNAMIC_PRESSURE and AREA
 LIFT_SQUARED = "aero/cl-squared"
-UNKNOWN_RATES = ("aero/alphadot-rad_sec", "aero/betadot-rad_sec")  # not available to functions
+UNKNOWN_RATES = (
+    "aero/alphadot-rad_sec",
+    "aero/betadot-rad_sec",
+)  # rates that are not available to functions
 GROUND = ("aero/h_b-mac-ft", "aero/h_b-cg-ft")
 
 _SPAN_TIME = "(0.5 * SPAN / larger(air.airspeed, 1e-3))"
@@ -73,7 +81,7 @@ PROPERTIES = {
     **_angle("fcs/elevator-pos", "controls.elevator"),
     **_angle("fcs/rudder-pos", "controls.rudder"),
 }  # fmt: skip
-NORMS = {  # deflections as fractions of the full one
+NORMS = {  # deflections as fractions of full deflection
     "fcs/left-aileron-pos-norm": ("fcs/left-aileron-pos-rad", "controls.aileron"),
     "fcs/aileron-pos-norm": ("fcs/aileron-pos-rad", "controls.aileron"),
     "fcs/right-aileron-pos-norm": ("fcs/right-aileron-pos-rad", "(-controls.aileron)"),

@@ -1,1 +1,1 @@
-"""Campaign folders in object storage, and flights on a Dask cluster."""
+"""Results folders in object storage, and flights on a Dask cluster."""

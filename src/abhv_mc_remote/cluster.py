@@ -1,8 +1,8 @@
-"""Flights on a Dask cluster: each block is a task, and plans are sent as plain arrays.
+"""Flights on a Dask cluster: each block is a task, and plans are sent as arrays.
 
-If a worker dies, Dask runs its block on another one. A block that ends several workers is reported
-as lost and computed in smaller pieces (see :mod:`abhv_mc.execution.retry`). Workers may join and
-leave during a campaign.
+If a worker dies, Dask runs its block on another worker. A block that ends several workers is
+reported as lost and computed in smaller pieces (see :mod:`abhv_mc.execution.retry`). Workers may
+join and leave during a campaign.
 """
 
 import logging
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray]
 
-_LIMIT = 600.0  # s: time limit of one flight, or of 16 in a batch
-_CONNECT = 10.0  # s to find the scheduler
-_PER_THREAD = 2  # submitted blocks per thread of the cluster, so that no thread waits for a block
-_MOST_PLANS = 32  # stored on the cluster; `tune` has one for each candidate
-_FEWEST = 16  # submitted blocks, so that workers which join later have work
-_COMPILING = "abhv-mc-compiling"  # topic of the events that workers send
+_LIMIT = 600.0  # time limit of one flight, or of 16 in a batch, s
+_CONNECT = 10.0  # time to connect to the scheduler, s
+_PER_THREAD = 2  # submitted blocks per thread, so that threads need not wait
+_MOST_PLANS = 32  # maximum number of plans stored on the cluster
+_FEWEST = 16  # minimum number of submitted blocks, for workers that join later
+_COMPILING = "abhv-mc-compiling"  # topic of events sent by workers
 _warm: set[tuple[str, bool, str, str]] = set()
 _warming = threading.Lock()
 
@@ -56,7 +56,8 @@ _warming = threading.Lock()
 def hold_plan(arrays: Arrays) -> Arrays:
     """Return the arrays of a plan unchanged.
 
-    As the result of a task they are passed between workers, and Dask restores them after a loss.
+    Because the arrays are the result of a task, Dask passes them between workers and restores them
+    after a loss.
     """
     return arrays
 
@@ -76,7 +77,7 @@ def fly_remote(
     """
     plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:
-        return sign(make_failed(plan, None))  # rejected by the parent before any flight
+        return sign(make_failed(plan, None))  # The parent rejects this block before any flight.
     allow_here()
     if plan.source is not None and (problem := refuse_platform(plan.source)) is not None:
         raise UnusableError(f"a worker of the cluster has {problem}")
@@ -91,7 +92,7 @@ def fly_remote(
             set_compile_listener(_report_compiling)
             fly(
                 plan, nominal_parameters(), None
-            )  # loads or compiles, which must not count as flight time
+            )  # Loading and compilation do not count as flight time.
             _warm.add(kind)
     watch = _Watch(limit)
     try:
@@ -102,10 +103,10 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Tell the launching command that this worker compiles, unless it waits for another one."""
+    """Tell the launching command that this worker compiles, unless another worker does."""
     from distributed import get_worker
 
-    with suppress(ValueError):  # this thread belongs to no worker
+    with suppress(ValueError):  # The thread may not belong to a worker.
         worker = get_worker()
         if not elsewhere:
             worker.log_event(_COMPILING, worker.address)
@@ -123,14 +124,14 @@ def _print_compiling(event: tuple[float, str]) -> None:
 def fly_user_remote(
     fly: Fly, source: str, plan: FlightPlan, parameters: Floats, recorded: Recorded
 ) -> FlightBlock:
-    """Compute a block of a user's simulator on a worker, and sign it.
+    """Compute a block of a custom simulator on a worker of the cluster, and sign it.
 
-    The simulator's files must be installed on the worker.
+    The files of the simulator must be installed on the worker.
     """
     if source and code_hash() != source:
         raise UnusableError(
-            "a worker of the cluster has another version of the program: restart it with the"
-            " campaign's"
+            "a worker of the cluster has another version of the program: restart it with the "
+            "version of the campaign"
         )
     try:
         return sign(fly(plan, parameters, recorded))
@@ -139,7 +140,7 @@ def fly_user_remote(
 
 
 class _Watch:
-    """Timer that ends the process if a batch takes longer than ``limit`` (s)."""
+    """Timer that ends the process if a batch takes longer than ``limit``, s."""
 
     def __init__(self, limit: float) -> None:
         self._limit, self._timer = limit, threading.Timer(limit, os._exit, (1,))
@@ -155,12 +156,12 @@ class _Watch:
 
 
 class Cluster:
-    """Executor on the workers of a scheduler; :meth:`fly` is thread-safe."""
+    """Executor on the workers of a Dask scheduler; :meth:`fly` is thread-safe."""
 
     def __init__(self, client: "Client", engine: Engine, limit: float | None) -> None:
         self._client, self._engine = client, engine
         self._limit = limit or _LIMIT
-        # Future and plan by the plan's id; the reference to the plan keeps its id unique.
+        # Future and plan by id of the plan; the stored reference keeps the id unique.
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}
         self._lock = threading.Lock()
 
@@ -182,11 +183,11 @@ class Cluster:
         self._plans.clear()
 
     def _send_plan(self, plan: FlightPlan) -> "Future":
-        """Return the plan on the cluster, sent again if Dask lost it with its workers."""
+        """Return a plan on the cluster, which is sent again if Dask lost it."""
         with self._lock:
             future, _ = self._plans.get(id(plan), (None, plan))
             if future is None or future.status == "error":
-                # Release the oldest plans; tasks in progress keep theirs.
+                # Release the oldest plans; running tasks keep their plans.
                 while len(self._plans) >= _MOST_PLANS:
                     del self._plans[next(iter(self._plans))]
                 future = self._client.submit(hold_plan, flatten(plan), pure=False)
@@ -211,7 +212,10 @@ class Cluster:
         except UnusableError:
             raise
         except KilledWorker as error:
-            problem = f"workers of the cluster ended on it ({error.last_worker.address})"
+            problem = (
+                "several workers of the cluster ended while computing the block "
+                f"({error.last_worker.address})"
+            )
             raise FlightLostError(problem, process=True) from None
         except (CancelledError, OSError) as error:
             raise UnusableError(
@@ -234,11 +238,11 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
         raise InputError("--scheduler", "Dask is not installed", expected) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
-    except Exception as error:  # another program at this address may answer anything
+    except Exception as error:  # Another program at this address may send any answer.
         reason = (str(error) or type(error).__name__).splitlines()[0]
         problem = f"no scheduler at '{address}' ({reason})"
         raise InputError("--scheduler", problem, "an address such as tcp://host:8786") from None
-    # The command itself reports what went wrong.
+    # The command reports the error itself.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with client:
         client.subscribe_topic(_COMPILING, _print_compiling)
@@ -250,7 +254,7 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
                     has_waited = True
                 time.sleep(0.2)
             yield partial(Cluster, client)
-        except (OSError, RuntimeError) as error:  # Dask has no common class for its errors
+        except (OSError, RuntimeError) as error:  # Dask has no common base class of errors.
             if client.status == "running":
                 raise
             raise UnusableError(

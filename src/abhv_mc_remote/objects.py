@@ -1,8 +1,9 @@
-"""Objects of a folder at an address that pyarrow.fs supports, and the lease of its writer.
+"""Objects in a folder of object storage, and the lease of its writer.
 
-An object store has neither locks nor renames, but an object appears complete and with the store's
-date. One object, the lease, therefore names the writing process, which renews it in a thread. If
-two processes start within a second of each other, the later writer of the lease keeps it.
+An object store (accessed by pyarrow.fs) has neither locks nor renames, but objects appear complete
+and with the time of the store. One object, the lease, therefore names the writing process, which
+renews it in a thread. If two processes start within a second of each other, the later writer of the
+lease keeps it.
 """
 
 import _thread
@@ -22,37 +23,37 @@ from pyarrow import fs as pyarrow_fs
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 
-_PATIENCE = 20.0  # s: time limit for answers of Google's stores
+_PATIENCE = 20.0  # time limit for replies of Google's stores, s
 _OBJECT_STORES = ("s3", "gcs", "abfs")
 LEASE_NAME = ".lock"
-LEASE = 60.0  # s after which a lease expires unless it is renewed
-RENEWAL = 15.0  # s between renewals, in a thread, as a copy may take longer than the lease
-_SETTLE = 1.0  # s until all readers of a store see the same content
+LEASE = 60.0  # time after which a lease expires unless renewed, s
+RENEWAL = 15.0  # interval between renewals in a thread, s
+_SETTLE = 1.0  # time until all readers of a store see the same content, s
 
 
 class Objects:
-    """Objects below a folder. Methods raise OSError or pyarrow's errors if the store fails."""
+    """Objects in a folder; methods raise OSError or errors of pyarrow if the store fails."""
 
     def __init__(self, address: Address, system: Any, base: str) -> None:
         self.address, self.system, self.base = address, system, base
 
     def below(self, name: str) -> "Objects":
-        """Return a folder inside this one."""
+        """Return a subfolder of this folder."""
         return Objects(self.address, self.system, f"{self.base}/{name}".rstrip("/"))
 
     def find(self) -> list[Any]:
-        """Return pyarrow's information on all objects, including those in subfolders."""
+        """Return the file information of all objects, including those in subfolders."""
         selector = pyarrow_fs.FileSelector(self.base, allow_not_found=True, recursive=True)
         objects: list[Any] = self.system.get_file_info(selector)
         return objects
 
     def read(self, name: str) -> bytes:
-        """Return the content of an object. Raise FileNotFoundError if it does not exist."""
+        """Return the content of an object. Raise FileNotFoundError if it is missing."""
         with self.system.open_input_stream(f"{self.base}/{name}") as stream:
             return bytes(stream.read())
 
     def write(self, name: str, content: bytes) -> None:
-        """Write an object, and replace an existing one with this name."""
+        """Write an object, replacing an existing object with the same name."""
         path = f"{self.base}/{name}"
         if self.system.type_name not in _OBJECT_STORES:
             self.system.create_dir(path.rpartition("/")[0], recursive=True)
@@ -65,7 +66,7 @@ class Objects:
             self.system.delete_file(f"{self.base}/{name}")
 
     def ages(self, *names: str) -> list[Any]:
-        """Return the time of writing of each object by the store's clock; None if missing."""
+        """Return the age of the object by the clock of the store, or None if it is missing."""
         return [
             info.mtime
             for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])
@@ -76,7 +77,7 @@ def open_objects(address: Address) -> Objects:
     """Return the folder at an address. Raise InputError if the address is invalid."""
     uri = address.uri()
     if uri.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in uri:
-        # The library's default is 900 s.
+        # The default of the library is 900 s.
         uri += f"{'&' if '?' in uri else '?'}retry_limit_seconds={_PATIENCE:g}"
     try:
         system, base = pyarrow_fs.FileSystem.from_uri(uri)
@@ -93,14 +94,14 @@ class Lease:
     def __init__(self, store: Objects) -> None:
         self._store, self._token = store, uuid.uuid4().hex
         self._ended = threading.Event()
-        # Error that names the process which took the lease over; nothing is written after that.
+        # Error naming the process that took over the lease; afterwards nothing is written.
         self.lost: InputError | None = None
 
     def take(self) -> None:
         """Take the lease, and renew it in a thread until it is dropped.
 
-        If another process takes it over, this run is interrupted. Raise InputError, which names
-        the holder, if another process has a valid lease.
+        If another process takes over the lease, this run is interrupted. Raise InputError, with the
+        name of the holder, if another process has a valid lease.
         """
         self._check(abandoned=self._is_abandoned())
         self._write()
@@ -109,7 +110,7 @@ class Lease:
         threading.Thread(target=self._renew_until_the_end, daemon=True).start()
 
     def renew(self) -> None:
-        """Renew the lease. Raise InputError if another process has taken it over."""
+        """Renew the lease. Raise InputError if another process has taken over the lease."""
         try:
             self._check()
         except InputError as error:
@@ -119,11 +120,11 @@ class Lease:
         self._write()
 
     def stop(self) -> None:
-        """End the renewal."""
+        """Stop renewing the lease."""
         self._ended.set()
 
     def drop(self) -> None:
-        """End the renewal and delete the lease."""
+        """Stop renewing the lease and delete it."""
         self.stop()
         if self.lost is None:
             self._check()
@@ -141,7 +142,7 @@ class Lease:
                 )
                 _thread.interrupt_main()
                 return
-            except (OSError, pa.ArrowException):  # the next renewal may succeed
+            except (OSError, pa.ArrowException):  # The next renewal may succeed.
                 continue
 
     def _write(self) -> None:
@@ -149,7 +150,7 @@ class Lease:
         self._store.write(LEASE_NAME, json.dumps(holder).encode())
 
     def _is_abandoned(self) -> bool:
-        """Return whether the lease has expired by the store's clock; clocks of hosts may differ."""
+        """Return whether the lease has expired, by the clock of the store."""
         probe = f"{LEASE_NAME}.{self._token}"
         self._store.write(probe, b"")
         try:
@@ -162,15 +163,18 @@ class Lease:
         """Raise InputError if another process holds the lease, unless it is abandoned."""
         holder = read_holder(self._store)
         if holder is not None and holder[1] != self._token and not abandoned:
-            problem = f"a campaign that {holder[0]} is flying"
-            expected = f"its end (or {LEASE:g} s after it was killed), or another address"
+            problem = f"{holder[0]} is running a campaign at this address"
+            expected = (
+                f"the process to end (or {LEASE:g} s to pass after it was killed), or another "
+                "address"
+            )
             raise InputError(str(self._store.address), problem, expected)
 
 
 def read_holder(store: Objects) -> tuple[str, str] | None:
-    """Return the holder of a folder's lease and its token; None without a lease.
+    """Return the holder of the lease and its token, or None without a lease.
 
-    The holder may have been killed since its last renewal.
+    The holder may have been killed since the last renewal.
     """
     try:
         lease = json.loads(store.read(LEASE_NAME))

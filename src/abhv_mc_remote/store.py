@@ -1,7 +1,7 @@
-"""Campaign folders at an address.
+"""Results folders in object storage.
 
-A campaign runs in a local folder. Every few seconds, new files are copied to the address, the
-manifest last.
+A campaign runs in a local folder. Every few seconds, new files are copied to the address, and the
+manifest is copied last.
 """
 
 import contextlib
@@ -21,21 +21,21 @@ from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 from abhv_mc_remote.objects import LEASE_NAME, Lease, Objects, open_objects, read_holder
 
-PUSH_INTERVAL = 5.0  # s of work that are lost with this machine
+PUSH_INTERVAL = 5.0  # interval between copies, s
 _MANIFEST = "manifest.json"
 
 
 class Remote:
-    """Folder at an address and its local copy."""
+    """Folder in object storage with its local copy."""
 
     def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
-        """Pair the folders; once ``lease`` is lost, nothing is written to the address."""
+        """Pair the folders; nothing is written to the store once ``lease`` is lost."""
         self.store, self.local, self._lease = store, local, lease
-        # Size and time of the local file by the name of each object at the address.
+        # Size and time of the local file for each object, by name.
         self._stamps: dict[str, tuple[int, int] | None] = {}
 
     def pull(self, pattern: str = "*") -> None:
-        """Copy the objects whose names fit a pattern into the local folder."""
+        """Copy the objects whose names match a pattern to the local folder."""
         for info in self.store.find():
             name = info.path[len(self.store.base) + 1 :]
             if (
@@ -44,8 +44,8 @@ class Remote:
                 or not fnmatch(name, pattern)
             ):
                 continue
-            if not is_inside(name):  # the name of an object may be any text
-                problem = f"an object named '{name}', which leads out of the folder"
+            if not is_inside(name):  # Names of objects can be any text.
+                problem = f"the name of the object '{name}' points outside the folder"
                 raise InputError(
                     str(self.store.address), problem, "the folder of a campaign, unchanged"
                 )
@@ -56,19 +56,19 @@ class Remote:
                 path.open("wb") as target,
             ):
                 shutil.copyfileobj(source, target)
-            if name.startswith("inputs/simulator/"):  # object stores have no executable bit
+            if name.startswith("inputs/simulator/"):  # Object stores have no executable bit.
                 path.chmod(0o700)
             self._stamps[name] = _stamp(path)
 
     def push(self) -> None:
-        """Copy the content of the local folder to the address.
+        """Copy the content of the local folder to the store.
 
         The manifest is read before the other files and written after them. Raise InputError if
-        another process has taken the lease over.
+        another process has taken over the lease.
         """
         manifest = self.local / _MANIFEST
         content = manifest.read_bytes() if manifest.exists() else None
-        # If the manifest was deleted, its object goes first: the rest is then no campaign.
+        # If the manifest was deleted, delete its object first.
         if content is None and _MANIFEST in self._stamps:
             self._delete(_MANIFEST)
         names = [
@@ -91,7 +91,9 @@ class Remote:
 
     def _upload(self, name: str) -> None:
         path = self.local / name
-        with contextlib.suppress(FileNotFoundError):  # deleted since it was listed
+        with contextlib.suppress(
+            FileNotFoundError
+        ):  # The file may have been deleted since it was listed.
             stamp = _stamp(path)
             if self._stamps.get(name) != stamp:
                 self._write(name, path.read_bytes())
@@ -113,7 +115,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 class ObjectStore:
-    """Store of campaign folders at an address (:class:`abhv_mc.interfaces.Store`)."""
+    """Store of results folders at an address (:class:`abhv_mc.interfaces.Store`)."""
 
     local = None
 
@@ -122,15 +124,15 @@ class ObjectStore:
 
     @contextlib.contextmanager
     def reading(self, pattern: str = "*") -> Iterator[Path]:
-        """Yield a temporary copy of the files whose names fit ``pattern``."""
+        """Yield a temporary copy of the files whose names match ``pattern``."""
         with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-            copy = Path(folder) / "copy"  # the temporary folder contains nothing else
+            copy = Path(folder) / "copy"  # The temporary folder contains only this copy.
             with _explain_store_error(self._objects.address):
                 Remote(self._objects, copy).pull(pattern)
             yield copy
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return the writer of the folder ``name``, None without one, and the size in bytes."""
+        """Return the writer of the folder ``name`` or None, and the size in bytes."""
         objects = self._objects.below(name)
         with _explain_store_error(objects.address):
             holder, _ = read_holder(objects) or (None, "")
@@ -138,11 +140,11 @@ class ObjectStore:
 
     @contextlib.contextmanager
     def writing(self, staging: Path | None = None) -> Iterator[Path]:
-        """Yield a local folder whose files are copied to the address while this process runs.
+        """Yield a local folder whose files are copied to the store during the context.
 
-        ``staging`` is the parent of the local folder, by default the system's temporary folder.
-        If another process takes the lease over, the run is interrupted and writes nothing more to
-        the address.
+        ``staging`` is the parent of the local folder, by default the temporary folder of the
+        system. If another process takes over the lease, the run is interrupted and writes nothing
+        more to the address.
         """
         if staging is not None:
             staging.mkdir(parents=True, exist_ok=True)
@@ -175,24 +177,24 @@ class ObjectStore:
 
 
 def _push(remote: Remote, ended: threading.Event) -> None:
-    """Copy new files to the address at intervals until the run has ended."""
+    """Copy new files to the store at intervals until the run has ended."""
     while not ended.wait(PUSH_INTERVAL):
         try:
             remote.push()
-        except (OSError, pa.ArrowException) as error:  # the next copy may succeed
+        except (OSError, pa.ArrowException) as error:  # The next copy may succeed.
             print(
                 f"{remote.store.address}: {remote.store.address.explain(error)}",
                 file=sys.stderr,
                 flush=True,
             )
-        except InputError:  # another process took the lease over: the copy stays local
+        except InputError:  # Another process took over the lease; the copy stays local.
             return
 
 
 def _finish(remote: Remote, lease: Lease) -> None:
-    """Copy all new files to the address and drop the lease.
+    """Copy all new files to the store and drop the lease.
 
-    Raise StorageFullError, which names the local copy, if this fails.
+    Raise StorageFullError, with the path of the local copy, if copying fails.
     """
     try:
         lease.renew()
@@ -201,14 +203,14 @@ def _finish(remote: Remote, lease: Lease) -> None:
     except (OSError, pa.ArrowException, InputError) as error:
         raise StorageFullError(
             f"{remote.store.address}: {remote.store.address.explain(error)}\n"
-            f"Completed flights are kept in {remote.local}: resume there with -o, or copy this"
-            " folder to the address."
+            f"Completed flights are kept in {remote.local}: resume with -o and this folder, or "
+            "copy the folder to the address."
         ) from error
 
 
 @contextlib.contextmanager
 def _explain_store_error(address: Address) -> Iterator[None]:
-    """Raise the errors of a store as InputError."""
+    """Convert errors of a store in the context to InputError."""
     try:
         yield
     except (OSError, pa.ArrowException) as error:

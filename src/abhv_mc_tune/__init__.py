@@ -1,1 +1,1 @@
-"""Tuning of a controller's numbers, validated against the initial ones on fresh flights."""
+"""Tuning of controller parameters, validated against the initial values on new flights."""

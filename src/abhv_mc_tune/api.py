@@ -1,4 +1,4 @@
-"""The function ``abhv_mc.tune``."""
+"""Python function ``abhv_mc.tune``."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +12,10 @@ from abhv_mc_tune.tuning import TuneFound, tune_controller
 
 @takes(TuneRequest)
 def tune(request: TuneRequest) -> TuneFound:
-    """Tune the free numbers of a controller, as ``abhv-mc tune`` does.
+    """Tune the free parameters of a controller, as ``abhv-mc tune`` does.
 
-    The controller file is written if the result is ``.shown`` to be better within all limits.
+    The controller file is written if the result is shown to be better within all limits
+    (``.shown``).
 
     Returns
     -------

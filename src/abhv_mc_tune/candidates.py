@@ -1,4 +1,4 @@
-"""Candidates of a tuning: plans of a controller whose file has other numbers."""
+"""Candidates of a tuning: plans of a controller with changed parameters."""
 
 import os
 import re
@@ -23,27 +23,29 @@ from abhv_mc.stability.fly_with_margins import add_margins
 from abhv_mc.vehicle_simulator.make_plans import declare
 from abhv_mc.vehicle_simulator.margin_plans import make_steady
 
-_NUMBER = re.compile(r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")  # and its unit
-Time = Literal["trim"] | float  # s
+_NUMBER = re.compile(
+    r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$"
+)  # number with its unit
+Time = Literal["trim"] | float  # trim, or a time of the flight, s
 
 
 @dataclass(frozen=True)
 class ControllerNumbers:
-    """Controller file with free numbers.
+    """Controller file with free parameters.
 
-    A point has a coordinate from -1 to 1 for each of them: the logarithm of its factor to the base
-    of its largest factor.
+    A point has one coordinate from -1 to 1 per free parameter: the logarithm of the factor to the
+    base of the largest factor.
     """
 
     document: Document
     free: tuple[Free, ...]
 
     def factors(self, point: Floats) -> Floats:
-        """Return the factors [free] of a point [free]."""
+        """Return the factors [parameter] for a point [parameter]."""
         return np.array([entry.factor for entry in self.free]) ** point
 
     def values(self, point: Floats) -> dict[str, str | float]:
-        """Return the free numbers of a point as the file writes them, by key."""
+        """Return the free parameters of a point as written in the file, by key."""
         factors = self.factors(point).tolist()
         entries = dict(_numbers(self.document.data))
         return {
@@ -52,7 +54,7 @@ class ControllerNumbers:
         }
 
     def at_ends(self, point: Floats) -> list[str]:
-        """Return the keys of the free numbers that are at an end of their range."""
+        """Return the keys of free parameters that are at an end of their range."""
         return [
             entry.key
             for entry, x in zip(self.free, point.tolist(), strict=True)
@@ -60,9 +62,9 @@ class ControllerNumbers:
         ]
 
     def write(self, path: Path, point: Floats, comment: str = "") -> None:
-        """Write the file with the free numbers of a point.
+        """Write the controller file with the free parameters of a point.
 
-        The paths of a user law's files are adapted to the new folder.
+        Paths of the files of a custom law are adapted to the new folder.
         """
         data = dict(self.document.entries)
         for key in NAMING_KEYS:
@@ -79,25 +81,25 @@ class ControllerNumbers:
 def read_controller_numbers(
     path: Path, free: Sequence[Free], block: Document, keys: tuple[str | int, ...]
 ) -> ControllerNumbers:
-    """Read a controller's file and find its free numbers.
+    """Read a controller file and find the free parameters.
 
-    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError at the entry of
-    the block whose number the file does not have.
+    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError at an entry of
+    the block whose parameter the file does not have.
     """
     read_controller(path)
     document = read_document(path)
     numbers = dict(_numbers(document.data))
     for i, entry in enumerate(free):
         if entry.key not in numbers:
-            problem = f"'{entry.key}' is no number above zero in {path.name}"
+            problem = f"'{entry.key}' is not a positive number in {path.name}"
             raise block.error((*keys, "free", i), problem, one_of(numbers, entry.key))
     return ControllerNumbers(document, tuple(free))
 
 
 def check_free_numbers(campaign: Experiment) -> None:
-    """Raise InputError if no controller has all free numbers of the campaign's ``tune`` block.
+    """Raise InputError if no controller has all free parameters of the ``tune`` block.
 
-    The error is that of the first controller, which is tuned by default.
+    The error refers to the first controller, which is tuned by default.
     """
     block, document = campaign.model.tune, campaign.document
     if block is None:
@@ -115,7 +117,7 @@ def check_free_numbers(campaign: Experiment) -> None:
 
 
 def _numbers(data: Any, prefix: str = "") -> Any:
-    """Yield the keys and entries of all numbers above zero."""
+    """Yield the keys and entries of all positive numbers."""
     if isinstance(data, dict):
         for key, value in data.items():
             yield from _numbers(value, f"{prefix}.{key}" if prefix else str(key))
@@ -126,7 +128,7 @@ def _numbers(data: Any, prefix: str = "") -> Any:
 
 
 def _scaled(entry: Any, factor: float) -> str | float:
-    """Return an entry times a factor, with six digits and its unit."""
+    """Return an entry multiplied by a factor, with six digits and its unit."""
     match: Any = _NUMBER.match(str(entry))
     number, unit = match.groups()
     value = f"{float(number) * factor:.6g}"
@@ -145,21 +147,21 @@ def _replaced(data: Any, keys: list[str], value: str | float) -> Any:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Plan of a controller with the numbers of a candidate."""
+    """Plan of a controller with the parameters of a candidate."""
 
     plan: FlightPlan
-    steady: FlightPlan | None  # of steady flight, if it exists and margins are required
+    steady: FlightPlan | None  # plan of steady flight, if trim exists and margins are required
 
     def with_margins(self, times: Sequence[Time]) -> FlightPlan:
-        """Return the plan with margins at ``times``, or without if there is no steady flight."""
+        """Return the plan with margins at ``times``, or without margins if there is no trim."""
         return (
             self.plan if self.steady is None else add_margins(self.plan, self.steady, tuple(times))
         )
 
     def margins(self, vehicles: Floats, times: Sequence[Time]) -> Floats:
-        """Return the smallest margins [vehicle, margin] of parameter rows ``vehicles``.
+        """Return the smallest margins [vehicle, margin] for parameter rows ``vehicles``.
 
-        Margins are zero if there is no steady flight.
+        Margins are zero if there is no trim.
         """
         if self.steady is None:
             return np.zeros((len(vehicles), len(MARGIN_NAMES)))
@@ -171,14 +173,14 @@ class Candidates:
     """Factory of the candidates of one controller of a campaign."""
 
     campaign: Experiment
-    name: str  # of the controller
+    name: str  # name of the controller
     numbers: ControllerNumbers
     engine: Engine
 
     def make(self, point: Floats, file: Path, steady: bool) -> Candidate | None:
-        """Return the candidate of a point; None if its numbers are no valid controller.
+        """Return the candidate of a point, or None if its parameters are invalid.
 
-        ``file`` exists during the call. Raise InputError if the initial numbers are invalid.
+        ``file`` exists during the call. Raise InputError if the initial parameters are invalid.
         """
         model = self.campaign.model
         try:

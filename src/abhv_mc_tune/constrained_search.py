@@ -1,10 +1,11 @@
 """Minimization of an objective under constraints with CMA-ES.
 
 All candidates are scored with the same random numbers, so that their differences are not due to
-chance. CMA-ES needs only the order of candidates: feasible ones come first, by their objective, and
-the others follow by their constraint violation (K. Deb, "An efficient constraint handling method
-for genetic algorithms", Computer Methods in Applied Mechanics and Engineering 186 (2000)). A search
-overfits its flights, so the result must be compared with the start on other flights.
+chance. CMA-ES needs only the order of candidates: feasible candidates come first, ordered by
+objective, and infeasible candidates follow, ordered by constraint violation (K. Deb, "An efficient
+constraint handling method for genetic algorithms", Computer Methods in Applied Mechanics and
+Engineering 186 (2000)). A search overfits its flights, so that the result must be compared with the
+start on other flights.
 """
 
 from collections.abc import Callable
@@ -17,24 +18,24 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator
 
-_STALE = 15  # generations without a better candidate before a restart at the best one
-_SMALL = 0.3  # first step after a restart, as a fraction of the initial one
+_STALE = 15  # generations without improvement before a restart at the best candidate
+_SMALL = 0.3  # step after a restart, as a fraction of the initial step
 
 
 class Scores(NamedTuple):
-    """Scores of candidates on the common flights; infinite if they cannot be computed."""
+    """Scores of candidates on common flights, infinite for invalid candidates."""
 
     objective: Floats  # [candidate], minimized
-    excess: Floats  # [candidate, limit]: violation if positive, relative to the limit or its scale
-    usage: Floats  # [candidate]: control effort, the second objective of the Pareto front
+    excess: Floats  # [candidate, limit]: relative violation, if positive
+    usage: Floats  # [candidate]: control effort, the second objective
 
     @property
     def allowed(self) -> NDArray[np.bool_]:
-        """Mask [candidate] of those that violate no limit."""
+        """Mask [candidate] of candidates that violate no limit."""
         return np.isfinite(self.objective) & np.all(self.excess <= 0.0, axis=1)
 
     def rank(self) -> NDArray[np.intp]:
-        """Return the rank [candidate], 0 for the best; equal candidates have equal ranks."""
+        """Return the rank [candidate], 0 for the best; equal candidates share a rank."""
         broken = np.where(np.isfinite(self.excess), np.maximum(self.excess, 0.0), np.inf).sum(
             axis=1
         )
@@ -47,20 +48,20 @@ class Scores(NamedTuple):
 
 @dataclass(frozen=True)
 class Tuning:
-    """Candidates of a search, with the best one."""
+    """Result of a search: all candidates, and the best candidate."""
 
     best: int  # index of the best candidate; the start is candidate 0
-    points: Floats  # [candidate, dimension] of the box -1 to 1
+    points: Floats  # [candidate, dimension] in the box from -1 to 1
     scores: Scores
 
     @property
     def best_point(self) -> Floats:
-        """Point [dimension] of the best candidate."""
+        """Coordinates [dimension] of the best candidate."""
         return self.points[self.best]
 
     @property
     def front(self) -> NDArray[np.intp]:
-        """Feasible candidates on the Pareto front of objective and usage, sorted by usage."""
+        """Feasible candidates on the Pareto front of objective and control effort."""
         allowed = np.flatnonzero(self.scores.allowed)
         return allowed[
             pareto_front(np.column_stack([self.scores.usage, self.scores.objective])[allowed])
@@ -68,7 +69,7 @@ class Tuning:
 
 
 def pareto_front(costs: Floats) -> NDArray[np.intp]:
-    """Return the non-dominated rows of ``costs`` [candidate, 2], sorted by the first column."""
+    """Return the nondominated rows of ``costs`` [candidate, 2], sorted by the first column."""
     order = np.lexsort((costs[:, 1], costs[:, 0]))
     lowest = np.minimum.accumulate(np.append(np.inf, costs[order, 1]))[:-1]
     return order[costs[order, 1] < lowest]
@@ -82,17 +83,17 @@ def tune(
     step: float = 0.25,
     population: int = 16,
 ) -> Tuning:
-    """Search the box -1 to 1 from ``start`` [dimension].
+    """Search the box from -1 to 1, starting at ``start`` [dimension].
 
-    ``measure`` scores candidates [candidate, dimension], of which there are at most ``candidates``,
-    including the start. ``step`` is the initial standard deviation.
+    ``measure`` scores points [candidate, dimension]; at most ``candidates`` are scored, including
+    the start. ``step`` is the initial standard deviation.
     """
     from cmaes import CMA
 
     dimension = len(start)
     points = start[None, :]
     scores = measure(points)
-    # CMA-ES needs two dimensions; a single one gets a second without effect.
+    # CMA-ES needs two dimensions; a dummy dimension is added to a single one.
     bounds = np.tile([-1.0, 1.0], (max(dimension, 2), 1))
     cma: CMA | None = None
     starts, stale, best = 0, 0, 0

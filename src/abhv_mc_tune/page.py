@@ -1,4 +1,4 @@
-"""Page of a tuned controller: improvement on fresh flights, Pareto front and numbers."""
+"""Page of a tuned controller: improvement on new flights, Pareto front and parameters."""
 
 from collections.abc import Iterator
 
@@ -17,14 +17,14 @@ from abhv_mc_tune.tuning import TuneFound
 
 
 def make_tune_answer(result: TuneFound) -> Answer:
-    """Return the page of a tuning."""
+    """Return the content of the page of a tuning."""
     items = *_answers(result), Picture("front"), _comparisons(result), _numbers(result)
     title = f"{controller_label(result.controller)} tuned for {result.objective.phrase}"
     return Answer(title, "Tuning", Section("Answer", items), _draw(result))
 
 
 def _draw(result: TuneFound) -> Iterator[Drawn]:
-    """Yield the Pareto front."""
+    """Yield the figure of the Pareto front."""
     scores, block = result.tuning.scores, result.block
     objective, usage = (
         f"{result.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
@@ -33,9 +33,9 @@ def _draw(result: TuneFound) -> Iterator[Drawn]:
     front = FigureText(
         "front",
         "Error against control effort",
-        "All candidates on the common flights. The Pareto front connects those within all limits"
-        " that no other such candidate improves in both quantities. Candidates far outside are not"
-        " drawn.",
+        "All candidates on the common flights. The Pareto front connects the candidates within "
+        "all limits that no other such candidate improves in both quantities. Distant candidates "
+        "are not drawn.",
     )
     points = scores.usage, scores.objective, scores.allowed
     yield front, plot_front((usage, objective), points, result.tuning.front, result.tuning.best)
@@ -48,9 +48,10 @@ def plot_front(
     front: NDArray[np.intp],
     best: int,
 ) -> Figure:
-    """Plot error against control effort of all candidates, with the front, start and result.
+    """Plot error against control effort of all candidates, with front, start and result.
 
-    ``points`` has control effort, error and feasibility [candidate]; ``front`` are indices.
+    ``points`` contains control effort, error and feasibility [candidate]; ``front`` contains
+    indices.
     """
     usage, error, allowed = points
     figure = new_figure(3.4)
@@ -79,7 +80,7 @@ def plot_front(
     axes.plot(usage[best], error[best], "o", color=VERMILION, label="result", zorder=5)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
-    if finite.any():  # candidates far away would compress the relevant range
+    if finite.any():  # Distant candidates would compress the relevant range.
         for set_limits, values in ((axes.set_xlim, usage), (axes.set_ylim, error)):
             low = float(values[finite].min())
             marks = values[[0, best]]
@@ -93,7 +94,7 @@ def plot_front(
 
 
 def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
-    """Return the sentences on the improvement, its limits and its validity."""
+    """Return sentences on the improvement, its limits and its validity."""
     gain, block, main = result.difference, result.block, result.comparisons[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
@@ -109,8 +110,8 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
         answers = ["No new file: no candidate was better than the start on the common flights."]
     elif not result.tuning.scores.allowed.any():
         answers = [
-            "No new file: no candidate met all limits. The table shows the one with the smallest"
-            f" violation. It violates: {violated}.",
+            "No new file: no candidate met all limits. The table shows the candidate with the "
+            f"smallest violation, which violates: {violated}.",
             change,
         ]
     else:
@@ -123,19 +124,19 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     ends = result.numbers.at_ends(result.tuning.best_point)
     if ends:
         answers.append(
-            f"At an end of their range: {', '.join(ends)}. Better numbers may lie outside; to"
-            " include them, give these numbers a larger factor."
+            f"At an end of their range: {', '.join(ends)}. Better values may lie outside; to "
+            "include them, give these parameters a larger factor."
         )
     if result.shown:
         answers.append(
             "The improvement is shown for this campaign's dispersions, mission, vehicle and limits."
-            " It may not hold for others, and better numbers may exist."
+            " It may not hold for others, and better parameters may exist."
         )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
 def _comparisons(result: TuneFound) -> Table:
-    """Return the table of start, result and limit of each metric and margin."""
+    """Return the table of the start, result and limit of each metric and margin."""
     rows = []
     for item in result.comparisons:
         limit, is_met = "", ""
@@ -146,22 +147,24 @@ def _comparisons(result: TuneFound) -> Table:
         rows.append([item.label, *numbers, limit, is_met])
     caption = (
         "Metrics are from the same fresh flights for start and result; early terminations count as"
-        " the worst value. Stability margins are the smallest of all loops and times; 0 means"
-        " unstable, or no steady flight."
+        " the worst value. Stability margins are the smallest over all loops and times; 0 means "
+        "unstable or no trim."
     )
     heads = ("metric", "start", "result", "limit", "met")
     return make_table("Start and result", caption, heads, rows)
 
 
 def _numbers(result: TuneFound) -> Table:
-    """Return the table of the free numbers with their ranges."""
+    """Return the table of the free parameters with their ranges."""
     numbers, best = result.numbers, result.tuning.best_point
     columns = [
         numbers.values(point)
         for point in (0.0 * best, np.full_like(best, -1.0), best, np.ones_like(best))
     ]
     ends = numbers.at_ends(best)
-    caption = "Each number was divided and multiplied by up to its factor, on a logarithmic scale."
+    caption = (
+        "Each parameter was varied on a logarithmic scale by up to its factor in both directions."
+    )
     heads = ("number", "start", "low end", "result", "high end", "")
     rows = [
         [

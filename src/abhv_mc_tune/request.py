@@ -1,4 +1,4 @@
-"""Request of a tuning, whose fields are options of the command and arguments in Python."""
+"""Options of a tuning, on the command line and in Python."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
@@ -18,15 +18,17 @@ from abhv_mc.requests import (
 
 @dataclass(frozen=True)
 class TuneRequest(CheckedRequest):
-    """Request of a tuning."""
+    """Options of a tuning."""
 
     campaign: CampaignPath
     output: Annotated[
-        Paths, Option("Controller file to write; its page is next to it.", "new file")
+        Paths, Option("Controller file to write; a page is written next to the file.", "new file")
     ]
     _: KW_ONLY
     controller: Controller = None
-    block: Annotated[Paths | None, Option("File with the block 'tune'.", "file", "CAMPAIGN")] = None
+    block: Annotated[
+        Paths | None, Option("File that contains the block 'tune'.", "file", "CAMPAIGN")
+    ] = None
     seed: Seed = None
     workers: Workers = None
     scheduler: Scheduler = None

@@ -1,4 +1,4 @@
-"""Trials of a tuning's candidates: flights, stability margins and scores, stored in files."""
+"""Trials of the candidates of a tuning: flights, stability margins and scores."""
 
 import functools
 import hashlib
@@ -26,7 +26,7 @@ from abhv_mc.vehicle_simulator.corner_margins import make_corners
 from abhv_mc_tune.candidates import Candidate, Candidates, Time
 from abhv_mc_tune.constrained_search import Scores
 
-_BLOCK = 128  # flights of one call
+_BLOCK = 128  # flights per call
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Trial:
     """Metrics and stability margins of one candidate."""
 
     columns: tuple[str, ...]  # names of the metrics
-    metrics: Floats  # [flight, metric]; NaN in rows of early terminations and lost flights
-    margins: Floats  # [vehicle, margin], the nominal vehicle first; no rows without such limits
+    metrics: Floats  # [flight, metric]; NaN for early terminations and lost flights
+    margins: Floats  # [vehicle, margin], nominal first; empty without limits on margins
 
     def column(self, metric: str) -> Floats:
         """Return the values [flight] of a metric."""
@@ -43,7 +43,7 @@ class Trial:
 
 
 def vehicles_of(campaign: Experiment, block: Tune) -> Floats:
-    """Return rows [vehicle, parameter] of vehicles with limited margins, nominal first."""
+    """Return rows [vehicle, parameter] of the vehicles with limited margins."""
     vehicles = [limit.vehicles for limit in block.limits if limit.is_margin]
     return (
         make_corners(campaign) if "corners" in vehicles else nominal_parameters()[: len(vehicles)]
@@ -57,21 +57,21 @@ class Trials:
     campaign: Experiment
     candidates: Candidates
     space: Space
-    folder: Path  # of stored results
-    identity: str  # hash of all inputs of the flights besides point and parameters
+    folder: Path  # folder of stored results
+    identity: str  # hash of all inputs except point and parameters
     executor: FlightRunner
-    vehicles: Floats  # [vehicle, parameter] with limited margins
+    vehicles: Floats  # [vehicle, parameter] vehicles with limited margins
     margins_at: tuple[Time, ...]
-    flights_at: tuple[Time, ...] = ()  # times of the margins of each flight; empty without these
+    flights_at: tuple[Time, ...] = ()  # times of the margins of flights, if any
 
     def draw(self, seed: int, flights: int) -> Floats:
-        """Return inputs [flight, column] that are common to all candidates."""
+        """Draw the inputs [flight, column] that are common to all candidates."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
         values = drawn_samples(design, self.space.marginals, self.space.copula).draw(0, flights)
         return self.space.complete(values, seed, 0)
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:
-        """Return the trials of candidates ``points`` [candidate, dimension]."""
+        """Simulate candidates ``points`` [candidate, dimension] and return their trials."""
         distinct, indices = np.unique(points, axis=0, return_inverse=True)
         with ThreadPoolExecutor(self.executor.workers) as threads:
             trials = list(threads.map(lambda point: self._run(point, parameters), distinct))
@@ -84,7 +84,7 @@ class Trials:
 
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
-        """Names of the metrics of the flights, and of their margins if required."""
+        """Names of the metrics of the flights, including margins if required."""
         margins = MARGIN_VALUES if self.flights_at else ()
         return tuple(signal.name for signal in (*self.campaign.measured, *margins))
 
@@ -103,7 +103,7 @@ class Trials:
     def _remember(
         self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]
     ) -> Floats:
-        """Return stored values [row, column], or compute and store them."""
+        """Return stored values [row, column], or compute and store the values."""
         key = hashlib.sha256(
             point.tobytes() + parameters.tobytes() + self.identity.encode()
         ).hexdigest()[:32]
@@ -120,7 +120,7 @@ class Trials:
         return values
 
     def _fly(self, candidate: Candidate | None, parameters: Floats) -> Floats:
-        """Return the metrics [flight, metric] of a candidate; NaN if it is no valid controller."""
+        """Return the metrics [flight, metric] of a candidate, NaN if it is invalid."""
         if candidate is None:
             return np.full((len(parameters), len(self.columns)), np.nan)
         plan = candidate.with_margins(self.flights_at) if self.flights_at else candidate.plan
@@ -134,7 +134,7 @@ class Trials:
             for start in starts
         ]
         metrics = np.concatenate([block.metrics for block in blocks])
-        missing = len(self.columns) - metrics.shape[1]  # margins, without a steady flight
+        missing = len(self.columns) - metrics.shape[1]  # margins are missing without a trim
         metrics = np.hstack([metrics, np.zeros((len(metrics), missing))])
         lost = np.concatenate([block.outcome for block in blocks]) != Outcome.OK
         return np.where(lost[:, None], np.nan, metrics)
@@ -142,23 +142,23 @@ class Trials:
     def margins_of(self, candidate: Candidate | None) -> Floats:
         """Return the smallest margins [vehicle, margin] of a candidate.
 
-        Margins are zero without a valid controller or a steady flight.
+        Margins are zero without a valid controller or a trim.
         """
         if candidate is None:
             return np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
         return candidate.margins(self.vehicles, self.margins_at)
 
     def _make(self, point: Floats) -> Callable[[], Candidate | None]:
-        """Return a cached function that makes the candidate; None if its numbers are invalid."""
+        """Return a cached function that makes the candidate, or None if it is invalid."""
         file = self.folder / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
         steady = bool(self.flights_at or len(self.vehicles))
         return functools.cache(lambda: self.candidates.make(point, file, steady))
 
 
 def severities_of(trial: Trial, metric: Metric) -> Floats:
-    """Return the severities [flight] of a metric: larger is worse, infinite for lost flights.
+    """Return the severities [flight] of a metric; larger is worse, lost flights infinite.
 
-    The severity of a metric with two limits is the distance outside these.
+    The severity of a metric with two limits is the distance outside the limits.
     """
     values = trial.column(metric.name)
     return (
@@ -167,7 +167,7 @@ def severities_of(trial: Trial, metric: Metric) -> Floats:
 
 
 def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
-    """Return a quantile of a metric over the flights, from its good side, in its unit.
+    """Return a quantile of a metric over the flights, counted from the better side.
 
     Lost flights count as the worst value.
     """
@@ -176,7 +176,7 @@ def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
 
 
 def limited_value(trial: Trial, limit: Limit) -> float:
-    """Return the limited value: a quantile over the flights, or the smallest margin."""
+    """Return the limited quantity: a quantile over the flights, or the smallest margin."""
     if not limit.is_margin:
         sign = -1.0 if limit.above is not None else 1.0
         worse = severity(sign * trial.column(limit.metric), "high")
@@ -186,14 +186,14 @@ def limited_value(trial: Trial, limit: Limit) -> float:
 
 
 def bound_of(limit: Limit, start: Trial) -> float:
-    """Return the limit as a number; a relative limit is multiplied by the value of the start."""
+    """Return the bound of a limit; a relative limit is multiplied by the initial value."""
     if limit.below_start_times is not None:
         return limit.below_start_times * limited_value(start, limit)
     return float(limit.below if limit.below is not None else limit.above or 0.0)
 
 
 def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
-    """Return the relative violation of a limit; zero or negative if the limit is met."""
+    """Return the relative violation of a limit, positive if the limit is violated."""
     sign = -1.0 if limit.above is not None else 1.0
     return sign * (limited_value(trial, limit) - bound) / (abs(bound) or 1.0)
 
@@ -201,7 +201,7 @@ def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
 def score(
     trials: Sequence[Trial], block: Tune, bounds: Sequence[float], metrics: Mapping[str, Metric]
 ) -> Scores:
-    """Return the scores of candidates on the same flights: quantiles of severities."""
+    """Return the scores of candidates on the same flights, as quantiles of severities."""
     excess = [
         [excess_of(trial, limit, bound) for limit, bound in zip(block.limits, bounds, strict=True)]
         for trial in trials

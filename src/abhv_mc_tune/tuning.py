@@ -1,4 +1,4 @@
-"""Tuning of a controller's free numbers with validation (``abhv-mc tune``)."""
+"""Tuning of the free parameters of a controller, with validation (``abhv-mc tune``)."""
 
 import hashlib
 import json
@@ -45,23 +45,23 @@ from abhv_mc_tune.trials import (
     vehicles_of,
 )
 
-# Endings of the folder of candidates, of the page, and of the file of a rejected candidate.
+# Suffixes of the candidates' folder, the page and the file of a rejected candidate.
 _CANDIDATES, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of start and result on fresh flights in one metric or stability margin."""
+    """Comparison of start and result on new flights, for one metric or stability margin."""
 
     metric: str
-    quantile: float | None  # of the metric over the flights; None for a stability margin
-    vehicles: str | None  # 'nominal' or 'corners' of a stability margin; None for a metric
+    quantile: float | None  # quantile of the metric; None for a margin
+    vehicles: str | None  # 'nominal' or 'corners' for a margin; None for a metric
     start: float
     best: float
     limit: float | None = None
     keeps: bool = True  # whether the result meets the limit
     floor: bool = False  # whether the limit is a lower bound
-    band: Bounds | None = None  # of a requirement with two limits: values are distances outside
+    band: Bounds | None = None  # two limits; values are then distances outside
 
     @property
     def label(self) -> str:
@@ -81,23 +81,23 @@ class TuneFound:
     block: Tune
     numbers: ControllerNumbers
     tuning: Tuning
-    validation: Interval  # of the objective on fresh flights, result minus start: better below 0
-    comparisons: tuple[Comparison, ...]  # objective, limits, usage, margins of the nominal vehicle
+    validation: Interval  # result minus start of the objective; negative is better
+    comparisons: tuple[Comparison, ...]  # objective, limits, control effort, nominal margins
     metrics: Mapping[str, Metric]
 
     @property
     def objective(self) -> Metric:
-        """Metric of the objective."""
+        """Metric that the tuning minimizes."""
         return self.metrics[self.block.minimise.metric]
 
     @property
     def difference(self) -> Interval:
-        """Quantile of the result minus that of the start, in the metric's unit."""
+        """Quantile of the result minus quantile of the start, in the unit of the metric."""
         return self.validation.in_sense(self.objective.bad)
 
     @property
     def shown(self) -> bool:
-        """Return whether fresh flights show an improvement within all limits."""
+        """Return whether new flights show an improvement within all limits."""
         return (
             self.tuning.best != 0
             and self.validation.high < 0.0
@@ -138,7 +138,7 @@ class _TuneFile(StrictModel):
 def read_tune_block(
     campaign: Experiment, path: Paths | None
 ) -> tuple[Tune, Document, tuple[str, ...]]:
-    """Return the ``tune`` block, its document and its keys there. Raise InputError."""
+    """Return the ``tune`` block with its document and keys. Raise InputError if missing."""
     keys: tuple[str, ...] = ("tune",)
     document = campaign.document
     if path is None:
@@ -169,7 +169,7 @@ def read_tune_block(
 
 
 def _check_margins(block: Tune, document: Document, keys: tuple[str, ...], duration: float) -> None:
-    """Raise InputError if a time of the margins is outside the mission."""
+    """Raise InputError if a time for margins is outside the mission."""
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
             expected = f"trim, or a time of the mission, 0 to {duration:g} s"
@@ -177,11 +177,11 @@ def _check_margins(block: Tune, document: Document, keys: tuple[str, ...], durat
 
 
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
-    """Search the best numbers, validate them with another seed, and write the new file.
+    """Search for the best parameters, validate them with another seed, and write the file.
 
     The flights of all candidates are stored next to the new file, so that the same command resumes
     after an interrupt. A candidate that is not shown to be better is written to
-    :func:`rejected_file`. Raise InputError if the request is wrong.
+    :func:`rejected_file`. Raise InputError if the request is invalid.
     """
     with reading_once():
         return _tune(request, engine or make_engine())
@@ -193,7 +193,7 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     campaign.simulator.check("tuning")
     block, document, keys = read_tune_block(campaign, request.block)
     if out.suffix in (_CANDIDATES, _PAGE):
-        problem = f"the ending '{out.suffix}' is that of other files of the tuning"
+        problem = f"the suffix '{out.suffix}' is used for other files of the tuning"
         raise InputError(out, problem, "-o NEW.yaml")
     if out.exists():
         raise InputError(out, "the file exists already", "a new file (-o NEW.yaml)")
@@ -202,8 +202,8 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     if any(limit.is_margin for limit in block.limits):
         plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
         _check_margins(block, document, keys, plan.timing.duration)
-    # Threads, because worker processes would receive and keep the plan of each candidate. A crash
-    # in compiled code ends the program, but the same command resumes with the stored flights.
+    # Worker processes would keep the plans of all candidates, so use threads; after a crash the
+    # same command resumes.
     execution = model.execution.model_copy(update={"isolation": THREADS})
     text = json.dumps(
         [
@@ -256,7 +256,7 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
 
 
 def rejected_file(out: Path) -> Path:
-    """Return the file for a candidate that is not shown to be better."""
+    """Return the path for a candidate that is not shown to be better."""
     return out.with_suffix(_REJECTED)
 
 
@@ -321,7 +321,7 @@ def _validate(
 
 
 def _comment(result: TuneFound, request: TuneRequest, seed: int) -> str:
-    """Return the comment at the head of the new file."""
+    """Return the comment at the beginning of the new file."""
     main, gain, block = result.comparisons[0], result.difference, result.block
     command = (
         f"abhv-mc tune {request.campaign} --controller {result.controller} -o {request.output}"

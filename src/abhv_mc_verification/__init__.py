@@ -1,1 +1,1 @@
-"""Verification of the plant against check-cases, reference flights and publications."""
+"""Verification of the simulation against check-cases, recorded flights and publications."""

@@ -1,4 +1,4 @@
-"""Rows of the verification: differences and their tolerances."""
+"""Rows of a verification table: differences with their tolerances."""
 
 import math
 from collections.abc import Sequence
@@ -8,15 +8,15 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Row:
-    """Largest difference of one quantity of one case."""
+    """Largest difference of one quantity in one case."""
 
     case: str
-    simulator: str  # what it is compared with
+    simulator: str  # simulator used as the reference
     quantity: str
     unit: str
     difference: float
-    tolerance: float  # infinite where there is nothing to judge by
-    ok: bool = field(init=False)  # False for a difference that is not a number
+    tolerance: float  # infinite if no tolerance is known
+    ok: bool = field(init=False)  # False if the difference is NaN
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ok", self.difference <= self.tolerance)
@@ -28,7 +28,7 @@ class Row:
 
 
 def all_ok(rows: Sequence[Row]) -> bool:
-    """Return whether there are rows and all are within their tolerance."""
+    """Return whether there are rows and all rows are within tolerance."""
     return bool(rows) and all(row.ok for row in rows)
 
 

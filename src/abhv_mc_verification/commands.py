@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from abhv_mc_verification.check_rows import Row
 
 _Scale = Annotated[
-    float, typer.Option("--tolerance-scale", metavar="X", help="Multiply every tolerance.")
+    float,
+    typer.Option("--tolerance-scale", metavar="X", help="Factor that multiplies all tolerances."),
 ]
 
 _REFERENCES = Path("tests/reference")
@@ -23,17 +24,20 @@ _REFERENCES = Path("tests/reference")
 
 def nesc(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Holds Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz].")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="Folder with files Atmos_NN_Name/Atmos_NN_sim_MM.csv[.gz]."
+        ),
     ],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Simulate NASA's atmospheric check-cases and compare with published simulators.
+    """Simulate NASA's atmospheric check-cases and compare with published results.
 
-    Those of the cases 1 to 16 that DIR has are compared with each of its simulators.
+    Each case from 1 to 16 in DIR is compared with the results of each simulator in DIR.
 
-    Exit code 1 if a difference is outside its tolerance.
+    The exit code is 1 if a difference is outside its tolerance.
     """
     from abhv_mc_verification.nesc import verify_nesc
 
@@ -42,15 +46,15 @@ def nesc(
 
 def ghame6(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE.csv[.gz]", help="A flight of CADAC++ GHAME6.")
+        Path, typer.Argument(metavar="FILE.csv[.gz]", help="Recorded flight of CADAC++ GHAME6.")
     ],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Replay the recorded surfaces and throttle of a CADAC++ flight and compare the states.
+    """Replay the recorded controls of a CADAC++ flight and compare the states.
 
-    Exit code 1 if a difference is outside its tolerance.
+    The exit code is 1 if a difference is outside its tolerance.
     """
     from abhv_mc_verification.ghame6 import verify_ghame6
 
@@ -63,14 +67,14 @@ def everything(
         typer.Option(
             metavar="DIR",
             show_default=f"{_REFERENCES}, where it is",
-            help="Holds the check-cases (nesc) and recordings (cadac-ghame6).",
+            help="Folder with the check-cases (nesc) and recordings (cadac-ghame6).",
         ),
     ] = None,
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Show the comparison with other simulators and papers as one table."""
+    """Compare with other simulators and publications, and print one table."""
     from abhv_mc_verification.everything import verify_everything
 
     folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
@@ -80,7 +84,7 @@ def everything(
 def _verify(
     make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None
 ) -> None:
-    """Print a table, write JSON and JUnit XML, and exit with 1 if a row fails."""
+    """Print a table, write JSON and JUnit XML, and exit with code 1 if a row fails."""
     from abhv_mc_verification.check_rows import all_ok, rows_record
 
     if not 0.0 < scale < inf:
@@ -124,8 +128,8 @@ def _print_rows(rows: "list[Row]") -> None:
     alone = sum(not row.judged for row in rows)
     if alone:
         say(
-            f"{alone} not judged: their tolerance is what two simulators differ by, and there is a "
-            "file of one alone"
+            f"{alone} not judged: the tolerance is the difference of two simulators, but only one "
+            "has a file"
         )
 
 

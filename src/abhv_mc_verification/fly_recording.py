@@ -1,4 +1,4 @@
-"""Recorded flights of other simulators, replayed through the compiled flight."""
+"""Replay of recorded flights of other simulators with the compiled flight."""
 
 import math
 from collections.abc import Sequence
@@ -27,22 +27,22 @@ from abhv_mc.vehicle.actuators import drive
 if TYPE_CHECKING:
     import pandas as pd
 
-_EVEN = 0.02  # of the spacing: printed times are rounded
+_EVEN = 0.02  # tolerance of spacing, because printed times are rounded
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
 
 def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
-    """Return columns of a ``.csv`` or ``.csv.gz`` file. Raise InputError.
+    """Read columns of a ``.csv`` or ``.csv.gz`` file. Raise InputError if invalid.
 
-    Columns in `perhaps` are optional. Of equal names the first column counts.
+    Columns in `perhaps` are optional. The first of several columns with the same name is used.
     """
     import pandas as pd
 
     table = read_foreign_table(path)
     missing = [name for name in names if name not in table.heads]
     if missing:
-        expected = "the columns that are compared"
+        expected = "all columns to be compared"
         raise table.error(None, None, f"no column {', '.join(missing)}", expected)
     if len(table) < 2:
         raise InputError(path, "1 row of numbers", "at least 2")
@@ -52,12 +52,12 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
 
 
 def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
-    """Raise InputError for times that do not rise, or are not evenly spaced if `uniform`."""
+    """Raise InputError unless times increase and, if `uniform`, are evenly spaced."""
     steps = np.diff(times)
     falling = np.flatnonzero(steps <= 0.0)
     if falling.size:
         raise InputError(
-            path, f"the time {times[falling[0] + 1]:g} s", "times that rise", int(falling[0]) + 3
+            path, f"the time {times[falling[0] + 1]:g} s", "increasing times", int(falling[0]) + 3
         )
     step = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
@@ -75,7 +75,7 @@ def make_start(
     *,
     latitude: float = 0.0,
 ) -> Floats:
-    """Return a level state [state] at a heading and longitude 0, SI and radians.
+    """Return the state [state] of a level vehicle at longitude 0, SI and radians.
 
     `rates` are inertial body rates.
     """
@@ -91,7 +91,7 @@ def make_start(
 def make_replay_plan(
     vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing
 ) -> FlightPlan:
-    """Return a plan without controller or limits.
+    """Return a plan with prescribed controls, without controller or limits.
 
     `controls` [tick, 4] are the surfaces (rad) and the equivalence ratio, linear between ticks.
     """
@@ -104,7 +104,7 @@ def make_replay_plan(
         controller="recorded",
         law="recorded",
         vehicle=vehicle,
-        trim_tables=vehicle.tables,  # guidance has none
+        trim_tables=vehicle.tables,  # not used without guidance
         effectiveness=make_effectiveness(vehicle),
         earth=earth,
         timing=timing,
@@ -118,14 +118,14 @@ def make_replay_plan(
 
 
 def replay(plan: FlightPlan, parameters: Floats | None = None) -> Floats:
-    """Return the states [tick, state] of one flight; `parameters` default to nominal."""
+    """Simulate one flight and return its states [tick, state]."""
     flown = nominal_parameters() if parameters is None else parameters[np.newaxis]
     return fly(plan, flown, record_every=1, keep_states=True).states[0]
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion [time] in the quantities that other simulators publish, SI and radians."""
+    """Motion [time] in quantities published by other simulators, SI and radians."""
 
     altitude: Floats  # [time]
     longitude: Floats
@@ -137,7 +137,7 @@ class Motion:
 
 
 def make_motion(states: Floats) -> Motion:
-    """Return the motion of states [time, state]."""
+    """Convert states [time, state] to published quantities."""
     from scipy.spatial.transform import Rotation
 
     attitude = Rotation.from_quat(states[:, s.Q0 : s.Q3 + 1], scalar_first=True)
@@ -153,11 +153,11 @@ def make_motion(states: Floats) -> Motion:
 
 
 def at_times(tick: float, states: Floats, times: Floats) -> Floats:
-    """Return states [time, state] at any times, by a cubic spline through the ticks."""
+    """Interpolate states [time, state] at any times by a cubic spline."""
     from scipy.interpolate import CubicSpline
 
     states = states.copy()
-    states[:, s.LONGITUDE] = np.unwrap(states[:, s.LONGITUDE])  # across the date line
+    states[:, s.LONGITUDE] = np.unwrap(states[:, s.LONGITUDE])  # continuous across the date line
     spline = CubicSpline(tick * np.arange(len(states)), states, axis=0)
     return np.asarray(spline(times), dtype=np.float64)
 

@@ -1,4 +1,4 @@
-"""Replay of a CADAC++ GHAME6 flight (Zipfel): its surfaces and throttle in this plant.
+"""Replay of the surfaces and throttle of a CADAC++ GHAME6 flight (Zipfel).
 
 Frames: I is inertial; E rotates with the Earth (x through the equator at longitude 0, z through the
 north pole) and coincides with I at time 0; N is local north, east, down.
@@ -32,26 +32,26 @@ from abhv_mc_verification.fly_recording import (
     wrap_degrees,
 )
 
-# CADAC++'s Earth: its own flattening; J2 from the normalised C20. Its gravity pulls along the
-# meridian away from the equator: the accelerations in its output show the right size of J2's
-# meridional part with the wrong sign.
+# Earth of CADAC++: flattening, and J2 from the normalised C20. The meridional part of the J2
+# acceleration in its output has the wrong sign.
 CADAC_EARTH = Earth(
     6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0
 )
-# Its atmosphere at 20 km is thinner than the standard's by this, at its own altitude (the column
-# rho).
+# Ratio of the air density in CADAC++ (column rho) to the standard at 20 km.
 CADAC_DENSITY = 1.0 / 1.0000134861
-FULL_MASS = 136077.0  # kg: mass = this minus the fuel expended
-LONGEST_STEP = 0.01  # s
+FULL_MASS = 136077.0  # mass with full tanks, kg
+LONGEST_STEP = 0.01  # maximum integration step, s
 
-POSITION = [f"sbii{i}" for i in (1, 2, 3)]  # m, inertial
-VELOCITY = [f"vbii{i}" for i in (1, 2, 3)]  # m/s
-ATTITUDE = [f"tbi{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]  # body from inertial
-RATES = [f"wbib{i}" for i in (1, 2, 3)]  # rad/s, body to inertial
-CONTROLS = ["delax", "delrx", "delex", "throttle"]  # deg, deg, deg, -: in the order of the state
+POSITION = [f"sbii{i}" for i in (1, 2, 3)]  # inertial position, m
+VELOCITY = [f"vbii{i}" for i in (1, 2, 3)]  # inertial velocity, m/s
+ATTITUDE = [
+    f"tbi{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)
+]  # rotation from inertial to body axes
+RATES = [f"wbib{i}" for i in (1, 2, 3)]  # inertial body rates, rad/s
+CONTROLS = ["delax", "delrx", "delex", "throttle"]  # units deg, deg, deg, -
 COMPARED = ["alt", "dvbe", "thtvdx", "alphax", "betax"]
 
-# Differences of an independent replay (DOP853, rtol 1e-10), of which three times are the tolerance.
+# Differences of an independent replay (DOP853, rtol 1e-10); tolerances are three times as large.
 _REPLAYED = {
     "altitude": ("m", 0.03),
     "speed": ("m/s", 0.0009),
@@ -68,26 +68,28 @@ _REPLAYED = {
 
 @dataclass(frozen=True)
 class Recording:
-    """Recorded flight in the plant's quantities, SI and radians; rows are times."""
+    """Recorded flight in the quantities of abhv-mc, SI and radians."""
 
     times: Floats
     states: Floats  # [time, state] without surfaces and engine
     controls: Floats  # [time, 4] aileron, rudder, elevator, equivalence ratio
-    published: dict[str, Floats]  # COMPARED, in the file's units
+    published: dict[str, Floats]  # compared columns in the units of the file
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a CADAC++ GHAME6 time history, evenly spaced. Raises :class:`InputError`."""
+    """Read an evenly spaced time history of CADAC++ GHAME6. Raise InputError if invalid."""
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
     table = read_columns(path, needed, ["vmass", "fmasse"])
     if "vmass" not in table and "fmasse" not in table:
-        raise InputError(path, "no column vmass", "it, or fmasse, the mass of the fuel burnt")
+        raise InputError(
+            path, "no column vmass", "the column vmass, or fmasse, the mass of the burnt fuel"
+        )
     times = np.array(table["time"])
     check_times(path, times, uniform=True)
 
     turn = Rotation.from_euler(
         "z", -CADAC_EARTH.rotation_rate * times[:, np.newaxis]
-    )  # to E from I
+    )  # rotation from I to E
     position = turn.apply(np.array(table[POSITION]))
     carried = np.cross([0.0, 0.0, CADAC_EARTH.rotation_rate], position)
     latitude, longitude, altitude = geodetic_from_ecef(CADAC_EARTH, position)
@@ -116,7 +118,7 @@ def read_recording(path: Path) -> Recording:
 
 
 def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Return geodetic latitude, longitude and altitude of a position [..., 3], m, in E.
+    """Convert positions [..., 3] in E, m, to geodetic latitude, longitude and altitude.
 
     Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323), to rounding, a few
     1e-9 m near the ground, where a double itself resolves 1e-9 m. On the axis the longitude is 0.
@@ -139,13 +141,13 @@ def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Float
 
 
 def _unit(y: Floats, x: Floats) -> tuple[Floats, Floats]:
-    """Return sine and cosine of the angle of the point (x, y)."""
+    """Return the sine and cosine of the polar angle of the point (x, y)."""
     length = np.hypot(x, y)
     return y / length, x / length
 
 
 def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
-    """Return C_NE [..., 3, 3], from E components of a vector to local north, east, down."""
+    """Return C_NE [..., 3, 3], the rotation from E to local north, east, down."""
     latitude, longitude = np.broadcast_arrays(latitude, longitude)
     sin_lat, cos_lat, sin_lon, cos_lon = (
         np.sin(latitude),
@@ -162,13 +164,13 @@ def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
 
 
 def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
-    """Return the rows of a recorded flight; `scale` multiplies tolerances. Raise InputError."""
+    """Replay a recorded flight and return rows; `scale` multiplies the tolerances."""
     recording = read_recording(path)
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "ghame.yaml")
     flown = fly_recording(vehicle, recording)
     ours, theirs = _quantities(flown), _quantities(recording.states)
     published = recording.published
-    # CADAC++'s altitude comes from a truncated series: its offset at the start is taken out.
+    # CADAC++ computes altitude by a truncated series; remove the initial offset.
     theirs["altitude"] = published["alt"] - published["alt"][0] + ours["altitude"][0]
     theirs["speed"] = published["dvbe"]
     theirs["flight_path_angle"] = published["thtvdx"]
@@ -193,7 +195,7 @@ def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
 
 
 def fly_recording(vehicle: Vehicle, recording: Recording) -> Floats:
-    """Return states [time, state] under the recorded controls, from the first row on."""
+    """Simulate with the recorded controls and return the states [time, state]."""
     times = recording.times
     spacing = float(times[-1] - times[0]) / (times.size - 1)
     steps = max(1, int(np.ceil(spacing / LONGEST_STEP - 1e-6)))
@@ -207,13 +209,13 @@ def fly_recording(vehicle: Vehicle, recording: Recording) -> Floats:
 
 
 def _quantities(states: Floats) -> dict[str, Floats]:
-    """Return the compared quantities, in degrees, of states [time, state], without wind."""
+    """Return the compared quantities, in degrees, for states [time, state] without wind."""
     motion = make_motion(states)
     north, east, down = motion.velocity_ned.T
     u, v, w = states[:, s.U : s.W + 1].T
     speed = np.sqrt(u * u + v * v + w * w)
     alpha, beta = np.arctan2(w, u), np.arcsin(v / speed)
-    # Bank: the roll of the wind axes (x along the velocity) against the local horizon.
+    # Bank is the roll angle of the wind axes (x along the velocity).
     wind_from_body = Rotation.from_euler("YZ", np.stack([alpha, -beta], axis=-1))
     wind = Rotation.from_quat(states[:, s.Q0 : s.Q3 + 1], scalar_first=True) * wind_from_body.inv()
     return {

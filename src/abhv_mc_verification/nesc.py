@@ -1,4 +1,4 @@
-"""Simulation of NASA's check-cases and comparison with the simulators in a folder."""
+"""Simulation of NASA's check-cases, and comparison with published simulators."""
 
 import itertools
 import math
@@ -32,22 +32,21 @@ from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_case
 if TYPE_CHECKING:
     import pandas as pd
 
-STEP = 0.01  # s, the product's default
+STEP = 0.01  # default integration step of abhv-mc, s
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
-# times the largest difference of two simulators is allowed to the F-16, which has no limits of its
-# own
+# tolerance of F-16 cases relative to the largest difference of two simulators
 _NEEDED = 1.25
-_LIKE = 6  # the case whose tolerances are added: a body with aerodynamics on the ellipsoid
-_LONGEST = 3600.0  # s
+_LIKE = 6  # case of a simple body whose tolerances are added
+_LONGEST = 3600.0  # maximum duration, s
 
-VELOCITY = [f"feVelocity_ft_s_{axis}" for axis in "XYZ"]  # north, east, down
+VELOCITY = [f"feVelocity_ft_s_{axis}" for axis in "XYZ"]  # velocity north, east and down
 EULER = [f"eulerAngle_deg_{angle}" for angle in ("Yaw", "Pitch", "Roll")]
 RATES = [f"bodyAngularRateWrtEi_deg_s_{axis}" for axis in ("Roll", "Pitch", "Yaw")]
 COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY, *EULER, *RATES]
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Return files by (case, simulator), duplicates with their path. Raise InputError if none."""
+    """Return files by (case, simulator). Raise InputError if there are none."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of check-cases")
     files: dict[tuple[str, str], Path] = {}
@@ -60,13 +59,13 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
                 path
             )
     if not files:
-        expected = "Atmos_NN_Name/Atmos_NN_sim_MM.csv of one of the cases 01 to 16"
+        expected = "files Atmos_NN_Name/Atmos_NN_sim_MM.csv of the cases 01 to 16"
         raise InputError(folder, "no check-case", expected)
     return dict(sorted(files.items()))
 
 
 def fly_case(case: CheckCase, duration: float, step: float = STEP) -> Floats:
-    """Return the states [step, state] of a check-case."""
+    """Simulate a check-case and return its states [step, state]."""
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "nesc" / f"{case.vehicle}.yaml")
     mass = vehicle.constants.mass_start
     start = make_start(case.altitude, case.velocity_ned, case.heading, case.rates, mass)
@@ -79,7 +78,7 @@ def fly_case(case: CheckCase, duration: float, step: float = STEP) -> Floats:
 
 
 def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
-    """Return rows of every case and simulator in a folder; `scale` multiplies tolerances."""
+    """Return rows for each case and simulator in a folder; `scale` multiplies tolerances."""
     files = find_files(folder)
     data: dict[tuple[str, str], pd.DataFrame] = {}
     for key, path in files.items():
@@ -120,11 +119,11 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
 
 
 def allowed_difference(tables: "list[pd.DataFrame]") -> tuple[float, ...]:
-    """Return the tolerances of an F-16 case: 1.25 times the differences of its simulators.
+    """Return the tolerances of an F-16 case from the differences of its simulators.
 
-    The differences are taken at common times. The tolerance of the quantity in the cases of simple
-    bodies is added. A single simulator gives no tolerance: simulators 04 and 05, both correct,
-    differ by far more than those of simple bodies.
+    The tolerance is 1.25 times the largest difference at common times plus the tolerance of simple
+    bodies. A single simulator gives no tolerance: simulators 04 and 05 are both correct but differ
+    by far more than in the cases of simple bodies.
     """
     if len(tables) < 2:
         return (math.inf,) * len(_QUANTITIES)
@@ -141,7 +140,7 @@ def allowed_difference(tables: "list[pd.DataFrame]") -> tuple[float, ...]:
 
 
 def _published(columns: "pd.DataFrame") -> list[Floats]:
-    """Return altitude, velocity, longitude, latitude, Euler angles and rates, in file units."""
+    """Return the compared quantities of a file, in its units."""
     names = ("altitudeMsl_ft", VELOCITY, "longitude_deg", "latitude_deg", EULER, RATES)
     return [np.array(columns[name]) for name in names]
 
@@ -167,7 +166,7 @@ _QUANTITIES = (
     ("euler_angles", "deg"),
     ("body_rates", "deg/s"),
 )
-_ANGLES = ("longitude", "euler_angles")  # which go round
+_ANGLES = ("longitude", "euler_angles")  # angles that wrap around
 
 
 def _differences(first: list[Floats], second: list[Floats]) -> list[Floats]:

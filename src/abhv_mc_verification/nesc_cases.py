@@ -1,4 +1,4 @@
-"""Ten atmospheric check-cases of NASA/TM-2015-218675, and differences of its simulators."""
+"""Ten atmospheric check-cases of NASA/TM-2015-218675, with differences of simulators."""
 
 import math
 from collections.abc import Mapping
@@ -6,32 +6,33 @@ from dataclasses import dataclass, field
 
 from abhv_mc.kernel.world.earth import Earth
 
-FOOT = 0.3048  # m
+FOOT = 0.3048  # length of a foot, m
 _DEG = math.pi / 180.0
 
-# The report's ellipsoid; GM as its simulators' published gravity has it (32.1988102141 ft/s2 at 0
-# ft on the equator).
+# Ellipsoid of the report; GM from the published gravity (32.1988102141 ft/s2 at 0 ft, equator).
 ELLIPSOID = Earth(6378137.0, 1.0 / 298.257223563, 3.986004418e14, 0.00108262982, 7.292115e-5)
 ROUND = Earth(20_902_255.199 * FOOT, 0.0, 1.407644311e16 * FOOT**3, 0.0, 7.292115e-5)
 
 _DROP = 30_000.0 * FOOT
 _TUMBLING = (10.0 * _DEG, 20.0 * _DEG, 30.0 * _DEG)
 _AT_REST = (0.0, 0.0, 0.0)
-_LOCAL = 0.004178073 * _DEG  # rad/s: a body that turns with the Earth
+_LOCAL = 0.004178073 * _DEG  # rotation rate of the Earth, rad/s
 
 
 @dataclass(frozen=True)
 class CheckCase:
-    """Check-case at latitude 0, longitude 0, level; SI and radians."""
+    """Check-case that starts level at latitude and longitude 0; SI and radians."""
 
     title: str
     earth: Earth = ELLIPSOID
     vehicle: str = "sphere"  # file in configs/vehicle/nesc
-    rates: tuple[float, float, float] = _AT_REST  # inertial
+    rates: tuple[float, float, float] = _AT_REST  # inertial body rates
     altitude: float = _DROP
     velocity_ned: tuple[float, float, float] = _AT_REST
     heading: float = 0.0
-    parameters: Mapping[str, float] = field(default_factory=dict)  # dispersions that make the case
+    parameters: Mapping[str, float] = field(
+        default_factory=dict
+    )  # dispersions that define the case
 
 
 _UNDAMPED = {"aero.rolling_moment": 0.0, "aero.pitching_moment": 0.0, "aero.yawing_moment": 0.0}
@@ -42,9 +43,11 @@ CASES: dict[int, CheckCase] = {
     2: CheckCase("tumbling brick", vehicle="brick", rates=_TUMBLING, parameters=_UNDAMPED),
     3: CheckCase("damped tumbling brick", vehicle="brick", rates=_TUMBLING),
     4: CheckCase(
-        "sphere, round still Earth", earth=ROUND._replace(rotation_rate=0.0), rates=_TUMBLING
+        "sphere, spherical non-rotating Earth",
+        earth=ROUND._replace(rotation_rate=0.0),
+        rates=_TUMBLING,
     ),
-    5: CheckCase("sphere, round rotating Earth", earth=ROUND, rates=_TUMBLING),
+    5: CheckCase("sphere, spherical rotating Earth", earth=ROUND, rates=_TUMBLING),
     6: CheckCase("sphere, ellipsoid"),
     7: CheckCase("sphere, steady wind", parameters={"wind.east": 20.0 * FOOT}),
     8: CheckCase("sphere, wind shear", parameters=_SHEAR),
@@ -65,9 +68,9 @@ CASES: dict[int, CheckCase] = {
 
 
 def tolerances(case: int) -> tuple[float, ...]:
-    """Return the differences of the simulators of a case.
+    """Return the tolerances of a case: differences of the published simulators.
 
-    They are altitude ft, velocity ft/s, longitude, latitude and Euler angles deg, rates deg/s.
+    Units are ft for altitude, ft/s for velocity, deg for angles and deg/s for rates.
     """
     cannonball = case >= 9
     altitude = 2.0 if cannonball else 0.02 if case >= 4 else 0.01

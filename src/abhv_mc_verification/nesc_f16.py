@@ -1,4 +1,4 @@
-"""F-16 check-cases 11 to 16 of NASA/TM-2015-218675: trims and autopilot flights."""
+"""F-16 check-cases 11 to 16 of NASA/TM-2015-218675: trims and flights with autopilot."""
 
 import functools
 import math
@@ -31,46 +31,46 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.fly_recording import make_replay_plan, replay
 from abhv_mc_verification.nesc_cases import ELLIPSOID
 
-RATE = 500.0  # Hz of the autopilot, which in the cases is continuous
-_TRIM_STEP = 1e-3  # s, of the accelerations that the trim makes zero
-_FULL_STICK = math.radians(-25.0)  # elevator of the whole stick, aft
+RATE = 500.0  # rate of the autopilot, which is continuous in the cases, Hz
+_TRIM_STEP = 1e-3  # time step of the accelerations in the trim, s
+_FULL_STICK = math.radians(-25.0)  # elevator at full aft stick, rad
 
 
 class Step(StrictModel):
-    """Increment of a command from a time on."""
+    """Step of a command at a given time."""
 
     at: Time
     by: str | float
 
 
 class AircraftCase(StrictModel):
-    """Check-case; commands and steps without units are in those of the controller."""
+    """F-16 check-case; commands without units have the units of the controller."""
 
     altitude: Length
-    velocity: tuple[Speed, Speed]  # north, east
+    velocity: tuple[Speed, Speed]  # velocity north and east
     latitude: Angle
     longitude: Angle
     law: str
-    engaged: bool  # whether stick and throttle are trimmed with the law engaged as the case has it
+    engaged: bool  # whether the control law is engaged in the trim
     commands: dict[str, float] = {}
     steps: dict[str, Step] = {}
 
 
 class AircraftCases(StrictModel):
-    """Check-cases by number."""
+    """File of F-16 check-cases by number."""
 
     cases: dict[str, AircraftCase]
 
 
 @functools.cache
 def read_aircraft_cases() -> dict[str, AircraftCase]:
-    """Return the F-16's cases 11 to 16, by their numbers in file names."""
+    """Return the F-16 check-cases 11 to 16 by number."""
     document = read_document(shipped_configs() / "vehicle" / "f16" / "check_cases.yaml")
     return validate(document, AircraftCases).cases
 
 
 def fly_aircraft(name: str, duration: float) -> Floats:
-    """Return the states [tick, state] of a case, at RATE, by the plant and the imported law."""
+    """Simulate a case at RATE with the imported law and return states [tick, state]."""
     case = read_aircraft_cases()[name]
     folder = shipped_configs() / "vehicle"
     vehicle = load_vehicle(folder / "f16.yaml")
@@ -88,12 +88,12 @@ def _read_law(path: Path) -> Law:
 
 
 def heading_of(case: AircraftCase) -> float:
-    """Return the heading (rad) of the velocity at the start."""
+    """Return the initial heading of the velocity, rad."""
     return math.atan2(case.velocity[1], case.velocity[0])
 
 
 def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
-    """Return the trimmed state of the plant, without axial, normal and pitch acceleration."""
+    """Return the trimmed initial state, without axial, normal and pitch acceleration."""
     from scipy.optimize import root
 
     north, east = case.velocity
@@ -131,11 +131,11 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
 
 
 def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
-    """Return the commands: course and airspeed of the start, and the case's steps.
+    """Return the commands: initial course and airspeed, and the steps of the case.
 
-    Stick and throttle are solved with the autopilot off, as its notes require. In the cases 13 they
-    also compensate the difference between the autopilot's design point and this trim: in the
-    published flights the elevator does not move at the start.
+    Stick and throttle are solved with the autopilot off, as its notes require. In cases 13 they
+    also compensate for the difference between the design point of the autopilot and this trim,
+    because in the published flights the elevator does not move at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])
@@ -189,7 +189,7 @@ def make_law_plan(
     *,
     heading: float,
 ) -> FlightPlan:
-    """Return a plan without a mission, with the commanded course at the initial speed."""
+    """Return a plan with the commanded course at the initial speed, without a mission."""
     time = np.arange(timing.ticks + 1, dtype=np.float64) * timing.tick
     speed = float(np.linalg.norm(start[s.U : s.W + 1]))
     commands = steps.columns(time)

@@ -133,24 +133,31 @@ def test_verdicts_of_a_report_are_computed_once(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "change"),
+    ("before", "after", "shown", "change"),
     [
-        (("PASS", 0), ("NOT SHOWN", 2), "is no longer shown to meet"),
-        (("PASS", 0), ("FAIL", 30), "newly misses"),
-        (("FAIL", 30), ("NOT SHOWN", 5), "is no longer shown to miss"),
-        (("NOT SHOWN", 3), ("FAIL", 9), "newly misses"),
-        (("FAIL", 30), ("PASS", 0), "newly meets"),
+        (("PASS", 0), ("NOT SHOWN", 2), True, "is no longer shown to meet"),
+        (("PASS", 0), ("FAIL", 30), True, "newly misses"),
+        (("FAIL", 30), ("NOT SHOWN", 5), True, "is no longer shown to miss"),
+        (("NOT SHOWN", 3), ("FAIL", 9), False, "newly misses"),
+        (("FAIL", 30), ("PASS", 0), True, "newly meets"),
+        (("FAIL", 30), ("FAIL", 60), True, "more often misses"),
+        (("PASS", 0), ("NOT SHOWN", 0), False, None),
+        (("PASS", 0), ("PASS", 1), False, None),
     ],
 )
-def test_a_comparison_reports_changed_verdicts(before, after, change):
+def test_a_comparison_reports_changed_verdicts(before, after, shown, change):
     sides = [SideVerdict(*side, flights=100) for side in (before, after)]
-    interval = Interval(0.0, -0.1, 0.1)
+    difference = (after[1] - before[1]) / 100
+    width = abs(difference) / 2 if shown else 1.0
+    interval = Interval(difference, difference - width, difference + width)
     item = ContrastRequirement("Error < 1 m", 0.9, *sides, share_difference=interval)
     contrasted = ContrastController(("a", "a"), (100, 100), (item,), {})
     (sentence,) = change_sentences(Contrast((), {}, (contrasted,)), ["A"])
     shares = " -> ".join(percent(side[1] / 100, 2) for side in (before, after))
-    details = f"({before[0]} -> {after[0]}, {shares} of the flights fail)"
-    assert sentence == f"A {change} Error < 1 m {details}."
+    if change is None:
+        assert shares not in sentence and sentence.count("1 of") == 1
+    else:
+        assert sentence == f"A {change} Error < 1 m ({shares} of the flights)."
 
 
 @pytest.mark.usefixtures("no_figures")

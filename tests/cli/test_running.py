@@ -105,7 +105,7 @@ def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
     code, out, _ = abhv_mc(
         "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.parquet"
     )
-    assert code == 0 and "equal the stored ones bit for bit" in out
+    assert code == 0 and "equal the stored metrics bit for bit" in out
     history = pq.read_table(tmp_path / "h.parquet")
     np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
     assert set(history["flight"].to_pylist()) == {17}

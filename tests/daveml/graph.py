@@ -100,6 +100,7 @@ class Graph:
             "power": lambda: math.pow(x[0], x[1]),
             "abs": lambda: math.fabs(x[0]),
             "cos": lambda: math.cos(x[0]),
+            "exp": lambda: math.exp(x[0]),
             "atan2": lambda: math.atan2(x[0], x[1]),
             "gt": lambda: x[0] > x[1],
             "lt": lambda: x[0] < x[1],

@@ -17,10 +17,12 @@ import numpy as np
 import pytest
 from daveml.graph import Graph
 
+from abhv_mc.control.mission_tables import DENSITIES, read_air_table
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_daveml.air_profile import ALTITUDES
 from abhv_mc_daveml.graph import read_model
 from abhv_mc_daveml.import_vehicle import import_daveml
 from abhv_mc_daveml.writer import make_function, run_shots
@@ -231,7 +233,7 @@ def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> N
         text = text[:start] + text[start:].replace("<isOutput/></variableDef>", law, 1)
     imported(tmp_path, text)
     written = (tmp_path / "dispersions.yaml").read_text(encoding="utf-8")
-    assert "represents that of: s." in written
+    assert "represents the uncertainty of: s." in written
     assert read_document(tmp_path / "dispersions.yaml").data == {
         "dispersions": {
             "aero.lift": {"distribution": "normal", "sigma": pytest.approx(0.05)},
@@ -297,7 +299,7 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
             "the entity declaration 'a'",
         ),
         ("F16_aero", "<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
-        ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "computed of '__import__"),
+        ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "unknown variable '__import__"),
         ("F16_aero", '<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
         ("F16_aero", "-.099,-.081", "-.099", "a table of 59 values"),
         ("F16_aero", "<cn>25.0</cn>", "<ci>cz</ci>", "a circle"),
@@ -540,3 +542,54 @@ def test_hostile_text_never_becomes_code(tmp_path: Path, name: str) -> None:
             assert set(data) <= set(KEYS[written.name].split())
             assert data.get("file", "file.py") == "file.py"
     assert accepted > 10
+
+
+ATMOSPHERE = """<DAVEfunc><fileHeader name="air"/>
+<variableDef name="geometricAltitude" varID="altMSL" units="f"><isInput/></variableDef>
+<variableDef name="radius" varID="R0" units="f" initialValue="20855531.5"/>
+<variableDef name="geopotentialAltitude" varID="H" units="f"><calculation><math><apply><divide/>
+<apply><times/><ci>R0</ci><ci>altMSL</ci></apply><apply><plus/><ci>R0</ci><ci>altMSL</ci></apply>
+</apply></math></calculation></variableDef>
+<variableDef name="temperature" varID="T" units="d_R"><calculation><math><piecewise>
+<piece><apply><minus/><cn>518.67</cn><apply><times/><cn>0.00356616</cn><ci>H</ci></apply></apply>
+<apply><lt/><ci>H</ci><cn>36089.24</cn></apply></piece>
+<otherwise><cn>389.97</cn></otherwise></piecewise></math></calculation><isOutput/></variableDef>
+<variableDef name="delta" varID="delta" units="nd"><calculation><math><piecewise>
+<piece><apply><power/><apply><divide/><ci>T</ci><cn>518.67</cn></apply><cn>5.2558797</cn></apply>
+<apply><lt/><ci>H</ci><cn>36089.24</cn></apply></piece>
+<otherwise><apply><times/><cn>0.2233609</cn><apply><exp/><apply><divide/>
+<apply><minus/><cn>36089.24</cn><ci>H</ci></apply><cn>20805.7</cn></apply></apply></apply></otherwise>
+</piecewise></math></calculation></variableDef>
+<variableDef name="airDensity" varID="rho" units="slug_f3"><calculation><math><apply><divide/>
+<apply><times/><cn>0.0023768908</cn><ci>delta</ci><cn>518.67</cn></apply><ci>T</ci></apply></math>
+</calculation><isOutput/></variableDef>
+<variableDef name="ambientPressure" varID="p" units="lbf_f2"><calculation><math><apply><times/>
+<cn>2116.2166</cn><ci>delta</ci></apply></math></calculation><isOutput/></variableDef></DAVEfunc>"""
+
+
+@pytest.mark.parametrize("output", ["density and pressure", "density"])
+def test_a_model_of_the_atmosphere_becomes_the_air_profile_of_a_mission(
+    output: str, tmp_path: Path
+) -> None:
+    text = ATMOSPHERE if "pressure" in output else ATMOSPHERE.replace("ambientP", "other")
+    (tmp_path / "air.dml").write_text(text, encoding="utf-8")
+    written = import_daveml([tmp_path / "air.dml"], tmp_path / "out").paths
+    assert [path.name for path in written] == ["air.csv", "air.py"]
+    rows = read_air_table(tmp_path / "out/air.csv", DENSITIES, {})
+    assert rows[:, 0].tolist() == ALTITUDES.tolist()
+    layers = rows[:, 0] <= 20_000.0  # the model's upper layer is isothermal
+    np.testing.assert_allclose(rows[layers, 1:], 1.0, rtol=1e-4)
+    model = read_model(tmp_path / "air.dml")
+    function, graph = make_function(model), Graph(tmp_path / "air.dml")
+    for feet in np.linspace(0.0, 2e5, 300).tolist():
+        assert function(feet) == pytest.approx(
+            tuple(graph.evaluate({"altMSL": feet}).values()), rel=1e-12
+        )
+
+
+def test_an_atmosphere_without_density_at_an_altitude_is_rejected(tmp_path: Path) -> None:
+    text = ATMOSPHERE.replace("<exp/>", "<ln/>")
+    (tmp_path / "air.dml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"no positive density and pressure at \d+ m"):
+        import_daveml([tmp_path / "air.dml"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -145,7 +145,9 @@ def test_the_architecture_page_lists_the_checked_layers_and_every_folder() -> No
     rows = [row.split("|")[1:3] for row in table.splitlines() if row.startswith("| ")][1:]
     listed = [" : ".join(re.findall(r"`(\w+)`", first)) for first, _ in rows if first.strip()]
     contracts = tomllib.loads(text_of(ROOT / "pyproject.toml"))["tool"]["importlinter"]["contracts"]
-    checked = [layer.replace("abhv_mc.", "") for layer in contracts[0]["layers"]]
+    checked = [
+        layer.replace("abhv_mc.", "").replace(" | ", " : ") for layer in contracts[0]["layers"]
+    ]
     assert listed == checked
 
     named = set(re.findall(r"`([\w.]+)`", table))
@@ -162,11 +164,9 @@ def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
     Tables of benchmarks are excluded.
     """
     text = re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", text, flags=re.DOTALL)
-    code = re.findall(
-        r"`([^`\n]+)`|^[ \t$]*(abhv-mc [^\n]*)|command-output\} (abhv-mc [^\n]*)",
-        text,
-        re.MULTILINE,
-    )
+    blocks = re.findall(r"^[ \t]*```[^\n]*\n(.*?)^[ \t]*```", text, re.DOTALL | re.MULTILINE)
+    code = re.findall(r"`([^`\n]+)`|command-output\} (abhv-mc [^\n]*)", text)
+    code += re.findall(r"^[ \t$]*(abhv-mc [^\n]*)", "\n".join(blocks), re.MULTILINE)
     lines = [re.split(r"\s#\s|[|&;>]", "".join(parts))[0] for parts in code]
     matches = (re.search(r"\babhv-mc ([a-z]+)\b(.*)", line) for line in lines)
     return {

@@ -49,7 +49,7 @@ def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
         flown_by=(block.flown_by[0]._replace(process=1),),
     )
     with pytest.raises(
-        UnusableError, match=r"computes other bits than this machine .metrics of one flight of one"
+        UnusableError, match=r"differ from those of this machine .metrics of one flight of one"
     ):
         Attestation(CHECKED, every).check(make_plan("one"), ROWS, wrong)
 

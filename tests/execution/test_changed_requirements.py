@@ -87,7 +87,7 @@ def test_requirements_set_after_the_results_are_marked(flown, tmp_path):
         write_campaign(tmp_path / "g", requirements=OTHER, keep=KEEP), out, IDLE
     ).manifest
     sentences = [item.words for item in manifest.requirements]
-    assert all("set after the results" in item for item in sentences)
+    assert all("set after results were known" in item for item in sentences)
     judged = Models(read_flown(out))[VERDICTS]
     assert judged_cases(judged) == verdict_cases(manifest.requirements)
     manifest = run(

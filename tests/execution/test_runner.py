@@ -274,7 +274,7 @@ def test_a_full_disk_keeps_completed_flights(reference, campaign, tmp_path, monk
 
     with monkeypatch.context() as patched:
         patched.setattr(runner, "write_block", full)
-        with pytest.raises(StorageFullError, match="make room and run the same command again"):
+        with pytest.raises(StorageFullError, match="run the same command again"):
             run(campaign, tmp_path / "b")
         assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
         assert not list((tmp_path / "b").rglob("*.temporary"))

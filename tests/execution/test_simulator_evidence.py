@@ -1,12 +1,10 @@
 """Evidence from user simulators: re-runs from a folder, reasons of failures, and noise."""
 
-import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
-from own_simulators import shown_text
+from own_simulators import shown_text, write_study
 from typer.testing import CliRunner
 
 from abhv_mc.analysis.explain import explain_flight
@@ -30,27 +28,6 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Use an empty list of trusted code."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-
-
-def write_study(folder: Path, source: str, **changes: Any) -> Path:
-    """Write a campaign with two inputs and the metric ``total``; ``source`` is its simulator."""
-    folder.mkdir(exist_ok=True)
-    (folder / "sim.py").write_text(source)
-    content: dict[str, Any] = {
-        "name": "study",
-        "question": "Does it hold?",
-        "simulator": {"python": "sim.py"},
-        "inputs": {name: {"unit": "m", "nominal": 5} for name in "ab"},
-        "dispersions": {name: {"distribution": "normal", "sigma": "1 m"} for name in "ab"},
-        "metrics": {"total": {"unit": "m", "bad": "high"}},
-        "requirements": [
-            {"id": "R1", "metric": "total", "below": "11 m", "probability": "90 %"},
-        ],
-        "runs": 20,
-    }
-    path = folder / "study.yaml"
-    path.write_text(json.dumps(content | changes))
-    return path
 
 
 PROGRAM = """#!/bin/sh

@@ -119,12 +119,12 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
 @pytest.mark.parametrize(
     ("line", "changes", "pattern"),
     [
-        (7, {"delay": "2.3"}, "delay 2.3, outside of its distribution"),
-        (9, {"speed": "nan"}, "speed is no finite number"),
+        (7, {"delay": "2.3"}, "delay 2.3 is outside its distribution"),
+        (9, {"speed": "nan"}, "speed is not a finite number"),
         (9, {"load": "high"}, "'high' in the column 'load'"),
         (11, {"outcome": "elsewhere"}, "outcome 'elsewhere'"),
         (13, {"controller": "v3"}, "system 'v3'|controller 'v3'"),
-        (43, {"flight": "13"}, "flight 13 of 'v1' a second time"),
+        (43, {"flight": "13"}, "flight 13 of 'v1' appears twice"),
         (301, {"flight": "1000"}, "no flight 299 of 'v1'"),
         (330, {"speed": "561.0"}, "inputs of flight .* differ"),
     ],
@@ -383,7 +383,7 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
     [
         ("60,1,0", "flight 60 is not in inputs.csv"),
         ("7,1,-99", "b -99, but .* in inputs.csv"),
-        ("8,1,0", "flight 8 of 'system' a second time"),
+        ("8,1,0", "flight 8 of 'system' appears twice"),
     ],
 )
 def test_a_result_without_inputs_is_rejected(row: str, pattern: str, tmp_path: Path) -> None:

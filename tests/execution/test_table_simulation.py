@@ -64,9 +64,9 @@ def test_other_parameters_are_nominal_and_the_index_numbers_flights(tmp_path):
     ("table", "options", "pattern"),
     [
         ({"aero.lfit": [1.0]}, {}, "'aero.lfit'.*aero.lift"),
-        ({"aero.lift": [np.nan]}, {}, "without a number"),
-        ({"aero.lift": ["1.1 m"]}, {}, "no numbers"),
-        ({"aero.lift": []}, {}, "an empty table"),
+        ({"aero.lift": [np.nan]}, {}, "empty cells"),
+        ({"aero.lift": ["1.1 m"]}, {}, "not numbers"),
+        ({"aero.lift": []}, {}, "is empty"),
         ({"aero.lift": [1.0]}, {"controllers": ["three"]}, "'three'"),
         ({"aero.lift": [1.0]}, {"controllers": ["one", "one"]}, "'one' twice"),
         ({"aero.lift": [1.0]}, {"channels": ["height"]}, "'height'"),

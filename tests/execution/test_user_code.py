@@ -296,7 +296,7 @@ def test_untrusted_code_does_not_run(study, tmp_path, monkeypatch, file):
 BAD = [
     ("bank_error_deg", "{of: bank_eror_deg, statistic: min}", "channel 'bank_eror_deg'"),
     ("x", "{of: '__import__(\"os\")', statistic: min}", "expected channels, numbers"),
-    ("x", "{of: sin(bank_deg), statistic: min}", "which is in degrees"),
+    ("x", "{of: sin(bank_deg), statistic: min}", "argument in degrees"),
     ("x", "{of: bank_deg, statistic: time_outside}", "'time_outside' without 'limit'"),
     ("x", "{of: bank_deg, statistic: min, from: 3 m}", "'3 m', a length"),
     (

@@ -296,10 +296,7 @@ def show_histories(out: Path) -> None:
     """Check that page, view of flights, replay and explorer show the returned histories."""
     page = build_report(out)
     text = shown_text(page)
-    assert (
-        f"flights that have a history then of flights 0 to {BANDED - 1}" in text
-        and "sink rate (ft/s)" in text
-    )
+    assert f"of flights 0 to {BANDED - 1}" in text and "sink rate (ft/s)" in text
     assert 'id="plot"' in page.read_text("utf-8")
     data, arrays = make_flights_view(
         read_flown(out), {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""}
@@ -344,7 +341,8 @@ def test_resumed_and_merged_campaigns_have_the_same_tables(
     run_campaign(Request(path, tmp_path / "grown", runs=25))
     before = flown.stat().st_size
     grown = run_campaign(Request(path, tmp_path / "grown")).manifest
-    assert flown.stat().st_size - before == 2 * 35
+    again = 4  # stored flights of each system
+    assert flown.stat().st_size - before == 2 * (35 + again)
     shards = [tmp_path / "a", tmp_path / "b"]
     for i, shard in enumerate(shards, 1):
         run_campaign(Request(path, shard, shard=(i, 2)))

@@ -100,7 +100,7 @@ def test_a_neighbour_that_breaks_does_not_matter(plans, dispersed, broken):
     assert (neighbours.outcome[[0, 5, 15]] == ends).all()
     assert (neighbours.end_time[[0, 5, 15]] < 0.1).all()
     first = {
-        "atmosphere.density": "dynamic pressure of the air (dynamic_pressure_pa) at 0 s",
+        "atmosphere.density": "dynamic pressure (dynamic_pressure_pa) at 0 s",
         "aero.lift": "at 0",
     }
     assert first.get(name, "") in describe_end(plans["tlc"], changed[:1], ends)

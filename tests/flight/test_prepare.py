@@ -128,10 +128,7 @@ def test_a_custom_law_flies_a_glider():
 
 def test_a_glider_without_equilibrium_slows_down():
     """At 20 km the drag is above the weight."""
-    assert (
-        abhv_mc.trim(GLIDER)["fault"].iloc[0]
-        == "no flight path angle within the vehicle's limits balances it"
-    )
+    assert abhv_mc.trim(GLIDER)["fault"].iloc[0].startswith("no flight path angle")
     flown = abhv_mc.fly({"base": "level", "duration": "2 s"}, GLIDER, "cascade", every=100)
     assert flown["flight_path_angle_deg"].iloc[0] == pytest.approx(0.0, abs=1e-6)
     assert flown["speed_mps"].iloc[-1] < 1375.0

@@ -27,7 +27,7 @@ from abhv_mc.results import open_results
 from abhv_mc.search.worst import find_worst
 from abhv_mc.topics import registry
 
-CHANGED = "a run has replaced files"
+CHANGED = "a run replaced files"
 KEEP = (
     "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "
     "[altitude_m, bank_deg]}}"

@@ -95,8 +95,8 @@ def test_values_and_places(tmp_path: Path) -> None:
         ("%YAML 1.1\n---\na: yes\n", (3, 4), "bool"),  # true there, no text as in YAML 1.2
         ('a: "b\\u202ec"\n', (1, 4), "\\u202e"),
         ("", (1, 1), "empty"),
-        ("[" * 50_000, (), "too many levels"),
-        ("a: &a [*a]\n", (), "too many levels"),
+        ("[" * 50_000, (), "too many nested levels"),
+        ("a: &a [*a]\n", (), "too many nested levels"),
         (
             "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\nb: &b [*a, *a, *a, *a]\nc: ["
             + "*b, " * 5000
@@ -160,7 +160,7 @@ def test_refused_paths(tmp_path: Path) -> None:
         (
             GOOD + "vehicle: missing.yaml\n",
             (3, 10),
-            "'missing.yaml', which is not there",
+            "'missing.yaml' does not exist",
             "the path of a file",
         ),
         (

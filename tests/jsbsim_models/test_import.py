@@ -124,10 +124,10 @@ def test_parts_that_are_left_out_are_listed(tmp_path: Path) -> None:
         "landing gear and contacts: Skid",
         "1 x engine rocket with nozzle",
         "limits of the angle of attack",
-        "aero/alphadot-rad_sec of aero/CL, which is 0 here",
-        "the aileron: not used by any function",
-        "the rudder: not used by any function",
-        "the elevator: not used by any function",
+        "aero/alphadot-rad_sec of aero/CL, which is set to 0",
+        "the aileron, which no function uses",
+        "the rudder, which no function uses",
+        "the elevator, which no function uses",
     )
     text = (tmp_path / "vehicle.yaml").read_text()
     assert all(f"# - {note}\n" in text for note in imported.left_out)
@@ -139,7 +139,7 @@ def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path: Path
     command = ["import", "jsbsim", str(path), "-o", str(tmp_path / "made")]
     result = CliRunner().invoke(app, command)
     assert "fcs/flap-pos-deg" in result.stdout
-    assert "left out: 1 x engine rocket with nozzle" in result.stdout
+    assert "not imported: 1 x engine rocket with nozzle" in result.stdout
     path.write_text("<vehicle/>", encoding="utf-8")
     assert "the element 'vehicle'" in str(CliRunner().invoke(app, command).exception)
 

@@ -216,9 +216,7 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     request = WorstRequest(line, tmp_path / "out", METRIC, flights=400)
     find_worst(request, LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
-    with pytest.raises(
-        InputError, match=r"flights: 400 -> 500; expected another folder .*from its beginning"
-    ):
+    with pytest.raises(InputError, match=r"flights: 400 -> 500; expected another folder"):
         find_worst(replace(request, flights=500), LINE)
     with pytest.raises(InputError, match="another search"):
         find_rare(RareRequest(line, tmp_path / "out", METRIC, flights=8000), LINE)

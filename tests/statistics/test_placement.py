@@ -47,12 +47,17 @@ def test_scores_are_deviations_from_all_other_flights():
     histories = draw.standard_normal((15, 4, 2)) * [1.0, 5.0] + [0.0, 100.0]
     histories[3, 2:] = np.nan  # ended early
     band = simultaneous_band(histories, 0.8)
-    largest = np.nanstd(histories, axis=0, ddof=1).max(axis=0)
+    floor = 0.05 * np.nanstd(histories, axis=0, ddof=1).max(axis=0)
     for k in range(15):
-        remaining = np.delete(histories, k, axis=0)
-        spread = np.maximum(np.nanstd(remaining, axis=0, ddof=1), 0.05 * largest)
-        score = np.nanmax(np.abs(histories[k] - np.nanmean(remaining, axis=0)) / spread)
+        others = np.nanquantile(np.delete(histories, k, axis=0), [0.025, 0.5, 0.975], axis=0)
+        below, above = (np.maximum(width, floor) for width in np.diff(others, axis=0))
+        deviation = histories[k] - others[1]
+        score = np.nanmax(np.where(deviation > 0.0, deviation / above, -deviation / below))
         assert band.scores[k] == pytest.approx(score, rel=1e-9)
+    ends = np.nanquantile(histories, [0.025, 0.5, 0.975], axis=0)
+    widths = band.factor * np.maximum(np.diff(ends, axis=0), floor)
+    assert band.edges[0] == pytest.approx(ends[1] - widths[0])
+    assert band.edges[1] == pytest.approx(ends[1] + widths[1])
     assert band.factor == np.sort(band.scores)[12]  # the 13th of 15: 0.8 of 16, rounded up
     assert band.deviations(np.full((4, 2), np.nan)).max() == 0.0
     assert simultaneous_band(histories, 0.99).factor == np.inf
@@ -77,6 +82,15 @@ def test_the_band_holds_19_in_20_honest_histories():
         band = simultaneous_band(walks(99))
         outside += [band.deviations(test).max() > band.factor for test in walks(50)]
     assert np.mean(outside) == pytest.approx(0.05, abs=0.015)
+
+
+def test_a_skewed_channel_does_not_widen_the_band_of_a_bounded_one():
+    draw = np.random.default_rng(8)
+    constants = np.column_stack([draw.uniform(-1.0, 1.0, 400), draw.exponential(1.0, 400)])
+    band = simultaneous_band(np.tile(constants[:, np.newaxis], (1, 5, 1)))
+    low, high = (edge[0] for edge in band.edges)
+    assert -1.5 < low[0] < -0.9 and 0.9 < high[0] < 1.5
+    assert low[1] > -0.5 and high[1] > 3.0  # 95 % below 3
 
 
 def test_ten_flights_show_a_shift_that_one_does_not():

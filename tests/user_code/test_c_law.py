@@ -178,7 +178,7 @@ REFUSED = {
     "'expected": PLAIN.replace("return 2;", "return 2"),
     "helper.h: No such file": '#include "helper.h"\n' + PLAIN,
     "abhv_law_state_get alone": PLAIN.replace("abhv_law_state_set", "another_name"),
-    "without abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
+    "no function abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
 }
 
 

@@ -184,7 +184,7 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
         "from typing import NamedTuple\nclass Settings(NamedTuple):\n    a: float = float('nan')\n"
     )
     own.write_text(text + settings, encoding="utf-8")
-    with pytest.raises(InputError, match="no number for the setting 'a'"):
+    with pytest.raises(InputError, match="the setting 'a' has no value"):
         load_vehicle(path)
 
 

@@ -321,7 +321,7 @@ def test_an_implausible_drag_causes_a_warning(repository, change, pattern):
             "pitching_moment",
             "pitch_rate",
             -1.0,
-            "2.81 per unit of pitch rate.*pitching drives itself",
+            "2.81 per unit of pitch rate.*pitch rate is amplified",
         ),
         ("yawing_moment", "sideslip", -1.0, "-0.30.* statically unstable in yaw"),
         ("rolling_moment", "roll_rate", 180 / np.pi, "would be -0.1"),

@@ -122,7 +122,7 @@ def test_a_later_start_and_a_coarser_grid(frame, tmp_path):
     ("text", "line", "message"),
     [
         ("time,b\n0,1\n0.1,2\n0.2,3\n0.4,4\n", 5, "evenly spaced"),
-        ("time,b\n0,1\n0.1,2\n0.1,3\n", 4, "times that rise"),
+        ("time,b\n0,1\n0.1,2\n0.1,3\n", 4, "increasing times"),
         ("time,b\n0,1\n\n0.1,word\n", 4, "'word' in the column 'b'"),
         ("time,c\n0,1\n0.1,2\n", 1, "no column b"),
         ("time,b\n0,1,\n0.1,2,\n", 2, "3 cells"),

@@ -1,1 +1,1 @@
-"""Analyses of a simulated campaign: replay, explanation, other distributions."""
+"""Analyses of a simulated campaign: replay, explanation and other distributions."""

@@ -1,4 +1,4 @@
-"""Smallest set of dispersions that makes a flight fail, all others nominal."""
+"""Smallest set of dispersions that makes a flight fail if all others are nominal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import OURS, Parameters
 
-_MOST_SAMPLES = 10_000  # flights from which the rarity of a value is estimated
+_MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a value is
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Failure:
     """Failure criterion: early termination, or one missed requirement."""
 
     requirement: Requirement | None
-    column: int = 0  # of its metric
+    column: int = 0  # column of the requirement's metric
 
     @property
     def words(self) -> str:
@@ -41,13 +41,13 @@ class Failure:
 
     @property
     def of_margin(self) -> bool:
-        """True if a stability margin was missed."""
+        """True if the missed requirement concerns a stability margin."""
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
-        """Return the severity of failures [flight], -inf without failure.
+        """Return the severity of each failure [flight], or -inf without a failure.
 
-        `metrics` is [flight, metric].
+        `metrics` has shape [flight, metric].
         """
         early = outcome != Outcome.OK
         if self.requirement is None:
@@ -65,14 +65,14 @@ class Explanation:
     controller: str
     flight: int
     failure: Failure
-    ended: str  # how the flight ended, in words
-    samples: dict[str, float]  # all its dispersions, SI
-    causes: tuple[str, ...]  # those that suffice; empty where the nominal flight fails, too
-    others: tuple[tuple[str, ...], ...]  # other sets of the same size that fail
-    smallest: bool  # no smaller set fails; else: none of the causes can be left out
+    ended: str  # how the flight ended, as text
+    samples: dict[str, float]  # all dispersions of the flight, SI units
+    causes: tuple[str, ...]  # sufficient dispersions; empty if the nominal flight fails too
+    others: tuple[tuple[str, ...], ...]  # other sets of the same size with which the flight fails
+    smallest: bool  # Either no smaller set fails, or (if false) no single cause can be omitted.
     tried: int  # flights simulated for the analysis
-    rows: Floats  # [flight, dispersion] nominal, with the causes alone, as flown
-    block: FlightBlock  # those three flights
+    rows: Floats  # values [flight, dispersion] of the nominal, the reduced and the original flight
+    block: FlightBlock  # nominal, reduced and original flight
     known: Parameters = OURS
 
 
@@ -88,7 +88,7 @@ def explain_flight(
     """Reduce the dispersions of a failed flight to those needed to reproduce the failure.
 
     `root` is the campaign's folder. `requirement` names the metric of the requirement to explain;
-    the default is an early termination, or else the first missed requirement. Raise InputError if
+    the default is the early termination, or else the first missed requirement. Raise InputError if
     the flight does not exist or did not fail.
     """
     folder = CampaignFolder(root)
@@ -104,8 +104,8 @@ def explain_flight(
         if again.outcome[0] == Outcome.FAILED_TO_RUN:
             reason = again.reasons.get(0, "no reason is known")
             raise InputError(root, f"flight {flight} failed to run: {reason}", "a flight that runs")
-        expected = "the version of the program that flew it (see manifest.json)"
-        raise InputError(root, f"a flight {flight} that does not fail when flown again", expected)
+        expected = "the program version that simulated it (see manifest.json)"
+        raise InputError(root, f"a flight {flight} that does not fail when re-run", expected)
     names = campaign.dimensions
     nominal, values, seeds = (
         campaign.parameters.nominal_of(names),
@@ -141,7 +141,7 @@ def explain_flight(
 def with_margins(
     campaign: Experiment, controller: str, failures: Sequence[Failure]
 ) -> tuple[Experiment, bool]:
-    """Return the campaign ready to re-run failures, and whether it includes margins."""
+    """Return a campaign that re-runs failures, and whether it includes margins."""
     if not any(failure.of_margin for failure in failures):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
@@ -160,7 +160,7 @@ def smallest_sets(
 ) -> list[Shrunk | None]:
     """Return the smallest sets of dispersions that make each flight fail.
 
-    `samples` is [failure, parameter].
+    `samples` has shape [failure, parameter].
     """
     names = campaign.dimensions
     nominal, values, seeds = (
@@ -171,7 +171,7 @@ def smallest_sets(
     def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
         rows = np.column_stack(
             [np.where(keep, values[owners], nominal), seeds[owners]]
-        )  # the noise is as it was flown
+        )  # All flights use the noise of the original flight.
         block = simulate(campaign, controller, rows, None, fly, margins=margins)
         severities = np.full(owners.size, -np.inf)
         for index in np.unique(owners).tolist():
@@ -188,17 +188,17 @@ def smallest_sets(
 def find_failure(
     root: Path, campaign: Experiment, row: FlightRows, requirement: str | None
 ) -> Failure:
-    """Return the early termination, the first missed requirement, or the required one.
+    """Return the early termination, or the first or the named missed requirement.
 
     Raise InputError if the flight did not fail in this way.
     """
     outcome = campaign.outcomes.numbers[row.outcome[0]]
     if outcome == Outcome.FAILED_TO_RUN:
         problem = f"flight {row.first}, which could not be computed"
-        raise InputError(root, problem, "a flight that was flown")
+        raise InputError(root, problem, "a flight that was simulated")
     positions = [
         i for i, name in enumerate(row.columns) if name != END_TIME.name
-    ]  # margins follow it
+    ]  # Margins follow the metrics.
     columns = [row.columns[i] for i in positions]
     state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
@@ -220,14 +220,15 @@ def find_failure(
     raise InputError(
         root,
         problem,
-        "a flight that ended early or missed a requirement, of the controller that you name",
+        "a flight of this controller that terminated early or missed a requirement",
     )
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
     """Return parameter indices, those with the most common values first."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
-    middle = np.median(drawn, axis=0)  # infinite where most flights are without a failure
+    # The median is infinite if most flights are without this failure.
+    middle = np.median(drawn, axis=0)
 
     def off(some: Floats) -> Floats:
         with np.errstate(invalid="ignore"):

@@ -19,25 +19,25 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.interfaces import Engine, Fly
 from abhv_mc.io.documents import InputError
 
-MOST_CAUSES = 3  # dispersions of a set that explains a flight; larger sets are not informative
+MOST_CAUSES = 3  # maximum number of dispersions in an explanation; larger sets are not informative
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Set of inputs with their signs, and the failures (indices) that it explains."""
+    """Set of inputs with their signs, and the indices of the failures it explains."""
 
     inputs: tuple[int, ...]
-    high: tuple[bool, ...]  # on which side of nominal each is
+    high: tuple[bool, ...]  # whether each input is above its nominal value
     failures: tuple[int, ...]
 
 
 def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
-    """Return causes, those of most failures first; unexplained failures have none.
+    """Return causes, most failures first; unexplained failures are omitted.
 
-    `high` [failure, input] is the mask of inputs above nominal: too large and too small are
-    different causes. If several sets explain a failure, it is assigned to the one that explains
-    most failures (greedy set cover), because the smallest set of a single flight is often a border
-    case of another cause.
+    `high` [failure, input] is the mask of inputs above nominal: values that are too large or too
+    small are different causes. A failure explained by several sets is assigned to the set that
+    explains most failures (greedy set cover), because the smallest set of a single flight is often
+    a borderline case of another cause.
     """
     sets = {
         failure: {
@@ -62,8 +62,8 @@ def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Ca
     return causes
 
 
-MOST_FLIGHTS = 50  # of a controller
-_BUDGET = 400  # sets tried in order of size for a flight: all pairs of up to 27 dispersions
+MOST_FLIGHTS = 50  # maximum number of analysed flights per controller
+_BUDGET = 400  # sets tried in order of size for a flight, e.g. all pairs of up to 27 dispersions
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Dispersed:
     """Dispersion of a cause with its values in the flights, in SI units."""
 
     parameter: str
-    high: bool  # above nominal in all of them; else below
+    high: bool  # whether the values are above nominal in all flights; else below
     least: float
     median: float
     largest: float
@@ -81,20 +81,20 @@ class Dispersed:
 class FailureGroup:
     """Flights that fail in the same way with the same set of dispersions."""
 
-    failure: str  # in words
+    failure: str  # kind of failure, as text
     dispersions: tuple[Dispersed, ...]
-    flights: tuple[int, ...]  # the most severe first
+    flights: tuple[int, ...]  # flight numbers, most severe failure first
 
 
 @dataclass(frozen=True)
 class ControllerFailures:
     """Failure groups of one controller."""
 
-    failed: int  # flights that ended early or missed a requirement, including those not analysed
-    groups: tuple[FailureGroup, ...]  # by kind of failure, largest groups first
-    nominal: tuple[int, ...]  # flights that fail with nothing dispersed
-    unexplained: tuple[int, ...]  # flights for which no small set was found
-    tried: int  # flights simulated for the analysis
+    failed: int  # number of failed flights, including those not analysed
+    groups: tuple[FailureGroup, ...]  # groups by kind of failure, largest first
+    nominal: tuple[int, ...]  # flights that fail without any dispersion
+    unexplained: tuple[int, ...]  # flights without a small set that explains the failure
+    tried: int  # number of flights simulated for the analysis
 
     @property
     def looked_at(self) -> int:
@@ -108,7 +108,7 @@ class ControllerFailures:
 
 @dataclass(frozen=True)
 class FailureMap:
-    """Failure map of a campaign with the digest of its flights."""
+    """Failure map of a campaign, with the digest of its flights."""
 
     digest: str
     controllers: dict[str, ControllerFailures]
@@ -123,7 +123,7 @@ def map_failures(
     engine: Engine | None = None,
     trust_code: bool = False,
 ) -> FailureMap:
-    """Shrink the dispersions of each controller's first MOST_FLIGHTS failures and group them."""
+    """Explain each controller's first MOST_FLIGHTS failures and group them by cause."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
     controllers = {}
@@ -185,7 +185,7 @@ def _group(
     *,
     explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Return groups for each kind of failure, and the flights in them."""
+    """Return groups for each kind of failure, and the indices of all grouped flights."""
     groups = []
     for description in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == description]
@@ -202,7 +202,7 @@ def _group(
 
 
 def write_map(root: Path, failure_map: FailureMap) -> Path:
-    """Write the map into the campaign's folder for the report; return its path."""
+    """Write the failure map into the campaign's folder; return its path."""
     path = CampaignFolder(root).failure_map
     path.parent.mkdir(exist_ok=True)
     write_bytes(path, _ADAPTER.dump_json(failure_map, indent=1) + b"\n")
@@ -210,13 +210,13 @@ def write_map(root: Path, failure_map: FailureMap) -> Path:
 
 
 def read_map(root: Path, digest: str | None) -> FailureMap | None:
-    """Return the map in a folder, or None if there is none with this digest."""
+    """Return the failure map in a folder, or None if there is none with this digest."""
     path = CampaignFolder(root).failure_map
     if not path.is_file():
         return None
     try:
         failure_map = _ADAPTER.validate_json(path.read_bytes())
     except ValidationError as error:
-        expected = f"what 'abhv-mc explain {root} --all' writes; it makes it again"
+        expected = f"a file of 'abhv-mc explain {root} --all'; run it again"
         raise InputError(path, str(error.errors()[0]["msg"]), expected) from None
     return failure_map if failure_map.digest == digest else None

@@ -21,8 +21,8 @@ from abhv_mc.statistics.placement import (
 )
 
 CONFIDENCE = 0.95
-FEWEST_FLIGHTS = 39  # simulated: with fewer no two-sided rank has a p-value of 5 %
-_MOST_TIMES = 500  # compared times of a history
+FEWEST_FLIGHTS = 39  # minimum number of simulated flights for two-sided p-values of 5 %
+_MOST_TIMES = 500  # maximum number of times at which histories are compared
 _SUMMARIES = ("largest", "smallest", "mean", "last")
 
 
@@ -32,11 +32,11 @@ class RankedMetric:
 
     metric: str
     value: float
-    rank: int  # 1: the smallest of all
+    rank: int  # rank among all flights, 1 for the smallest value
     low: float  # 2.5 % quantile of the simulated flights
     median: float
     high: float
-    p_value: float  # two-sided
+    p_value: float  # two-sided p-value
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class PlacedFlight:
     """Comparison of one test flight with the simulated ones."""
 
     name: str
-    metrics: tuple[RankedMetric, ...]  # smallest p-value first
-    joint_p_value: float  # of all metrics
-    band_p_value: float | None  # of the largest deviation of its history
+    metrics: tuple[RankedMetric, ...]  # ranked metrics, smallest p-value first
+    joint_p_value: float  # joint p-value of all metrics
+    band_p_value: float | None  # p-value of the largest deviation of the history
     leaves: Departure | None
 
 
@@ -65,7 +65,7 @@ class ChannelBands:
     time: Floats
     simultaneous: tuple[Floats, Floats]
     pointwise: tuple[Floats, Floats]
-    flights: tuple[Floats, ...]  # test flights
+    flights: tuple[Floats, ...]  # histories of the test flights
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ class Placement:
 
     controller: str
     simulated: int
-    noise: Mapping[str, float]  # standard deviations added to simulated channels
-    sensed: tuple[str, ...]  # channels to which the errors of the campaign's sensors were added
+    noise: Mapping[str, float]  # standard deviations of the noise added to simulated channels
+    sensed: tuple[str, ...]  # channels with the errors of the campaign's sensors added
     ignored: tuple[str, ...]  # columns of the files that the campaign does not record
     flights: tuple[PlacedFlight, ...]
-    together_p_value: float | None  # of several flights
+    together_p_value: float | None  # joint p-value of several flights
     bands: Mapping[str, ChannelBands]
 
 
@@ -88,13 +88,13 @@ def place_flights(
     controller: str | None = None,
     noise: Mapping[str, float] | None = None,
 ) -> Placement:
-    """Compare test flights with those of a campaign.
+    """Compare test flights with the simulated flights of a campaign.
 
     A file with a column `time` is a history: the largest, smallest, mean and last value of each
     channel are ranked, and the history is compared with the simultaneous band. Any other file has a
-    row for each flight, with metrics of the campaign as columns. `noise` are standard deviations of
-    measurements by channel; for other channels those of the campaign file apply, or the errors of
-    its sensors. Raise InputError.
+    row for each flight and metrics of the campaign as columns. `noise` maps channels to standard
+    deviations of measurements; by default, those of the campaign file or the errors of its sensors
+    apply. Raise InputError if flights cannot be compared.
     """
     results = read_flown(root)
     controller = controller or results.controllers[0]
@@ -104,7 +104,7 @@ def place_flights(
         )
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "one with 'sampling: random' and no unknowns"
-        raise InputError(root, "a campaign whose flights are not alike", expected)
+        raise InputError(root, "a campaign whose flights do not have one distribution", expected)
     records = (*results.campaign.metrics.values(), *results.campaign.channels)
     units = {"time": "s", **{record.name: record.unit for record in records}}
     tables = [_read_table(file, units) for file in files]
@@ -171,7 +171,7 @@ def place_flights(
 
 
 def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
-    """Read the columns of a file that the campaign records, in its units. Raise InputError."""
+    """Read recorded columns of a file, in the campaign's units. Raise InputError if invalid."""
     table = read_foreign_table(file)
     columns = table.find(units)
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
@@ -207,13 +207,12 @@ def _read_histories(
 ) -> tuple[dict[int, Floats], Floats, Floats, list[str]]:
     """Return simulated and test histories, times and channels.
 
-    Simulated histories are [time, channel] by flight, test histories [flight, time, channel].
+    Simulated histories are arrays [time, channel] by flight; test histories are an array [flight,
+    time, channel].
     """
     histories = _random_histories(results, controller)
     if not histories:
-        expected = (
-            "'keep: {histories: {flights: all}}', or 'every N': chosen flights are no random ones"
-        )
+        expected = "'keep: {histories: {flights: all}}', or 'every N': a random selection"
         raise InputError(results.folder, "no histories of random flights", expected)
     channels = _shared_columns(
         tables, [name for name in next(iter(histories.values())) if name != "time"]
@@ -244,10 +243,10 @@ def measure(
     noise: Mapping[str, float],
     units: Mapping[str, str],
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Return histories [flight, time, channel] with sensor errors, and the sensed channels.
+    """Return histories with sensor errors [flight, time, channel], and the sensed channels.
 
-    A sensor has the scale, bias and white noise that the campaign draws for each flight, without
-    its lag.
+    A sensor has the scale, bias and white noise that the campaign draws for each flight; its lag is
+    neglected.
     """
     flights, simulated = list(histories), np.stack(list(histories.values()))
     sigma = np.tile([noise.get(name, 0.0) for name in channels], (len(flights), 1))
@@ -273,14 +272,14 @@ def measure(
 
 
 def _sensor_of(channel: str) -> str | None:
-    """Return the sensor's quantity of a channel, or None."""
+    """Return the sensor quantity measured in a channel, or None."""
     stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
     stem = stem.removesuffix("_error")
     return stem if stem in ALL_SENSORS else None
 
 
 def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
-    """Return channels [time, channel] at `times`; NaN outside the history."""
+    """Interpolate channels at `times` [time, channel]; NaN outside the history."""
     history_times = history["time"]
     return np.column_stack(
         [np.interp(times, history_times, history[c], np.nan, np.nan) for c in channels]
@@ -288,7 +287,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return the histories by flight that are stored independently of the outcome."""
+    """Return by flight the histories that were stored regardless of the outcome."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -301,9 +300,9 @@ def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict
 def find_band(
     results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
 ) -> tuple[list[str], Band] | None:
-    """Return the channels with histories and their simultaneous band.
+    """Return the channels with histories, and their simultaneous band.
 
-    None without a channel or enough random histories.
+    Return None without a channel or without enough random histories.
     """
     if not results.campaign.independent:
         return None
@@ -329,7 +328,7 @@ def summarize(histories: Floats) -> Floats:
 
 
 def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> PlacedFlight:
-    """Rank the numbers of one test flight."""
+    """Rank the values of one test flight."""
     pool = np.vstack([values, row])
     p_values = rank_p_values(pool)[-1]
     quantiles = np.quantile(values, [0.025, 0.5, 0.975], axis=0)
@@ -356,7 +355,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight with the point at which its history leaves the band."""
+    """Return the flight with the point at which its history first leaves the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():
@@ -369,14 +368,14 @@ def _channel_bands(
     band: Band, simulated: Floats, tests: Floats, times: Floats, channels: Sequence[str]
 ) -> dict[str, ChannelBands]:
     bands = {}
+    low, high = band.edges
     for c, channel in enumerate(channels):
-        half = band.factor * band.spread[:, c]
         judged = np.isfinite(band.middle[:, c])
         ends = np.full((2, times.size), np.nan)
         ends[:, judged] = np.nanquantile(simulated[:, judged, c], [0.025, 0.975], axis=0)
         bands[channel] = ChannelBands(
             time=times,
-            simultaneous=(band.middle[:, c] - half, band.middle[:, c] + half),
+            simultaneous=(low[:, c], high[:, c]),
             pointwise=(ends[0], ends[1]),
             flights=tuple(test[:, c] for test in tests),
         )

@@ -1,4 +1,4 @@
-"""Re-run of one flight of a campaign at full rate, and comparison with the stored flight."""
+"""Re-run of one flight of a campaign at full rate, compared with the stored flight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,14 +27,14 @@ class Replay:
 
     controller: str
     flight: int
-    block: FlightBlock  # of this flight alone
+    block: FlightBlock  # results of the re-run flight
     samples: dict[str, float]
     metrics: dict[str, float]
-    differences: tuple[str, ...]  # what differs from the stored row
-    sentence: str  # how the flight ended
+    differences: tuple[str, ...]  # differences from the stored row
+    sentence: str  # sentence on how the flight ended
     ends: Outcomes = OUTCOMES
-    channels: tuple[Signal, ...] = CHANNELS  # of the block's history, where it has one
-    repeatability: Repeatability | None = None  # of a user's simulator
+    channels: tuple[Signal, ...] = CHANNELS  # channels of the block's history, if any
+    repeatability: Repeatability | None = None  # repeatability of a user's simulator
 
     @property
     def outcome(self) -> str:
@@ -60,11 +60,11 @@ def replay_flight(
     (row,) = find_rows(folder, controller, [flight])
     block = simulate(experiment, controller, row.samples, every, fly)
     values = np.append(block.metrics[0], block.end_time[0])
-    stored = row.values[0][: values.size]  # margins follow
+    stored = row.values[0][: values.size]  # Stability margins follow the metrics.
     repeatability = read_manifest(folder.manifest).repeatable
     if repeatability is Repeatability.ROUNDING:
         is_other = relative_difference(values, stored) > ROUNDING
-    else:  # to the bit: 0.0 is not -0.0
+    else:  # The comparison is bitwise: 0.0 differs from -0.0.
         is_other = values.view(np.int64) != stored.view(np.int64)
         is_other &= ~(np.isnan(values) & np.isnan(stored))
     differences = [
@@ -93,7 +93,7 @@ def replay_flight(
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
-    """Return the stored rows of flights, in their order. Raise InputError if one is missing."""
+    """Return the stored rows of flights, in order. Raise InputError if one is missing."""
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
     stored: dict[int, FlightRows] = {}
@@ -115,10 +115,12 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
                             }
                             stored[flight] = replace(rows, first=flight, **parts)
         except DamagedFileError as error:
-            raise InputError(path, str(error), "a whole file: run the campaign again") from None
+            raise InputError(path, str(error), "a complete file; run the campaign again") from None
     for flight in flights:
         if flight not in stored:
             raise InputError(
-                folder.root, f"no flight {flight} of '{controller}'", "the number of a flown flight"
+                folder.root,
+                f"no flight {flight} of '{controller}'",
+                "a simulated flight",
             )
     return [stored[flight] for flight in flights]

@@ -1,4 +1,4 @@
-"""Other distributions of the dispersions of a simulated campaign, by density ratios."""
+"""Estimation under other distributions of the dispersions, by density ratios."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,20 +22,20 @@ from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"
-_SLACK = 1e-9  # of a distribution's width, for ends that are the same but for rounding
+_SLACK = 1e-9  # tolerance for ends equal except for rounding, as a share of the width
 
 
 @dataclass(frozen=True)
 class Change:
     """Changed distributions of some parameters of a campaign."""
 
-    before: dict[str, dict[str, Any]]  # entries of the campaign file, by parameter
+    before: dict[str, dict[str, Any]]  # previous entries of the campaign file, by parameter
     after: dict[str, dict[str, Any]]
-    marginals: dict[str, Marginal]  # the new ones
+    marginals: dict[str, Marginal]  # new distributions, by parameter
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return ``PARAMETER.KEY=VALUE`` texts as values by parameter and key. Raise InputError."""
+    """Parse ``PARAMETER.KEY=VALUE`` texts into values by parameter and key."""
     settings: dict[str, dict[str, Any]] = {}
     for text in texts:
         key, sign, value = text.partition("=")
@@ -54,10 +54,10 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]]) -> Change:
     """Return changed distributions, after checking that the flights support them.
 
-    Raise InputError if they do not.
+    Raise InputError if the flights do not support the new distributions.
     """
     if not campaign.independent:
-        problem = "flights that are no evidence: " + campaign.dependence
+        problem = "flights that are not independent draws:  " + campaign.dependence
         problem = "flights at points of unknowns" if campaign.unknowns.names else problem
         raise InputError(
             campaign.document.path, problem, f"a campaign with sampling: {INDEPENDENT}"
@@ -68,7 +68,7 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     for name, keys in settings.items():
         if name not in entries and (dotted := f"{name}.{next(iter(keys))}") in entries:
             sizes = [key for key in entries[dotted] if key not in ("distribution", "probability")]
-            problem = f"'{dotted}' without the key of its distribution that is set"
+            problem = f"'{dotted}' without the key to set in its distribution"
             raise InputError(_SET, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes))
         if name not in entries:
             problem = f"'{name}', which the campaign did not disperse"
@@ -101,9 +101,9 @@ def _has_choice(marginal: Marginal) -> bool:
 
 
 def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | None:
-    """Return what is wrong and what is expected, or None.
+    """Return what is wrong with the change and what is expected, or None.
 
-    The new distribution must not have probability where no flights exist.
+    The new distribution must not have probability where there are no flights.
     """
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
@@ -114,9 +114,10 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
         if _has_choice(old) or _has_choice(new):
             return (
                 f"{name} as a mixture with a discrete choice",
-                "continuous parts, or a fresh campaign",
+                "continuous parts, or a new campaign",
             )
-        for component in _parts(new):  # each within what one part has flown
+        # Each new part must lie within one part of the old distribution.
+        for component in _parts(new):
             faults = [_unsupported(name, flown, component) for flown in _parts(old)]
             if all(faults):
                 return faults[-1]
@@ -125,7 +126,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
         missing = np.setdiff1d(new.values, old.values)
         expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
         return (
-            (f"{name} at {missing[0]:g}, where nothing was flown", expected)
+            (f"{name} at {missing[0]:g}, where there are no flights", expected)
             if missing.size
             else None
         )
@@ -136,14 +137,14 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
     if low - slack <= first and last <= high + slack:
         return None
-    problem = f"{name} from {first:g} to {last:g}, beyond what was flown"
-    return problem, f"a distribution within {low:g} .. {high:g}, or a fresh campaign"
+    problem = f"{name} from {first:g} to {last:g}, beyond the simulated range"
+    return problem, f"a distribution within {low:g} .. {high:g}, or a new campaign"
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
-    """Return the density ratio of each flight [flight], with mean about 1.
+    """Return the density ratio of each flight [flight], with a mean of about 1.
 
-    `samples` is [flight, parameter].
+    `samples` has shape [flight, parameter].
     """
     weights = np.ones(len(samples))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -164,7 +165,7 @@ def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floa
 
 
 def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) -> Floats:
-    """Return the log density [flight] of the Gaussian copula, without a constant."""
+    """Return the log density of the Gaussian copula [flight], up to a constant."""
     from scipy.linalg import solve_triangular
     from scipy.special import ndtri
 
@@ -177,9 +178,9 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
-    """Return the probability of values that no flight represents.
+    """Return the new distributions' probability of values that no flight represents.
 
-    It belongs to the changed distributions; `samples` is [flight, parameter].
+    `samples` has shape [flight, parameter].
     """
     parts = []
     for name, marginal in change.marginals.items():

@@ -1,8 +1,8 @@
-"""Smallest set of inputs that still causes a failure with all others nominal.
+"""Smallest set of inputs that still causes a failure if all others are nominal.
 
-Sets are tried in order of size while there are few; beyond, the full set is reduced until every
-member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), many candidates at a
-time.
+Few sets are tried in order of size. Otherwise the full set is reduced until every
+member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), with many candidates
+at a time.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -17,19 +17,21 @@ from abhv_mc.array_types import Floats, Mask
 
 Sets = list[tuple[int, ...]]
 
-BUDGET = 4000  # candidates to try in order of size
+BUDGET = 4000  # maximum number of candidates tried in order of size
 
 
 @dataclass(frozen=True)
 class Shrunk:
-    """Sets of inputs that cause the failure, the most severe first."""
+    """Sets of inputs that cause the failure, most severe first."""
 
     sets: tuple[tuple[int, ...], ...]
-    smallest: bool  # every smaller set was tried and does not fail; else: no member can be left out
+    # Either every smaller set was tried and passes, or (if false) no member can be omitted.
+    smallest: bool
     tried: int
 
 
-Shrinking = Generator[Sets, Floats, "Shrunk | None"]  # asks about sets, hears how badly each fails
+# The generator yields sets and receives the severity of each.
+Shrinking = Generator[Sets, Floats, "Shrunk | None"]
 
 
 def shrink(
@@ -38,12 +40,12 @@ def shrink(
     mildest_first: Sequence[NDArray[np.intp]],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """Return the smallest sets among `count` inputs of several failures.
+    """Return, for each of several failures, the smallest sets among `count` inputs.
 
     The result is None for a failure that does not occur with all inputs. `test` takes the failure
-    index of each candidate and the mask of its inputs [candidate, input], and returns the severity
-    of each, -inf without failure. Candidates of all failures are tested in one call.
-    `mildest_first` is the order of removal for each failure.
+    index and the input mask [candidate, input] of each candidate, and returns severities, -inf
+    without failure. Candidates of all failures are tested in one call. `mildest_first` is the order
+    of removal for each failure.
     """
     results: list[Shrunk | None] = [None] * len(mildest_first)
     searches = [_shrink(count, order, budget) for order in mildest_first]
@@ -89,13 +91,13 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
         spare = [i for i, bad in zip(inputs, severity, strict=True) if bad > -np.inf]
         if not spare:
             break
-        # Remove jointly one, two, ... of the inputs that can be removed alone, mildest first.
+        # Remove one, two, ... of the individually removable inputs jointly, mildest first.
         fewer = [tuple(k for k in inputs if k not in spare[: n + 1]) for n in range(len(spare))]
         severity = yield fewer
         tried += len(fewer)
         inputs = list(
             fewer[int(np.flatnonzero(severity > -np.inf).max())]
-        )  # the first one fails: it was removed alone
+        )  # The first set fails, because its input was removed alone.
     return Shrunk((tuple(sorted(inputs)),), len(inputs) == size, tried)
 
 

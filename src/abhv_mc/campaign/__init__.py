@@ -1,3 +1,3 @@
-"""Campaigns: reading and checking the campaign file, and drawing its samples."""
+"""Campaigns: reading and checking campaign files, and drawing samples."""
 
-MOST_WORKERS = 1024  # flights in parallel on one machine
+MOST_WORKERS = 1024  # maximum number of parallel blocks on one machine

@@ -1,9 +1,9 @@
-"""Commands that packages add, by entry points of the group ``abhv_mc.commands``.
+"""Commands that packages register as entry points of the group ``abhv_mc.commands``.
 
 The name of an entry point is the name of the command, with the name of its group and a dot for a
 subcommand: ``explore``, ``verify.nesc``. Its object is a function with annotations for typer, or a
 ``typer.Typer``. A package is imported when one of its commands is run or listed. If the import
-fails, a warning is printed and the commands of the package are left out.
+fails, a warning is printed and the commands of the package are omitted.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
@@ -16,7 +16,7 @@ from abhv_mc.entry_points import COMMANDS, find_entry_points
 
 
 class Commands(MutableMapping[str, Any]):
-    """Commands of a group, including those that packages add."""
+    """Commands of a group, including commands that packages add."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class Commands(MutableMapping[str, Any]):
             if package not in self._unusable:
                 self._unusable.add(package)
                 reason = f"{type(error).__name__}: {error}"
-                announce_warnings([f"the commands of {package} are left out ({reason})"])
+                announce_warnings([f"the commands of {package} are not available ({reason})"])
             raise KeyError(name) from None
 
     def __setitem__(self, name: str, command: Any) -> None:

@@ -1,8 +1,9 @@
-"""Command line application: its commands, their order in the help, and exit codes.
+"""Command-line application: commands, their order in the help, and exit codes.
 
-A command is a function, or a ``typer.Typer`` if it has subcommands; commands of one kind share a
-file. All files are imported at every start, so that slow imports are made inside the functions.
-Commands of packages (:mod:`abhv_mc.cli.added_commands`) are listed in the panels by name.
+A command is a function, or a ``typer.Typer`` if it has subcommands; related commands share a file.
+All files are imported at every start, so modules that load slowly are imported inside the
+functions. Commands of packages (:mod:`abhv_mc.cli.added_commands`) are listed in the panels by
+name.
 """
 
 import gc
@@ -37,10 +38,10 @@ _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
-    """Help with short type names for options, and none for flags."""
+    """Mixin for help with short type names for options, and no type names for flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters; the types of options have names from ``_SHORT``."""
+        """Return the parameters, with type names of options from ``_SHORT``."""
         base: Any = super()
         parameters: list[Any] = base.get_params(ctx)
         for parameter in parameters:
@@ -50,22 +51,22 @@ class _Short:
                 and not parameter.type_descriptor.is_choice
             ):
                 parameter.metavar = _SHORT.get(parameter.bare_type())
-                # A range in the help would shorten the name of the option.
+                # A range in the help would truncate the name of the option.
                 parameter._get_number_range_help_str = lambda: None
         return parameters
 
 
 class Command(_Short, TyperCommand):
-    """Command whose help is wrapped by paragraph."""
+    """Command whose help text is wrapped paragraph by paragraph."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         paragraphs = cleandoc(options.get("help") or "").split("\n\n")
         text = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-        text = text.replace("[", r"\[")  # units in brackets are not markup
+        text = text.replace("[", r"\[")  # Units in brackets are not markup.
         super().__init__(*args, **options | {"help": text})
 
 
-_EXAMPLES = {  # printed after the options
+_EXAMPLES = {  # examples printed after the options
     "new": ("abhv-mc new study", "abhv-mc new study --from wide", "abhv-mc new study --law c"),
     "validate": (
         "abhv-mc validate study/campaign.yaml",
@@ -88,7 +89,7 @@ _EXAMPLES = {  # printed after the options
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
-_PANELS: dict[str, tuple[Any, ...]] = {  # a command of a package is given by its name
+_PANELS: dict[str, tuple[Any, ...]] = {  # Commands of packages are given by name.
     "First day": (
         *(starting.new, starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
@@ -102,12 +103,12 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # a command of a package is given by it
     "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
     "Verify": (proving.verify,),
 }
-_HIDDEN: dict[str, Any] = {  # former names of commands, which --help does not list
+_HIDDEN: dict[str, Any] = {  # former names of commands, not listed by --help
     "adopt": running.flights,
     "samples": starting.samples,
     "status": reporting.runs,
 }
-_EXTENSIONS = "Extensions"  # panel of commands that packages add
+_EXTENSIONS = "Extensions"  # heading for commands that packages add
 _PROGRAM = "abhv-mc"
 
 
@@ -136,7 +137,7 @@ class Group(_Short, TyperGroup):
         super().__init__(name=name, commands=added, **options)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names in the order of the help; a package's command may fail to load."""
+        """Return the command names in the order of the help."""
         return list(self.commands)
 
 
@@ -156,7 +157,7 @@ def _add_command(
 
 
 def _make_command(name: str, command: Any, panel: str | None) -> Any:
-    """Return the command made from a function of a package."""
+    """Convert a function of a package to a command."""
     parent = typer.Typer(cls=TyperGroup)
     _add_command(parent, name, command, panel)
     return typer.main.get_group(parent).commands[name]
@@ -188,7 +189,7 @@ app = typer.Typer(
 
 
 def _print_versions(expected: bool) -> None:
-    """Print the versions that a problem report needs, and exit."""
+    """Print the versions needed in problem reports, and exit."""
     if expected:
         import platform
         from importlib.metadata import version
@@ -214,7 +215,7 @@ def _options(
         "--version",
         callback=_print_versions,
         is_eager=True,
-        help="Print the versions of abhv-mc and its libraries and exit.",
+        help="Print the versions of abhv-mc and its libraries, and exit.",
     ),
 ) -> None:
     pass
@@ -230,18 +231,19 @@ for _hidden_name, _command in _HIDDEN.items():
 
 def main() -> None:
     """Run the command line and exit with its exit code."""
-    # Set before numpy is loaded, also for child processes: further threads only slow down
-    # operations on matrices of 9 x 9.
+    # Set before numpy is loaded: BLAS threads only slow down operations on small matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Fewer garbage collections while libraries are loaded save a tenth of a cached start.
+    # Fewer garbage collections during imports reduce the start time by a tenth.
     gc.set_threshold(100_000, 10, 10)
     sys.argv[1:] = map(hide_key, sys.argv[1:])
     open_streams()
     with sigterm_as_interrupt():
         try:
-            app(prog_name="abhv-mc")  # the name that shell completion expects
-        except BaseException as error:  # also SystemExit, so that every exit has a documented code
+            app(prog_name="abhv-mc")  # Shell completion expects this name.
+        except (
+            BaseException
+        ) as error:  # Include SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
-            if "duckdb" not in sys.modules:  # duckdb reports frozen objects as leaks
-                gc.freeze()  # omits the last garbage collection, a fifth of a start
+            if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
+                gc.freeze()  # skip the last garbage collection
             sys.exit(code)

@@ -14,30 +14,30 @@ from abhv_mc.io.input_error import InputError, Refusal, is_exhausted
 
 
 class ExitCode(IntEnum):
-    """Exit codes of the program, on which scripts rely."""
+    """Exit codes of the command line."""
 
     DONE = 0
     FAILED = 1  # a requirement or a verification failed
     BAD_INPUT = 2
-    INCOMPLETE = 3  # interrupted or incomplete; completed flights are kept
-    DEFECT = 70  # Python's own code 1 would mean that a requirement failed
+    INCOMPLETE = 3  # interrupted or incomplete run; completed flights are kept
+    DEFECT = 70  # defect; Python's exit code 1 would mean a failed requirement
 
 
 _TYPER_INTERRUPTED = 130
 
 
 def exit_code_of(error: BaseException) -> int | str | None:
-    """Print the reason for the end of the program to standard error; return the exit code."""
+    """Print an error to standard error and return the exit code."""
     if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
-        return ExitCode.INCOMPLETE  # the reader of the output has ended; typer would exit with 1
+        return ExitCode.INCOMPLETE  # The reader of the output has ended; typer would exit with 1.
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
     if isinstance(error, OSError):
         error = _explain(error)
     code, message = ExitCode.INCOMPLETE, str(error)
     is_interrupt = isinstance(error, (SystemExit, KeyboardInterrupt))
-    if is_interrupt or message == "Query interrupted":  # the message of DuckDB
-        # After an interrupt inside exec Python would end by the signal; eval clears that state.
+    if is_interrupt or message == "Query interrupted":  # DuckDB raises this message.
+        # After an interrupt in exec(), Python would exit by the signal; eval() clears that state.
         eval("0")  # noqa: S307
         message = "interrupted: completed flights are kept; run the same command to resume"
     elif isinstance(error, MemoryError):
@@ -49,12 +49,14 @@ def exit_code_of(error: BaseException) -> int | str | None:
             f"{message}: completed flights are kept; use fewer workers, or allow more open files "
             "or processes (ulimit -n, -u)"
         )
-    elif type(error).__module__.partition(".")[0] == "distributed":  # many types of exceptions
+    elif (
+        type(error).__module__.partition(".")[0] == "distributed"
+    ):  # distributed raises many types of exceptions.
         reason = message.partition("\n")[0] or type(error).__name__
         message = f"the cluster does not respond ({reason}): completed flights are kept"
     elif isinstance(error, (InputError, Refusal)):
         code = ExitCode.BAD_INPUT
-    elif type(error).__name__ == "UnusableError":  # its module takes a second to import
+    elif type(error).__name__ == "UnusableError":  # Importing the class would take a second.
         pass
     elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
@@ -66,15 +68,17 @@ def exit_code_of(error: BaseException) -> int | str | None:
 
 
 def open_streams() -> None:
-    """Open the null device for closed standard streams, whose numbers a file would get otherwise.
+    """Open the null device for closed standard streams, so that no file gets their numbers.
 
-    Characters that the encoding of the terminal lacks are printed as escapes.
+    Characters that the terminal cannot encode are printed as escape sequences.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
+            os.open(
+                os.devnull, os.O_RDWR
+            )  # opens the lowest free number, that of the closed stream
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
@@ -83,12 +87,12 @@ def open_streams() -> None:
 
 
 def flush_output(code: int | str | None) -> int | str | None:
-    """Flush the standard streams and return the exit code, INCOMPLETE if that fails."""
+    """Flush the standard streams and return the exit code, or INCOMPLETE if flushing fails."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except OSError as error:
-            # The null device keeps Python from flushing the stream again.
+            # The null device prevents Python from flushing the stream again.
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
             if not isinstance(error, BrokenPipeError):
                 _print_error(_explain(error))
@@ -103,7 +107,7 @@ def _print_error(message: object) -> None:
 
 
 def _explain(error: OSError) -> Exception:
-    """Return StorageFullError or InputError for a full disk or missing permission.
+    """Convert an OSError to StorageFullError (full disk) or InputError (no permission).
 
     Other errors are returned unchanged.
     """

@@ -1,4 +1,4 @@
-"""Commands ``fly`` and ``trim``: a nominal flight, and the controls of steady flight."""
+"""Commands ``fly`` and ``trim`` for nominal flights and trimmed steady flight."""
 
 import math
 from pathlib import Path
@@ -42,7 +42,7 @@ def fly(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Run the nominal flight of a mission with each controller, and print its metrics."""
+    """Simulate the nominal flight of a mission with each controller, and print metrics."""
     from functools import partial
 
     from abhv_mc.one_flight.fly_once import fly_once
@@ -61,7 +61,7 @@ def fly(
         raise InputError(
             "--output",
             "the controllers have different sampling rates",
-            "a run and a folder for each rate",
+            "a separate command and folder for each rate",
         )
     numbers = {
         name: {"outcome": flight.outcome, "end_time_s": flight.end_time, "metrics": flight.metrics}
@@ -93,7 +93,7 @@ def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
         say(f"{name}: {flight.sentence}")
 
 
-# Rows of the table: key in JSON, label, unit, divisor, digits.
+# Rows of the table: (JSON key, label, unit, divisor, digits).
 _TRIM_ROWS = (
     ("angle_of_attack_deg", "angle of attack", "deg", 1.0, 3),
     ("flight_path_angle_deg", "flight path angle", "deg", 1.0, 3),
@@ -102,7 +102,7 @@ _TRIM_ROWS = (
     ("lift_coefficient", "CL", "-", 1.0, 5),
     ("drag_coefficient", "CD", "-", 1.0, 5),
     ("lift_to_drag", "L/D", "-", 1.0, 3),
-    ("c_tn", "CL of the thrust", "-", 1.0, 5),
+    ("c_tn", "CL due to thrust", "-", 1.0, 5),
     ("drag_n", "drag", "kN", 1e3, 2),
     ("thrust_n", "thrust", "kN", 1e3, 2),
     ("thrust_to_weight", "thrust / weight", "-", 1.0, 3),
@@ -153,11 +153,11 @@ def trim(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Print controls, forces and flying qualities of steady flight at each bank angle.
+    """Print the controls, forces and flying qualities of trimmed flight at each bank angle.
 
-    The default flight condition is the start of the mission, or of the campaign's mission; for a
-    vehicle file it is 20 km, 1400 m/s, heading 90 deg and latitude 29.3 deg. Sideslip, aileron and
-    rudder are zero. The exit code is 1 if a bank angle has no trim.
+    The default flight condition is the start of the mission or campaign; for a vehicle file it is
+    20 km, 1400 m/s, heading 90 deg and latitude 29.3 deg. Sideslip, aileron and rudder are zero.
+    The exit code is 1 if a bank angle has no trim.
     """
     from abhv_mc.api import trim
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
@@ -208,9 +208,9 @@ _LEVEL |= {"latitude": math.radians(29.3), "heading": math.radians(90.0)}
 
 
 def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
-    """Return the vehicle and the flight condition (SI) at the start of a mission or campaign.
+    """Return the vehicle and the initial flight condition (SI) of a mission or campaign.
 
-    For a vehicle file the condition is level flight.
+    For a vehicle file the flight condition is level flight.
     """
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.control.mission import read_mission

@@ -1,4 +1,4 @@
-"""Commands ``margins`` and ``linearize``: stability margins and linear models."""
+"""Commands ``margins`` and ``linearize`` for stability margins and linear models."""
 
 from itertools import product
 from pathlib import Path
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from abhv_mc.one_flight.linear_models import Place
     from abhv_mc.stability.analysis import Stability, Time
 
-_LISTED = 6  # dispersions that are printed for a smallest margin
+_LISTED = 6  # number of dispersions printed for a smallest margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
     ("gain_margin_high_db", "gain up\ndB", 2),
@@ -63,8 +63,10 @@ def margins(
         str | None,
         typer.Option(
             metavar="STATES",
-            help="Hold altitude, speed or heading, separated by commas: for a controller that "
-            "leaves them open.",
+            help=(
+                "Quantities to hold (altitude, speed, heading), separated by commas, if the "
+                "controller does not control them."
+            ),
         ),
     ] = None,
     json: Json = None,
@@ -74,24 +76,25 @@ def margins(
     worst: Annotated[
         bool,
         typer.Option(
-            "--worst", help="Search a campaign's dispersions for the smallest margins at the trim."
+            "--worst",
+            help="Search the dispersions of a campaign for the smallest margins at the trim.",
         ),
     ] = False,
     trust_code: TrustCode = False,
 ) -> None:
-    """Print gain, phase and delay margins of each loop, and the disk margin of all loops.
+    """Print the gain, phase and delay margins of each loop, and the disk margin of all loops.
 
-    A loop is broken at its actuator while the others are closed; the disk margin is for
-    simultaneous perturbations of all loops. Margins at a time of the flight use a frozen reference
-    and are indicative. With --worst the margins are the smallest that a search finds; smaller ones
-    may exist.
+    Each loop is broken at its actuator while all other loops are closed; the disk margin is for
+    simultaneous perturbations of all loops. Margins at a time of the flight are computed with a
+    frozen reference and are only indicative. With --worst a search finds small margins; smaller
+    margins may exist.
     """
     if worst:
         if vehicle is not None or instants != "trim" or bank != "0" or hold or out is not None:
             raise InputError(
                 "--worst",
                 "the option excludes --vehicle, --at, --bank, --hold and --output",
-                "a campaign and --worst",
+                "a campaign together with --worst",
             )
         _show_worst(mission, controllers, json, trust_code)
         return
@@ -172,11 +175,11 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     show_result({"rows": results}, json, print_text)
 
 
-MOST_TIMES = 10_000  # of the option --at
+MOST_TIMES = 10_000  # maximum number of times of the option --at
 
 
 def _read_times(text: str) -> "list[Time]":
-    """Return the operating points of the option --at: times in s, or "trim".
+    """Return the operating points of the option --at: times, s, or "trim".
 
     Times may be given as first:last:step. Raise InputError if the option is invalid.
     """
@@ -204,7 +207,7 @@ def _take(
 ) -> "Place":
     """Return an operating point of the nominal flight, and print its warnings.
 
-    The bank angle applies to the trim; at a time of the flight it is that of the flight.
+    The bank angle applies only to the trim; at a time of the flight it follows from the flight.
     """
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point
@@ -219,7 +222,7 @@ def _take(
 def _find_flown(
     vehicle: Path | None, mission: Path, controllers: str | None, trust_code: bool
 ) -> tuple[Path, Path, dict[str, Path]]:
-    """Return the files of vehicle, mission and controllers; ``mission`` may be a campaign file.
+    """Return the vehicle, mission and controller files; ``mission`` may be a campaign file.
 
     Raise InputError if a custom control law is not trusted.
     """
@@ -328,11 +331,11 @@ def linearize(
     ] = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Write linear models of the plant, the controller, the open and the closed loop, or gains.
+    """Write linear models of plant, controller, open loop and closed loop, or gains.
 
-    The models use path coordinates, second-order actuators and an exact zero-order hold; names and
-    units are in the file. For several times (first:last:step) each matrix is an array [time, row,
-    column], with time_s.
+    The models use path coordinates, second-order actuators and an exact zero-order hold; the file
+    contains names and units. For several times (first:last:step) each matrix is an array [time,
+    row, column], with time_s.
     """
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import check_format, make_model, stack_models, write_model
@@ -341,7 +344,7 @@ def linearize(
         check_format(out)
     times = _read_times(instants)
     if len(times) > 1 and "trim" in times:
-        raise InputError("--at", f"'{instants}'", "one point, or times such as 0s:60s:1s")
+        raise InputError("--at", f"'{instants}'", "one operating point, or times such as 0s:60s:1s")
     vehicle_file, mission_file, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
         raise InputError("--controller", ", ".join(files), "one controller")

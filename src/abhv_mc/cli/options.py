@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share.
+"""Arguments and options shared by several commands.
 
 A campaign, mission, vehicle or controller is a path or the name of a shipped file.
 """
@@ -14,9 +14,9 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
 def _of_kinds(*kinds: str) -> dict[str, Any]:
-    """Return the parser, completion and help of an argument for a file of these kinds.
+    """Return the parser, completion and help of an argument for input files of given kinds.
 
-    Shells complete the names of shipped files, otherwise paths.
+    Shells complete the names of shipped files and paths.
     """
 
     def complete(incomplete: str) -> list[str]:
@@ -38,20 +38,20 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
 
 
 def _complete_folder(incomplete: str) -> list[str]:
-    """Return the folders of campaigns in `reports`."""
+    """Return the results folders in `reports` for shell completion."""
     folders = [path.parent.as_posix() for path in sorted(Path("reports").glob("*/manifest.json"))]
     return [name for name in folders if name.startswith(incomplete)]
 
 
 def _complete_metric(incomplete: str) -> list[str]:
-    """Return the names of built-in metrics."""
+    """Return the names of built-in metrics for shell completion."""
     from abhv_mc.flight.metrics import BUILT_IN
 
     return [name for name in BUILT_IN if name.startswith(incomplete)]
 
 
 def _complete_controllers(incomplete: str) -> list[str]:
-    """Return the names of shipped controllers for the last item of a comma-separated list."""
+    """Return completions for the last controller of a comma-separated list."""
     previous, comma, last = incomplete.rpartition(",")
     return [
         f"{previous}{comma}{name}" for name in shipped_files("control") if name.startswith(last)
@@ -105,19 +105,17 @@ Controller = Annotated[
 
 
 def folder_argument(purpose: str = "Results folder of a campaign.", metavar: str = "DIR") -> Any:
-    """Return an argument for the folder of a campaign."""
+    """Return an argument for the results folder of a campaign."""
     return typer.Argument(metavar=metavar, help=purpose, autocompletion=_complete_folder)
 
 
 Folder = Annotated[Path, folder_argument()]
 Runs = Annotated[
     int | None,
-    typer.Option(
-        min=1, help="Number of flights of each controller.", show_default="the campaign's"
-    ),
+    typer.Option(min=1, help="Number of flights per controller.", show_default="the campaign's"),
 ]
 Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Delete the campaign in the folder first, and start again.")
+    bool, typer.Option("--fresh", help="Delete an existing campaign in the folder and start again.")
 ]
 Baseline = Annotated[
     Path | None,
@@ -128,12 +126,12 @@ Baseline = Annotated[
         autocompletion=_complete_folder,
     ),
 ]
-NoReport = Annotated[bool, typer.Option("--no-report", help="Omit the report.")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Do not create a report.")]
 TrustCode = Annotated[
     bool,
     typer.Option(
         "--trust-code",
-        help="Allow Python code of the campaign to run that has not been run here before.",
+        help="Allow custom code of the campaign to run although it has not been run here before.",
     ),
 ]
 Json = Annotated[
@@ -151,8 +149,10 @@ Requirements = Annotated[
     typer.Option(
         "--requirements",
         metavar="FILE",
-        help="Requirements to judge by: a campaign file, a file with 'requirements', or a CSV "
-        "file.",
+        help=(
+            "Requirements for the assessment: a campaign file, a file with 'requirements', or a "
+            "CSV file."
+        ),
         show_default="the folder's",
     ),
 ]
@@ -168,7 +168,7 @@ Junit = Annotated[
 
 
 def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, ...] | None:
-    """Return the names of a comma-separated list; None without the option.
+    """Return the names of a comma-separated list, or None without the option.
 
     Raise InputError if a name is empty.
     """
@@ -181,7 +181,7 @@ def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, .
 
 
 def find_controllers(text: str | None) -> dict[str, Path]:
-    """Return controller files by name; those of tlc and lqr without the option.
+    """Return controller files by name; the default is tlc and lqr.
 
     Raise InputError if a file is missing or two have the same name.
     """
@@ -192,7 +192,7 @@ def find_controllers(text: str | None) -> dict[str, Path]:
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
-    """Return the value of an option in SI units; a number without unit is in ``bare_unit``.
+    """Return the value of an option in SI; a number without unit is in ``bare_unit``.
 
     Raise InputError if the value is invalid.
     """

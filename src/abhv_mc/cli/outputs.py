@@ -1,4 +1,4 @@
-"""Checks of output paths, which typer calls before a command starts."""
+"""Checks of output paths, called by typer before a command starts."""
 
 import os
 from collections.abc import Callable
@@ -19,24 +19,24 @@ def output(
     purpose: str,
     default: str | bool = True,
 ) -> Any:
-    """Return the option ``--output``; ``default`` describes where the command writes without it."""
+    """Return the option ``--output``; ``default`` describes the default path."""
     return typer.Option(
         "--output", "-o", callback=check, metavar=metavar, help=purpose, show_default=default
     )
 
 
 def output_file(path: Path | None) -> Path | None:
-    """Return the path of a file to write. Raise InputError if it cannot be written."""
+    """Return the path of an output file. Raise InputError if it cannot be written."""
     if path is None:
         return None
-    # For root, --json /dev/null would replace the device.
+    # Writing by root to /dev/null would replace the device.
     if path.exists() and not path.is_file():
-        raise InputError(path, "this is a folder or a device", "the name of a file")
+        raise InputError(path, "the path is a folder or a device", "the name of a file")
     return _check(path, path.absolute().parent)
 
 
 def output_file_or_stream(path: Path | None) -> Path | None:
-    """Return the path of a file to write, or ``-`` for standard output.
+    """Return the path of an output file, or ``-`` for standard output.
 
     Raise InputError if the file cannot be written.
     """
@@ -44,10 +44,10 @@ def output_file_or_stream(path: Path | None) -> Path | None:
 
 
 def json_file(path: Path | None) -> Path | None:
-    """Return the path of a JSON file to write, or ``-`` for standard output.
+    """Return the path of a JSON output file, or ``-`` for standard output.
 
-    Raise InputError if the file cannot be written, or if an input file would be overwritten
-    because two arguments are swapped.
+    Raise InputError if the file cannot be written, or if an existing input file would be
+    overwritten.
     """
     if path is not None and path.suffix in _INPUTS and path.exists():
         raise InputError(path, f"the {path.suffix} file exists", "the name of a JSON file")
@@ -55,23 +55,23 @@ def json_file(path: Path | None) -> Path | None:
 
 
 def output_folder(path: Path | None) -> Path | None:
-    """Return the path of a folder for output files. Raise InputError if it is a campaign's."""
+    """Return the path of an output folder. Raise InputError if it belongs to a campaign."""
     return None if path is None else _check_folder(path)
 
 
 def campaign_folder(path: Path | None) -> Path | None:
-    """Return the path of a new or existing campaign folder. Raise InputError if unusable."""
+    """Return the path of a new or existing results folder. Raise InputError if unusable."""
     return None if path is None else _check_folder(path, campaign=True)
 
 
 def campaign_folder_or_address(path: Path | None) -> Path | None:
-    """Return the path of a campaign folder, or an address such as s3://bucket/folder."""
+    """Return the path of a results folder, or an address such as s3://bucket/folder."""
     return path if path is not None and _is_address(path) else campaign_folder(path)
 
 
 def _check_folder(path: Path, campaign: bool = False) -> Path:
     if path.is_file():
-        raise InputError(path, "this is a file", "the name of a folder")
+        raise InputError(path, "the path is a file", "the name of a folder")
     return _check(path, path.absolute(), campaign)
 
 
@@ -79,11 +79,13 @@ def _check(path: Path, folder: Path, campaign: bool = False) -> Path:
     from abhv_mc.folder.layout import find_in_campaign
 
     if _is_address(path):
-        raise InputError(path, "this is an address", "a path on this machine")
+        raise InputError(path, "the path is an address", "a path on this machine")
     location = find_in_campaign(path)
     if location is not None and not (campaign and location == Path()):
         raise InputError(
-            path, "the path belongs to the files of a campaign", "a path outside its folder"
+            path,
+            "the path belongs to the files of a campaign",
+            "a path outside the folder of a campaign",
         )
     existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):

@@ -1,4 +1,4 @@
-"""Output of commands: text, tables and JSON on standard output, warnings on standard error."""
+"""Output of commands: text, tables and JSON to standard output, warnings to stderr."""
 
 import json
 import os
@@ -22,19 +22,24 @@ if TYPE_CHECKING:
     from abhv_mc.topics.section import Table as SectionTable
 
 
-_COLORS = {"PASS": 32, "FAIL": 31, "NOT SHOWN": 33, "warning:": 33}  # ANSI, of words on a terminal
-_TIMES = "compiled.json"  # file in the cache with the compilation times of this machine, s
+_COLORS = {
+    "PASS": 32,
+    "FAIL": 31,
+    "NOT SHOWN": 33,
+    "warning:": 33,
+}  # ANSI colours of words on a terminal
+_TIMES = "compiled.json"  # cache file with the compilation times of this machine, s
 _KERNELS = {
     "flight": "the flight",
     "stability": "the stability margins",
     "laws": "the reference",
 }
-_NARROWEST = 16  # width of a wrapped text column
+_NARROWEST = 16  # minimum width of a wrapped text column
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
 
 def say(*values: Any, sep: str = " ", folds: bool = True, **options: Any) -> None:
-    """Print text like Python's ``print``, with control characters escaped.
+    """Print text like the built-in ``print``, with control characters escaped.
 
     On a terminal verdicts are coloured and long sentences wrapped.
     """
@@ -48,7 +53,7 @@ def say(*values: Any, sep: str = " ", folds: bool = True, **options: Any) -> Non
 
 
 def _fold(line: str, width: int) -> str:
-    """Return a line wrapped to the width of the terminal; commands and rows of tables are kept."""
+    """Wrap a line to the width of the terminal, except commands and table rows."""
     match: Any = re.fullmatch(r"(\s*(?:\S{1,12}\s{2,6})?)(.*)", line, re.DOTALL)
     label, text = match.groups()
     if len(line) <= width or "  " in text:
@@ -60,12 +65,12 @@ def _fold(line: str, width: int) -> str:
 
 
 def text_stream(file: Path | None) -> TextIO | None:
-    """Return the stream for text: standard error if ``file`` is ``-``, for JSON."""
+    """Return the stream for text: standard error if JSON goes to standard output."""
     return sys.stderr if file == Path("-") else None
 
 
 def show_result(result: Any, file: Path | None, print_text: Callable[[], None]) -> None:
-    """Print a result as text, and write it as JSON to ``file`` if that is not None.
+    """Print a result as text, and write it as JSON to ``file`` if given.
 
     If ``file`` is ``-``, only JSON is printed to standard output. Infinite and missing numbers are
     null.
@@ -86,15 +91,17 @@ def show_result(result: Any, file: Path | None, print_text: Callable[[], None]) 
 def new_table(
     left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any
 ) -> "Table":
-    """Return an empty table with headings of text columns, then of columns of numbers.
+    """Return an empty table with the headings of text columns and number columns.
 
-    ``options`` are those of ``rich.table.Table``.
+    ``options`` are options of ``rich.table.Table``.
     """
     from rich.box import ASCII, SIMPLE
     from rich.table import Table
 
     is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    table = Table(title=title, **{"box": SIMPLE if is_unicode else ASCII, **options})
+    table = Table(
+        title=title, **{"box": SIMPLE if is_unicode else ASCII, "title_justify": "left", **options}
+    )
     for heading in left:
         table.add_column(heading, no_wrap=True)
     for heading in right:
@@ -103,9 +110,10 @@ def new_table(
 
 
 def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
-    """Print a table; if it is too wide for the terminal, wrap its text or split its columns.
+    """Print a table; if it is too wide for the terminal, print its first column as headings.
 
-    Numbers are never cut. The first ``keys`` columns are repeated in each piece.
+    If it is still too wide, wrap its text or split its columns. Numbers are never truncated. The
+    first ``keys`` columns are repeated in each piece.
     """
     import io
 
@@ -118,6 +126,10 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     terminal = shutil.get_terminal_size().columns
     tables = [(table, width)]
     if (sys.stdout.isatty() or "COLUMNS" in os.environ) and width > terminal:
+        lines = _lines_with_headings(table, terminal)
+        if lines:
+            say(*lines, sep="\n", folds=False, **options)
+            return
         tables = list(_fit_table(table, terminal, keys))
     text = io.StringIO()
     for piece, columns in tables:
@@ -132,8 +144,48 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     say(text.getvalue(), end="", folds=False, **options)
 
 
+def _lines_with_headings(table: "Table", terminal: int) -> list[str]:
+    """Return the lines of a table whose first column is printed above the others.
+
+    An empty list if rows would not fit on a line of the terminal each.
+    """
+    columns = [[str(cell) for cell in column.cells] for column in table.columns]
+    headings, *cells = columns
+    is_text = len(columns) > 2 and table.show_header and table.columns[0].justify != "right"
+    if not is_text or max(map(len, headings), default=0) > terminal:
+        return []
+    heads, widths = [], []
+    for column, texts in zip(table.columns[1:], cells, strict=True):
+        words = str(column.header).split() or [""]
+        widths.append(max(map(len, (*texts, *words))))
+        heads.append(fill(str(column.header), max(widths[-1], 1)).split("\n"))
+    is_cut = any("\n" in text for texts in columns for text in texts)
+    if is_cut or sum(widths) + 2 * len(widths) > terminal:
+        return []
+    spare = terminal - sum(widths) - 2 * len(widths)
+    gap = "  " + " " * min(2, spare // len(widths))
+
+    def line(texts: Iterable[str]) -> str:
+        padded = (
+            f"{text:>{width}}" if column.justify == "right" else f"{text:<{width}}"
+            for text, width, column in zip(texts, widths, table.columns[1:], strict=True)
+        )
+        return f"  {gap.join(padded)}".rstrip()
+
+    height = max(map(len, heads))
+    lines = fill(str(table.title), terminal).split("\n") if table.title else []
+    lines += [
+        line(texts) for texts in zip(*([""] * (height - len(head)) + head for head in heads),
+                                     strict=True)
+    ]  # fmt: skip
+    for heading, *texts in zip(headings, *cells, strict=True):
+        lines += [heading] if heading else []
+        lines.append(line(texts))
+    return [*lines, ""]
+
+
 def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:
-    """Yield the table with wrapped columns and its width, split into pieces if still too wide.
+    """Yield wrapped tables with their widths, split into pieces if still too wide.
 
     Each piece repeats the first ``keys`` columns.
     """
@@ -176,7 +228,7 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
 
 
 def print_section_table(table: "SectionTable") -> None:
-    """Print a table of a section without its columns of commands, which are too wide."""
+    """Print a table of a section without columns of commands, which are too wide."""
     rows = table.plain_rows()
     visible = [
         k
@@ -184,7 +236,7 @@ def print_section_table(table: "SectionTable") -> None:
         if not (rows and all(row[k].startswith("`abhv-mc ") or not row[k] for row in rows))
     ]
     printed_table = new_table([table.heads[k] for k in visible], (), table.caption or table.title)
-    notes = []  # rows with a cell that spans several columns
+    notes = []  # texts of cells that span several columns
     lines = iter(rows)
     for group in table.groups:
         for number, cells in enumerate(group):
@@ -192,7 +244,7 @@ def print_section_table(table: "SectionTable") -> None:
             if any(cell.columns > 1 for cell in cells):
                 notes.append(": ".join(dict.fromkeys(row)))
                 continue
-            # A cell that spans several rows is printed in the first one.
+            # A cell that spans several rows is printed in the first row.
             spans = [cell.rows for cell in group[0]]
             spans += [1] * (len(table.heads) - len(spans))
             printed_table.add_row(
@@ -215,18 +267,20 @@ def print_section(section: "Section") -> None:
 
 
 def announce_compiling() -> None:
-    """Print to standard error from now on which kernels are compiled, and how long it takes."""
+    """Announce the compilation of kernels on standard error from now on."""
     from abhv_mc.kernel.jit import PLAIN, set_compile_listener
 
     if PLAIN:
-        message = "NUMBA_DISABLE_JIT is set: flights are not compiled and a thousand times slower"
+        message = (
+            "NUMBA_DISABLE_JIT is set: flights are not compiled and are a thousand times slower"
+        )
         say(f"warning: {message}", file=sys.stderr, flush=True)
     set_compile_listener(_tell)
 
 
 @contextmanager
 def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
-    """Show that a kernel is compiled, by this process or another one."""
+    """Announce that a kernel is being compiled by this or another process."""
     from abhv_mc.kernel.cache import cache_root
 
     group = function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0]
@@ -251,6 +305,6 @@ def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
 
 
 def announce_warnings(warnings: Iterable[str]) -> None:
-    """Print warnings to standard error, each once."""
+    """Print each warning once to standard error."""
     for warning in dict.fromkeys(warnings):
         say(f"warning: {warning}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Command ``verify``, which checks a results folder; packages add checks by published data."""
+"""Command ``verify``, which checks a results folder; packages add validation checks."""
 
 import typer
 
@@ -8,17 +8,20 @@ from abhv_mc.folder.layout import CampaignFolder
 
 verify = typer.Typer(
     name="verify",
-    help="Check the files and numbers of a results folder, or simulations against published data.",
+    help=(
+        "Check the files and numbers of a results folder, or compare simulations with published "
+        "data."
+    ),
     no_args_is_help=True,
 )
 
 
 @verify.command("campaign")
 def campaign(folder: Folder) -> None:
-    """Check the hash of every file of a campaign, and every number of its report.
+    """Check the hashes of all files of a campaign and all numbers of its report.
 
     Numbers are recomputed from the stored flights; no flight is run ('replay' re-runs one). The
-    exit code is 1 if there is a difference.
+    exit code is 1 if any difference is found.
     """
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.stores import open_store
@@ -41,4 +44,4 @@ def campaign(folder: Folder) -> None:
         return
     say(f"{folder}: all files are intact, and all numbers of the report follow from the flights")
     if skipped:
-        say(f"not checked because their packages are not installed: topics {', '.join(skipped)}")
+        say(f"topics not checked because their packages are not installed: {', '.join(skipped)}")

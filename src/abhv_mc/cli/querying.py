@@ -1,4 +1,4 @@
-"""Commands ``list`` and ``query``: shipped files and definitions, and tables of a campaign."""
+"""Commands ``list`` and ``query`` for shipped files, definitions and tables."""
 
 import io
 import re
@@ -30,7 +30,7 @@ lists = typer.Typer(
 
 @lists.command()
 def campaigns(json: Json = None) -> None:
-    """List the shipped campaigns with their questions; `runs` lists those that were run."""
+    """List the shipped campaigns with their questions; `runs` lists campaigns with results."""
     _list_shipped("campaign", json)
 
 
@@ -53,7 +53,7 @@ def controllers(json: Json = None) -> None:
 
 
 def _list_shipped(kind: str, json: Path | None) -> None:
-    """List shipped files with their question, description or first sentence of their comment."""
+    """List shipped files, each with its question, description or first comment."""
     from abhv_mc.io.documents import read_document
     from abhv_mc.shipped import shipped_files
 
@@ -81,7 +81,7 @@ def parameters(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the parameters that a campaign may disperse. The unit - means a factor or a number."""
+    """List the parameters that a campaign may disperse; the unit - denotes a plain number."""
     from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
     from abhv_mc.plant.parameters import OURS
 
@@ -93,7 +93,7 @@ def parameters(
 
 @lists.command()
 def channels(json: Json = None) -> None:
-    """List the channels that histories, envelopes and replays record."""
+    """List the channels recorded in histories, envelopes and replays."""
     from abhv_mc.flight.channels import CHANNELS
 
     _show_records(
@@ -113,11 +113,11 @@ def metrics(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the metrics of a flight: unit, bad side, group, how they are computed, and meaning.
+    """List the metrics of a flight with unit, worse side, group, definition and meaning.
 
-    Stability margins, which a campaign has only if it requests them, are at the end. A metric is
-    computed from a source or an expression of sources; with its statistic, limit and window a
-    campaign can declare the same metric.
+    Stability margins, computed only if a campaign requests them, are listed last. The definition is
+    the source or expression, statistic, limit and window with which a campaign could declare the
+    same metric.
     """
     from abhv_mc.flight.metrics import BUILT_IN, MARGINS
 
@@ -143,7 +143,7 @@ def schemas(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the kinds of files that have a JSON Schema, or print the schema of one kind."""
+    """List the kinds of files with JSON Schemas, or print the schema of one kind."""
     from functools import partial
 
     from abhv_mc.campaign.file.kinds import MODELS
@@ -212,7 +212,7 @@ def query(
     if sql is None:
         if csv is None or csv == Path("-") or json is not None:
             raise InputError(
-                "query", "no SQL statement", "a statement, or --csv DIR to export all tables"
+                "query", "no SQL statement", "an SQL statement, or --csv DIR to export all tables"
             )
         tables = output_folder(csv) or csv
         with open_store(folder).reading() as source:
@@ -233,7 +233,7 @@ def query(
 
 
 def _draw(relation: "DuckDBPyRelation") -> str:
-    """Return the result as a text table."""
+    """Return the result of a query as a text table."""
     stream = io.StringIO()
     with redirect_stdout(stream):
         relation.show(max_rows=200, max_width=200)
@@ -241,7 +241,7 @@ def _draw(relation: "DuckDBPyRelation") -> str:
 
 
 def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -> None:
-    """Write CSV to a file or standard output; control characters are escaped on a terminal."""
+    """Write CSV to a file or standard output; a terminal gets control characters escaped."""
     from abhv_mc.io.csv_table import csv_text
 
     text = csv_text([columns, *rows])
@@ -254,7 +254,7 @@ def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -
 
 
 def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict[str, object]]:
-    """Return a mapping for each row. Raise InputError if columns share a name."""
+    """Return each row as a dictionary. Raise InputError if columns share a name."""
     repeated = sorted({name for name in columns if columns.count(name) > 1})
     if repeated:
         problem = f"several columns named {', '.join(repeated)}"

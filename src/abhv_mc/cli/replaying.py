@@ -1,4 +1,4 @@
-"""Commands ``replay`` and ``explain``: re-run and explain single flights of a campaign."""
+"""Commands ``replay`` and ``explain``, which re-run and explain single flights."""
 
 from math import isnan
 from pathlib import Path
@@ -26,7 +26,7 @@ def replay(
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Re-run one flight and compare its metrics with the stored ones, bit for bit.
+    """Re-run one flight and compare its metrics with the stored metrics, bit for bit.
 
     The exit code is 1 if any metric differs.
     """
@@ -67,11 +67,11 @@ def replay(
         if out is not None:
             say(f"history   {out}")
         if replay.differences:
-            say("metrics differ from the stored ones:", *replay.differences, sep="\n  ")
+            say("metrics differ from the stored metrics:", *replay.differences, sep="\n  ")
         elif replay.repeatability is Repeatability.ROUNDING:
-            say(f"metrics equal the stored ones within a relative error of {ROUNDING:g}")
+            say(f"metrics equal the stored metrics within a relative error of {ROUNDING:g}")
         else:
-            say("metrics equal the stored ones bit for bit")
+            say("metrics equal the stored metrics bit for bit")
         if replay.differences and replay.repeatability is not None:
             say(replay.repeatability.sentence)
 
@@ -93,13 +93,14 @@ def explain(
     ] = None,
     every: Annotated[
         bool,
-        typer.Option("--all", help="Explain the failed flights, at most 50 of each controller."),
+        typer.Option("--all", help="Explain all failed flights, at most 50 per controller."),
     ] = False,
     controller: Controller = None,
     requirement: Annotated[
         str | None,
         metric_option(
-            "Metric of the missed requirement to explain.", show_default="the missed one"
+            "Metric of the missed requirement that the explanation is for.",
+            show_default="the missed requirement",
         ),
     ] = None,
     out: Annotated[
@@ -108,14 +109,14 @@ def explain(
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Find the smallest set of dispersions that makes a flight fail while all others are nominal.
+    """Find the smallest set of dispersions that makes a flight fail if all others are nominal.
 
     A flight failed if it terminated early or missed a requirement. With --all, the failed flights
     of every controller are grouped by these sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
         problem = "--all excludes --flight, --requirement and --output" if every else "no flight"
-        raise InputError("--flight", problem, "--flight NUMBER, or only --all")
+        raise InputError("--flight", problem, "either --flight NUMBER, or --all alone")
     announce_compiling()
     if flight is None:
         _map_all(folder, controller, json, trust_code)

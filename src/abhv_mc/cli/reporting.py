@@ -53,21 +53,21 @@ def report(
     baseline: Baseline = None,
     svg: Annotated[bool, typer.Option("--svg", help="Write the figures also as SVG.")] = False,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Print report.pdf (A4); needs Chromium.")
+        bool, typer.Option("--pdf", help="Write report.pdf (A4); requires Chromium.")
     ] = False,
     brief: Annotated[
-        bool, typer.Option("--brief", help="Print brief.pdf, a summary of two pages, instead.")
+        bool, typer.Option("--brief", help="Write brief.pdf, a two-page summary, instead.")
     ] = False,
     letter: Annotated[
-        bool, typer.Option("--letter", help="Print the PDF on US letter paper.")
+        bool, typer.Option("--letter", help="Use US letter paper for the PDF.")
     ] = False,
     requirements: Requirements = None,
     junit: Junit = None,
 ) -> None:
-    """Create the page, the figures and report.json from the stored results of a campaign.
+    """Create the report page, figures and report.json from the stored results of a campaign.
 
     No flight is run. With --requirements the stored flights are judged by other requirements; the
-    exit code is then 1 if one fails.
+    exit code is then 1 if any requirement fails.
     """
     import json
 
@@ -78,7 +78,7 @@ def report(
 
     if requirements is not None and out is None:
         raise InputError(
-            "--requirements", "no folder for the report", "-o OUT: DIR keeps its own report"
+            "--requirements", "no folder for the report", "-o OUT, because DIR keeps its own report"
         )
     browser = find_browser() if pdf or letter or brief else None
 
@@ -116,7 +116,7 @@ def show(
     folder: Annotated[Path, folder_argument()],
     json: Json = None,
 ) -> None:
-    """Print the sentences and tables of a topic of the report, or its numbers with --json.
+    """Print the sentences and tables of a report topic, or its numbers with --json.
 
     Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes,
     margins, simulator, convergence, provenance, and those of installed packages.
@@ -159,7 +159,10 @@ def compare(
         list[str] | None,
         typer.Option(
             metavar="METRIC=5%",
-            help="Exit with 1 if B may be worse than A by more than this; repeatable.",
+            help=(
+                "Exit with code 1 if B may be worse than A by more than this share of a metric; "
+                "repeatable."
+            ),
         ),
     ] = None,
     fail_if_loses: Annotated[
@@ -167,7 +170,7 @@ def compare(
         typer.Option(
             min=1,
             metavar="N",
-            help="Exit with 1 if N or more flights terminate early with B and not with A.",
+            help="Exit with code 1 if N or more flights terminate early with B but not with A.",
         ),
     ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
@@ -239,7 +242,7 @@ def place(
 
     Prints the rank of each metric among the simulated flights, the joint p-value of all metrics,
     and where a history first leaves the simultaneous 95 % band. For several test flights a joint
-    test is printed, too.
+    test is also printed.
     """
     from abhv_mc.analysis.place import place_flights
     from abhv_mc.report.pages.page import write_answer
@@ -257,7 +260,7 @@ def place(
 
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Return standard deviations by channel. Raise InputError if one is not positive."""
+    """Parse standard deviations by channel. Raise InputError if a value is not positive."""
     noise: dict[str, float] = {}
     for setting in settings:
         channel, _, number = setting.partition("=")
@@ -283,10 +286,10 @@ def whatif(
     requirements: Requirements = None,
     json: Json = None,
 ) -> None:
-    """Estimate results under other dispersions by re-weighting existing flights.
+    """Estimate the results for other dispersions by re-weighting existing flights.
 
-    Rejected if the flights do not cover the new distribution or their effective number is too
-    small.
+    The command fails if the flights do not cover the new distribution or their effective number is
+    too small.
     """
     from abhv_mc.analysis.reweight import parse_settings
     from abhv_mc.report.numbers.whatif import make_whatif
@@ -302,11 +305,11 @@ def _print_whatif(estimates: "Whatif") -> None:
     for name, after in estimates.after.items():
         say(f"{name}: {_entry(estimates.before[name])}  ->  {_entry(after)}")
     if estimates.stopped_when_proven:
-        say("The campaign stopped when proven; the intervals do not account for that.")
+        say("The campaign stopped when proven; the intervals do not account for early stopping.")
     for name, controller in estimates.controllers.items():
         worth = significant(controller.effective_flights)
         title = (
-            f"{controller_label(name)}: {controller.flights} flights, effectively {worth} under "
+            f"{controller_label(name)}: {controller.flights} flights, equivalent to {worth} under "
             "the changed dispersions"
         )
         table = new_table(("",), ("quantile", "stored", "changed"), title)
@@ -334,7 +337,7 @@ def _entry(entry: "Mapping[str, object]") -> str:
 
 def runs(
     folder: Annotated[
-        Path, folder_argument("Folder with results folders of campaigns, or one of these.")
+        Path, folder_argument("Folder that contains results folders, or one results folder.")
     ] = _REPORTS,
     out: Annotated[
         Path | None,
@@ -354,7 +357,7 @@ def runs(
 
     address = read_address(folder)
     if address is None and not folder.is_dir() and folder != _REPORTS:
-        raise InputError(folder, "no such folder", "a folder with results folders of campaigns")
+        raise InputError(folder, "no such folder", "a folder that contains results folders")
     store = open_store(folder)
     with store.reading("*.json") as local:
         if CampaignFolder(local).manifest.is_file():

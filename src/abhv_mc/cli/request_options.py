@@ -1,4 +1,4 @@
-"""Options of the command line that are made from the fields of a request."""
+"""Command-line options created from the fields of a request."""
 
 import inspect
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def _parse_shard(text: str) -> tuple[int, int]:
     return int(i), int(n)
 
 
-# Kind of an option -> its type and its declaration for typer; other kinds are flags.
+# Kind of an option -> (type, declaration for typer); other kinds are flags.
 _KINDS: dict[str, tuple[Any, Callable[[Option], Any]]] = {
     "address": (Path, lambda o: output(campaign_folder_or_address, "DIR", o.help, o.default or "")),
     "campaign": (Path, lambda _: get_args(CampaignFile)[1]),
@@ -57,9 +57,9 @@ def _option(option: Option, *names: str, **settings: Any) -> Any:
 
 
 def takes_options(request: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that makes the fields of a request options of a command.
+    """Return a decorator that adds the fields of a request as options of a command.
 
-    The decorated function takes the request and further options.
+    The decorated function receives the request and further options.
     """
     options = options_of(request)
 

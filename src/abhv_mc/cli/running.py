@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
     from abhv_mc.folder.manifest import ControllerCount, Manifest
 
-_WIDTH = 80  # columns
+_WIDTH = 80  # maximum width of lines, columns
 
 
 @takes_options(Request)
@@ -55,12 +55,12 @@ def run(
         typer.Option(
             callback=output_folder,
             metavar="DIR",
-            help="Folder for the local copy if the output is an address.",
+            help="Folder for the local copy of the results if the output is an address.",
             show_default="temporary",
         ),
     ] = None,
 ) -> None:
-    """Run the flights of a campaign, or resume them, and create the report.
+    """Run or resume a campaign, and create its report.
 
     Ctrl-C keeps completed flights; run the same command to resume. The exit code is 1 if a
     requirement failed, and 3 if flights are missing or failed to run.
@@ -75,7 +75,7 @@ def run(
         from abhv_mc.report.numbers.compare import check_baseline
 
         if no_report or request.shard is not None:
-            raise Refusal("--baseline needs a report", "--baseline without --no-report and --shard")
+            raise Refusal("--baseline needs a report", "--baseline without --no-report or --shard")
         campaign = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(campaign, baseline)
     out = None if request.output is None else Path(request.output)
@@ -93,9 +93,9 @@ def finish(
     baseline: Path | None = None,
     can_rerun: bool = True,
 ) -> None:
-    """Create the report, print the result, and exit with the code of the result.
+    """Create the report, print the result, and exit with the corresponding code.
 
-    ``address`` is the path or address that the user gave; ``can_rerun`` tells whether the command
+    ``address`` is the path or address given by the user; ``can_rerun`` is true if the command
     repeats flights that failed to run.
     """
     from abhv_mc.folder.pooled_campaigns import suggest_merge
@@ -138,11 +138,11 @@ def finish(
         remedy = "; run the same command to try again" if can_rerun else ""
         say(f"{count} failed to run{remedy}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    if result.manifest.not_made:  # each entry was printed when it failed
+    if result.manifest.not_made:  # Each failure has been printed before.
         raise typer.Exit(ExitCode.INCOMPLETE)
     sentence, command = suggest_merge(result.folder, result.manifest)
     if sentence:
-        say(f"{sentence} To judge all together: {command}", file=stream)
+        say(f"{sentence} To judge all flights together, run: {command}", file=stream)
     if entries:
         say(f"verdicts  {describe_verdicts(result.manifest)}", file=stream)
     if any(entry.verdict == "FAIL" for entry in entries):
@@ -163,9 +163,9 @@ def _print_result(result: "RunResult", folder_name: str) -> None:
 
 
 def print_judgement(folder: Path, manifest: "Manifest", folder_name: str) -> None:
-    """Print the summary of a folder's report, if the report includes all stored flights.
+    """Print the summary of the report if it includes all stored flights.
 
-    ``folder_name`` is the path or address that the user gave.
+    ``folder_name`` is the path or address given by the user.
     """
     from abhv_mc.report.numbers.judgement_record import judgement_lead, read_judgement
 
@@ -174,12 +174,12 @@ def print_judgement(folder: Path, manifest: "Manifest", folder_name: str) -> Non
 
 
 def describe_outcomes(count: "ControllerCount") -> str:
-    """Return the numbers of a controller's flights by outcome as text."""
+    """Return the numbers of flights of one controller by outcome, as text."""
     return ", ".join(f"{number} {outcome}" for outcome, number in count.outcomes.items()) or "none"
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """Print the verdicts, requirements as rows and controllers as columns, and the advice once.
+    """Print the verdicts as a table of requirements and controllers, and the advice.
 
     Lines have at most 80 columns.
     """
@@ -188,7 +188,7 @@ def print_requirements(manifest: "Manifest") -> None:
         return
     binding_controllers = {entry.controller for entry in manifest.requirements}
     flights = {entry.flights for entry in entries}
-    cells: dict[str, dict[str, str]] = {}  # by requirement and controller
+    cells: dict[str, dict[str, str]] = {}  # table cells by requirement and controller
     advice: list[str] = []
     for entry in entries:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
@@ -226,7 +226,7 @@ def print_requirements(manifest: "Manifest") -> None:
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """Return the numbers of verdicts by controller, and the controllers that matter as text.
+    """Return the numbers of verdicts by controller, and the decisive controllers, as text.
 
     Example: 'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code depends on tlc (3 verdicts).'
     """
@@ -252,8 +252,10 @@ def flights(
         list[Path],
         typer.Argument(
             metavar="TABLE...",
-            help="CSV, JSON lines, Parquet or Excel tables of flights, or of their inputs and "
-            "results.",
+            help=(
+                "Table of flights, or tables of inputs and of results (CSV, JSON lines, Parquet "
+                "or Excel)."
+            ),
         ),
     ],
     campaign: Annotated[
@@ -261,7 +263,7 @@ def flights(
         typer.Option(
             "--campaign",
             metavar="FILE",
-            help="Campaign file with 'inputs' and 'metrics', and without a simulator.",
+            help="Campaign file with 'inputs' and 'metrics' and without a simulator.",
         ),
     ],
     out: Annotated[
@@ -275,12 +277,12 @@ def flights(
 ) -> None:
     """Import flights computed by another simulator and create their report.
 
-    TABLE has a row per flight and a column for each dispersed input and metric, and optionally for
-    system, outcome and flight. Headers may give units, as in 'altitude_min [ft]'. Inputs (see
-    'validate --samples') and results may be two tables, paired by flight number; a flight without
-    results failed to run. Verdicts need 'independent: true' in FILE and rows that pass the tests of
-    independent draws. After an interruption, run the same command to resume. The exit codes are
-    those of 'run'.
+    TABLE has one row per flight, one column for each dispersed input and metric, and optional
+    columns system, outcome and flight. Headers may give units, as in 'altitude_min [ft]'. Inputs
+    (see 'validate --samples') and results may be two tables, paired by flight number; a flight
+    without results failed to run. Verdicts require 'independent: true' in FILE and rows that pass
+    tests of independent draws. After an interruption, run the same command to resume. The exit
+    codes are those of 'run'.
     """
     from abhv_mc.execution.table_import import import_tables
 
@@ -306,9 +308,9 @@ def merge(
 ) -> None:
     """Merge the shards of a campaign, or campaigns that differ only in their seed.
 
-    Shards are run with 'run --shard I/N'. Merged shards have the digest, envelopes and histories of
-    a campaign run in one piece. Flights of several seeds are renumbered and judged together;
-    flights for envelopes and histories are run again.
+    Shards are run with 'run --shard I/N'. Merged shards have the same digest, envelopes and
+    histories as a campaign run in one piece. Flights of several seeds are renumbered and judged
+    together; flights for envelopes and histories are run again.
     """
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.manifest import read_manifest

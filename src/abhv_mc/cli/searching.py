@@ -1,4 +1,4 @@
-"""Commands ``worst`` and ``rare``: worst case, and probability of a rare failure."""
+"""Commands ``worst`` and ``rare`` for worst cases and probabilities of rare failures."""
 
 import sys
 from pathlib import Path
@@ -14,12 +14,12 @@ from abhv_mc.requests import RareRequest, WorstRequest
 
 @takes_options(WorstRequest)
 def worst(request: WorstRequest, json: Json = None) -> None:
-    """Search the range of the dispersions for the worst value of a metric.
+    """Search the ranges of the dispersions for the worst value of a metric.
 
-    Bounded distributions span their range, others --box standard deviations. The search evaluates
-    the corners, then uses CMA-ES and a local search; random flights in the same box follow for
-    comparison. The result shows what can happen, not how often. Ctrl-C keeps completed flights; run
-    the same command to resume.
+    Bounded distributions span their range, unbounded ones --box standard deviations. The search
+    evaluates the corners, then uses CMA-ES and a local search, followed by random flights in the
+    same box for comparison. The result shows what can happen, not how often. Ctrl-C keeps completed
+    flights; run the same command to resume.
     """
     announce_compiling()
     from abhv_mc.api import worst

@@ -1,4 +1,4 @@
-"""Commands ``new``, ``import`` and ``validate``, which prepare a campaign."""
+"""Commands ``new``, ``import`` and ``validate`` for preparing a campaign."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 def new(
     folder: Annotated[
         Path,
-        typer.Argument(callback=output_folder, metavar="DIR", help="New or empty folder to fill."),
+        typer.Argument(
+            callback=output_folder, metavar="DIR", help="New or empty folder for the files."
+        ),
     ],
     source: Annotated[
         str,
@@ -44,7 +46,7 @@ def new(
         str | None,
         typer.Argument(
             metavar="[LANGUAGE]",
-            help="With --law: language of the control law, python or c.",
+            help="Language of the control law added by --law: python or c.",
             show_default="python",
         ),
     ] = None,
@@ -57,19 +59,19 @@ def new(
         typer.Option(
             "--simulator",
             metavar="KIND",
-            help="Use a custom simulator instead of the vehicle's: python or command.",
+            help="Use a custom simulator instead of the built-in simulator: python or command.",
         ),
     ] = None,
 ) -> None:
-    """Create a commented campaign file with its vehicle, mission and controller files."""
+    """Create a commented campaign file with vehicle, mission and controller files."""
     from abhv_mc.new_campaign import write_new_campaign
 
     if simulator is not None:
         if law or tune or vehicle is not None:
             raise InputError(
                 "--simulator",
-                "the option excludes --law, --vehicle and --tune, which are for built-in vehicles",
-                "either --simulator or those",
+                "--simulator excludes --law, --vehicle and --tune, which are for built-in vehicles",
+                "either --simulator or these options",
             )
         _begin_simulator(folder, simulator)
         return
@@ -79,7 +81,7 @@ def new(
     campaign, *further_files = write_new_campaign(
         folder, source, law_language, vehicle=vehicle, tune=tune
     )
-    say(f"Created {campaign} and {len(further_files)} files that it needs. Next:")
+    say(f"Created {campaign} and {len(further_files)} further files. Next:")
     if law:
         file = "my_law.c" if law_language == "c" else "my_law.py"
         test = "abhv-mc fly level --controllers control/my_law.yaml"
@@ -120,8 +122,10 @@ def validate(
         bool,
         typer.Option(
             "--dry-run",
-            help="Run a few flights of each campaign; print the time, disk space and number of "
-            "flights that it needs.",
+            help=(
+                "Run a few flights of each campaign, and print the required time, disk space and "
+                "number of flights."
+            ),
         ),
     ] = False,
     runs: Runs = None,
@@ -135,16 +139,16 @@ def validate(
         ),
     ] = None,
     out: Annotated[
-        Path | None, output(output_folder, "DIR", "With --dry-run: folder for plan.png.")
+        Path | None, output(output_folder, "DIR", "Folder for plan.png, with --dry-run.")
     ] = None,
     json: Json = None,
 ) -> None:
-    """Check files, and the files that they name, without running flights.
+    """Check input files, including the files that they name, without running flights.
 
     With --dry-run the cost of a campaign is estimated: time, disk space, the number of flights that
-    each requirement needs, and the chance of PASS with the planned number. --samples writes a row
-    per flight with its number from 0 and each input, with units in the header; pass the file to
-    'import flights' together with the results.
+    each requirement needs, and the chance of PASS with the planned number. --samples writes one row
+    per flight with the flight number (from 0) and all inputs, with units in the header; pass the
+    file to 'import flights' together with the results.
     """
     from abhv_mc.check_inputs import check_inputs
     from abhv_mc.io.documents import InputError, InputErrors
@@ -180,7 +184,7 @@ def samples(
     out: Annotated[Path, output(output_file, "FILE.csv", "File to write.")],
     runs: Runs = None,
 ) -> None:
-    """Write the inputs of a campaign's flights for another simulator, as 'validate --samples'."""
+    """Write the inputs of flights for another simulator, like 'validate --samples'."""
     say(_write_samples(campaign, runs, out))
 
 
@@ -189,11 +193,11 @@ def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
     from abhv_mc.folder.input_table import write_inputs
 
     flights = write_inputs(read_campaign(campaign, runs), out)
-    return f"{out}: the inputs of {flights} flights"
+    return f"{out}: inputs of {flights} flights"
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
-    """Print the cost of each campaign and its chances of PASS."""
+    """Print the cost and the chances of PASS of each campaign."""
     from dataclasses import asdict
 
     from abhv_mc.campaign.file.check import read_campaign
@@ -243,7 +247,7 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     )
     if cost.searched:
         say(
-            f"  search  {cost.searched} flights of each to find the unknowns' worst values, "
+            f"  search  {cost.searched} flights of each to find the worst values of the unknowns, "
             f"{cost.search_s:.0f} s (fewer if --runs is below 256)"
         )
     rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
@@ -277,8 +281,8 @@ def _print_plan(planned: "Planned") -> None:
         )
     print_table(table)
     say(
-        "*  chance if the true failure probability is a fifth of the allowed one: at any number of "
-        "flights up to this one (and exactly at it)"
+        "*  chance if the true failure probability is a fifth of the allowed one, within this "
+        "number of flights (and at exactly this number)"
     )
     if len(planned.requirements) > 1:
         low, high = (

@@ -1,6 +1,6 @@
-"""Controller files with the gains and limits of TLC and LQR.
+"""Model of controller files, with the gains and limits of TLC and LQR.
 
-Defaults are those of Zhu and Shen 2014.
+Defaults are taken from Zhu and Shen 2014.
 """
 
 from operator import attrgetter
@@ -35,7 +35,7 @@ Inputs = TypeVar("Inputs", bound=StrictModel)
 
 
 class TimePoint(StrictModel):
-    """Bandwidth at a time."""
+    """Bandwidth at one time of the flight."""
 
     time: Annotated[Time, Field(ge=0.0)] = Field(description="time since the start of the flight")
     bandwidth: Annotated[AngularRate, Positive] = Field(
@@ -44,7 +44,7 @@ class TimePoint(StrictModel):
 
 
 class PressurePoint(StrictModel):
-    """Bandwidth at a dynamic pressure of the reference."""
+    """Bandwidth at one dynamic pressure of the reference."""
 
     dynamic_pressure: Annotated[Pressure, Positive] = Field(
         description="dynamic pressure of the reference"
@@ -58,10 +58,12 @@ class Schedule(StrictModel):
     """Scheduled bandwidth, linear between points and constant outside."""
 
     over_time: list[TimePoint] | None = Field(
-        None, min_length=2, description="points by rising time"
+        None, min_length=2, description="points in order of increasing time"
     )
     over_dynamic_pressure: list[PressurePoint] | None = Field(
-        None, min_length=2, description="points by rising dynamic pressure; instead of over_time"
+        None,
+        min_length=2,
+        description="points in order of increasing dynamic pressure; replaces over_time",
     )
 
     @model_validator(mode="after")
@@ -106,31 +108,31 @@ class Channel(StrictModel):
 
 
 class VelocityLoop(StrictModel):
-    """Poles of sub-loop 2, the velocity."""
+    """Poles of sub-loop 2, for the velocity."""
 
-    flight_path_angle: Channel = Field(description="poles of the flight path angle's error")
-    heading: Channel = Field(description="poles of the heading's error")
-    speed: Channel = Field(description="poles of the speed's error")
+    flight_path_angle: Channel = Field(description="poles of the flight path angle error")
+    heading: Channel = Field(description="poles of the heading error")
+    speed: Channel = Field(description="poles of the speed error")
 
 
 class AttitudeLoop(StrictModel):
-    """Poles of sub-loop 3, the attitude."""
+    """Poles of sub-loop 3, for the attitude."""
 
-    angle_of_attack: Channel = Field(description="poles of the angle of attack's error")
-    sideslip: Channel = Field(description="poles of the sideslip's error")
-    bank: Channel = Field(description="poles of the bank's error")
+    angle_of_attack: Channel = Field(description="poles of the angle of attack error")
+    sideslip: Channel = Field(description="poles of the sideslip error")
+    bank: Channel = Field(description="poles of the bank error")
 
 
 class RateLoop(StrictModel):
-    """Poles of sub-loop 4, the body rates; axes forward, right, down."""
+    """Poles of sub-loop 4, for the body rates about the forward, right and down axes."""
 
-    roll_rate: Channel = Field(description="poles of the roll rate's error")
-    pitch_rate: Channel = Field(description="poles of the pitch rate's error")
-    yaw_rate: Channel = Field(description="poles of the yaw rate's error")
+    roll_rate: Channel = Field(description="poles of the roll rate error")
+    pitch_rate: Channel = Field(description="poles of the pitch rate error")
+    yaw_rate: Channel = Field(description="poles of the yaw rate error")
 
 
 class Differentiators(StrictModel):
-    """Bandwidths of the pseudo-differentiators (21)."""
+    """Bandwidths of the pseudo-differentiators, equation (21) of Zhu and Shen 2014."""
 
     attitude: Annotated[AngularRate, Positive] = Field(
         0.3, description="bandwidth for the commands to sub-loop 3"
@@ -141,7 +143,7 @@ class Differentiators(StrictModel):
 
 
 class CommandLimits(StrictModel):
-    """Limits of the guidance commands; those of surfaces and engine are in the vehicle file."""
+    """Limits of the guidance commands; the vehicle file has those of surfaces and engine."""
 
     angle_of_attack: AngleRange = Field(
         (-0.017453292519943295, 0.20943951023931956),
@@ -163,11 +165,11 @@ _OUTER_AND_INNER = (
 
 
 class TlcController(ControllerModel):
-    """Trajectory linearization control."""
+    """Trajectory linearization controller (TLC)."""
 
     law: Literal["tlc"] = Field(description="the control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
-    altitude: Channel = Field(description="sub-loop 1: poles of the altitude's error")
+    altitude: Channel = Field(description="sub-loop 1: poles of the altitude error")
     velocity: VelocityLoop = Field(description="sub-loop 2: flight path angle, heading, speed")
     attitude: AttitudeLoop = Field(description="sub-loop 3: angle of attack, sideslip, bank")
     rates: RateLoop = Field(description="sub-loop 4: roll, pitch and yaw rate")
@@ -194,14 +196,14 @@ class TlcController(ControllerModel):
 
 
 class Weights(StrictModel, Generic[States, Inputs]):
-    """Weights of a regulator."""
+    """Weights of a linear quadratic regulator."""
 
     states: States = Field(description="diagonal of Q, one value per deviation")
     inputs: Inputs = Field(description="diagonal of R, one value per input")
 
 
 class GuidanceStates(StrictModel):
-    """Weights of the deviations, SI and radians."""
+    """Weights of the guidance states' deviations, SI and radians."""
 
     altitude: Weight = Field(description="weight of the squared deviation of the altitude, 1/m2")
     flight_path_angle: Weight = Field(
@@ -212,7 +214,7 @@ class GuidanceStates(StrictModel):
 
 
 class GuidanceInputs(StrictModel):
-    """Weights of the inputs, radians."""
+    """Weights of the guidance inputs, radians."""
 
     angle_of_attack: InputWeight = Field(
         description="weight of the squared angle of attack, 1/rad2"
@@ -222,7 +224,7 @@ class GuidanceInputs(StrictModel):
 
 
 class LongitudinalStates(StrictModel):
-    """Weights of the deviations, radians."""
+    """Weights of the longitudinal states' deviations, radians."""
 
     angle_of_attack: Weight = Field(
         description="weight of the squared deviation of the angle of attack, 1/rad2"
@@ -233,13 +235,13 @@ class LongitudinalStates(StrictModel):
 
 
 class LongitudinalInputs(StrictModel):
-    """Weight of the input in degrees."""
+    """Weight of the longitudinal input, degrees."""
 
     elevator: InputWeight = Field(description="weight of the squared elevator, 1/deg2")
 
 
 class LateralStates(StrictModel):
-    """Weights of the deviations, radians."""
+    """Weights of the lateral states' deviations, radians."""
 
     bank: Weight = Field(description="weight of the squared deviation of the bank, 1/rad2")
     sideslip: Weight = Field(description="weight of the squared deviation of the sideslip, 1/rad2")
@@ -250,7 +252,7 @@ class LateralStates(StrictModel):
 
 
 class LateralInputs(StrictModel):
-    """Weights of the inputs in degrees."""
+    """Weights of the lateral inputs, degrees."""
 
     aileron: InputWeight = Field(description="weight of the squared aileron, 1/deg2")
     rudder: InputWeight = Field(description="weight of the squared rudder, 1/deg2")
@@ -293,9 +295,9 @@ class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]
 
 
 def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
-    """Read and check a controller file, without running a custom law.
+    """Read and check a controller file without running custom control laws.
 
-    Raise InputError if it is invalid.
+    Raise InputError if the file is invalid.
     """
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None

@@ -1,4 +1,4 @@
-"""Controller files of custom control laws, and the lists of their source files."""
+"""Controller files of custom control laws, and lists of their source files."""
 
 import contextlib
 import os
@@ -15,17 +15,15 @@ from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
-_PERIOD = (
-    "period of the law in control ticks, which is verified for stability margins; 0: determined"
-)
+_PERIOD = "period in control ticks, checked for stability margins; 0: determined automatically"
 _FILES = (
-    "data files and modules that the law reads: names, patterns such as tables/*.csv, or folders"
+    "data files and modules of the control law: names, patterns such as tables/*.csv, or folders"
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class ControllerModel(StrictModel):
-    """Base of controller files."""
+    """Base class of the models of controller files."""
 
     def warnings(self) -> list[str]:
         """Return sentences on implausible values in the file."""
@@ -36,21 +34,21 @@ class PythonController(ControllerModel):
     """Custom control law in a Python file."""
 
     law: Literal["python"] = Field(description="the control law")
-    file: File = Field(description="Python file of the law, see abhv_mc.extend")
+    file: File = Field(description="Python file of the control law, see abhv_mc.extend")
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
-        {}, description="values of the file's class Settings, with units if the file declares them"
+        {}, description="values of class Settings, with units if the Python file declares them"
     )
     commands: dict[str, Any] = Field(
         {},
-        description="values of the file's class Commands, constant or from times on, "
+        description="values of class Commands, constant or from given times on, "
         "such as {0 s: 100 m, 5 s: 130 m}",
     )
     around: File | None = Field(
         None,
-        description="controller file of TLC or LQR whose measurement the function filters, at its "
+        description="controller file of TLC or LQR whose measurements the function filters, at its "
         "rate",
     )
 
@@ -58,18 +56,18 @@ class PythonController(ControllerModel):
     def _check(self) -> "PythonController":
         for key in ("rate", "period", "commands"):
             if self.around is not None and key in self.model_fields_set:
-                raise Refusal(f"'{key}' of a filter", f"no '{key}', as 'around' has one", (key,))
+                raise Refusal(f"'{key}' of a filter", f"no '{key}': 'around' defines it", (key,))
         find_files(self)
         return self
 
 
 class CController(ControllerModel):
-    """Custom control law in C, with the interface of abhv_law.h."""
+    """Custom control law in C with the interface of abhv_law.h."""
 
     law: Literal["c"] = Field(description="the control law")
-    library: File | None = Field(None, description="shared library of the law")
+    library: File | None = Field(None, description="shared library of the control law")
     sources: tuple[File, ...] = Field(
-        (), description="C sources of the law, compiled by cc, instead of a library"
+        (), description="C sources of the control law, compiled by cc; replaces library"
     )
     flags: tuple[str, ...] = Field(
         ("-O2",), description="flags of cc in addition to -ffp-contract=off"
@@ -91,11 +89,11 @@ class CController(ControllerModel):
     effectors: tuple[str, ...] = Field(
         (),
         max_length=MAX_ACTUATORS,
-        description="effectors of the vehicle that it commands, in the order of the struct",
+        description="commanded effectors of the vehicle, in the order of the struct",
     )
     onboard: bool = Field(
         False,
-        description="whether measured->onboard provides the nominal vehicle, as for laws in Python",
+        description="whether measured->onboard provides the nominal vehicle, as in Python",
     )
 
     @model_validator(mode="after")
@@ -117,7 +115,7 @@ class CController(ControllerModel):
 
     @property
     def layout(self) -> "Layout":
-        """Name and length of each setting, in the file's order; 0 for a single number."""
+        """Name and length of each setting, in file order; 0 for a single number."""
         return [
             (name, len(value) if isinstance(value, list) else 0)
             for name, value in self.settings.items()
@@ -125,7 +123,7 @@ class CController(ControllerModel):
 
     @property
     def numbers(self) -> list[float]:
-        """All settings as one list, SI."""
+        """All settings as one list, in SI units."""
         return [
             n
             for name, value in self.settings.items()
@@ -147,7 +145,7 @@ class FmuController(ControllerModel):
         "vehicle"
     )
     params: dict[str, Any] = Field(
-        {}, description="initial values of its parameters, with units if they have units"
+        {}, description="initial values of the FMU's parameters, with units if they have any"
     )
     design: File | None = Field(
         None, description="gains: a Python file with design(), or a CSV file over time"
@@ -166,7 +164,7 @@ class FmuController(ControllerModel):
 
     @property
     def wired(self) -> dict[str, str]:
-        """Inputs with a source other than a constant."""
+        """Inputs whose source is not a constant."""
         return {
             name: source
             for name, source in self.inputs.items()
@@ -180,7 +178,7 @@ class FmuController(ControllerModel):
 
     @property
     def starts(self) -> dict[str, Any]:
-        """Start values of parameters and constant inputs, with 1 for true."""
+        """Start values of parameters and constant inputs, with true as 1."""
         values = self.params | {name: self.inputs[name] for name in self.constants}
         return {
             name: float(value) if isinstance(value, bool) else value
@@ -212,10 +210,10 @@ def _located(*keys: str | int) -> Iterator[None]:
         raise Refusal(refusal.found, refusal.expected, keys) from None
 
 
-Layout = list[tuple[str, int]]  # name and length of settings, 0 for a single number
+Layout = list[tuple[str, int]]  # name and length of each setting, 0 for a single number
 UserController = PythonController | CController | FmuController
 USER_LAWS = ("python", "c", "fmu")
-# Keys of controller files with paths relative to the file's folder.
+# keys of controller files that are paths relative to the file's folder
 NAMING_KEYS = (
     "file",
     "library",
@@ -226,7 +224,7 @@ NAMING_KEYS = (
 
 
 def find_files(law: UserController) -> dict[str, Path]:
-    """Return every file of a law, the main file first, by its path in their common folder.
+    """Return all files of a control law by their common relative path, main file first.
 
     Raise Refusal if a file is missing.
     """
@@ -254,19 +252,21 @@ def expand(
             continue
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
-            raise Refusal(f"'{pattern}'", "a relative path inside the law's folder", ("files", i))
+            raise Refusal(
+                f"'{pattern}'", "a relative path inside the controller file's folder", ("files", i)
+            )
         inside = "**/*" if (folder / pattern).is_dir() else ""
         paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
         matches = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
         if not matches:
             raise Refusal(
                 f"'{pattern}', which matches no file",
-                "existing files in the law's folder",
+                "existing files in the controller file's folder",
                 ("files", i),
             )
         for path in matches:
             if not path.resolve().is_relative_to(folder.resolve()):
-                problem = f"'{pattern}', a link out of its folder to {path.resolve()}"
-                raise Refusal(problem, "a file in the law's folder", ("files", i))
+                problem = f"'{pattern}', a link to a file outside of its folder, {path.resolve()}"
+                raise Refusal(problem, "a file in the controller file's folder", ("files", i))
             files[path] = None
     return list(files)

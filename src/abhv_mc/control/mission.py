@@ -43,10 +43,11 @@ GravitationalParameter = Annotated[
 
 
 class Start(StrictModel):
-    """Start of a flight, trimmed, by default straight and level.
+    """Start of a flight: trimmed and, by default, straight and level.
 
-    The reference starts along the flight path angle and keeps it until a manoeuvre changes it. The
-    bank applies to the vehicle only, such as the bank that the first manoeuvre needs immediately.
+    The reference starts along the flight path angle and maintains it until a manoeuvre changes it.
+    The bank applies to the vehicle only, for example the bank that the first manoeuvre needs
+    immediately.
     """
 
     altitude: Length = Field(description="geodetic altitude")
@@ -74,7 +75,7 @@ class Phase(StrictModel):
     """Manoeuvre with an optional name."""
 
     name: str | None = Field(
-        None, description="name by which 'phase' of a campaign's metric refers to its window"
+        None, description="name of the time window, for 'phase' of a campaign's metric"
     )
 
 
@@ -84,15 +85,15 @@ class Climb(Phase):
     kind: Literal["climb"] = Field(description=_KIND)
     altitude_change: Length = Field(description="change of altitude, positive upwards")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
-    speed_change: Speed = Field(0.0, description="change of speed over the same time")
+    speed_change: Speed = Field(0.0, description="change of speed during the manoeuvre")
 
 
 class PullUp(Phase):
-    """Smooth change of the flight path angle, which is kept afterwards."""
+    """Smooth change of the flight path angle, which remains constant afterwards."""
 
     kind: Literal["pull_up"] = Field(description=_KIND)
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
-        description="flight path angle at its end, positive upwards"
+        description="flight path angle at the end of the pull-up, positive upwards"
     )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
@@ -108,9 +109,9 @@ class Turn(Phase):
 class SManoeuvre(Phase):
     """Lateral displacement of the track by ``offset``, with the original heading at the end.
 
-    The lateral acceleration is proportional to ``c |c|^(sharpness - 1)`` with
-    ``c = cos(pi t / length)``, ramped over ``bank_time`` at both ends. Without these two keys
-    ``y = offset / 2 (1 - cos(pi t / length))``, and the acceleration has steps at both ends.
+    The lateral acceleration is proportional to ``c |c|^(sharpness - 1)`` with ``c = cos(pi t /
+    length)``, ramped over ``bank_time`` at both ends. Without these two keys, ``y = offset / 2 (1 -
+    cos(pi t / length))``, and the acceleration has steps at both ends.
     """
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
@@ -121,12 +122,12 @@ class SManoeuvre(Phase):
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
         0.0,
-        description="time of the ramp of the bank at both ends; at most half the length",
+        description="duration of the bank ramp at both ends; at most half the length",
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
-        description="exponent of the acceleration; the larger it is, the longer the straight "
-        "flight between the turns",
+        description="exponent of the acceleration; larger values give longer straight flight "
+        "between the turns",
     )
 
     @model_validator(mode="after")
@@ -140,14 +141,16 @@ class SManoeuvre(Phase):
         return self
 
     def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
-        """Return speed (m/s) and acceleration (m/s2) to the left at times (s) since its start."""
+        """Return speed (m/s) and acceleration (m/s2) to the left at times (s) since the start."""
         return s_shape(since, self.offset, self.length, self.bank_time, self.sharpness)
 
 
 class WaypointTurn(StrictModel):
-    """One heading change among several."""
+    """Change of heading as one of several."""
 
-    at: Annotated[Time, Field(ge=0.0)] = Field(description="time of its start after start_time")
+    at: Annotated[Time, Field(ge=0.0)] = Field(
+        description="time after start_time at which the change starts"
+    )
     heading_change: Angle = Field(description="change of heading, positive to the right")
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
 
@@ -160,10 +163,10 @@ class Waypoints(StrictModel):
 
 
 class Recorded(StrictModel):
-    """Trajectory from a CSV file with the columns time_s, altitude_m, speed_mps, heading_deg."""
+    """Trajectory from a CSV file with columns time_s, altitude_m, speed_mps and heading_deg."""
 
     kind: Literal["recorded"] = Field(description=_KIND)
-    file: File = Field(description="CSV file, relative to this file")
+    file: File = Field(description="CSV file, relative to the mission file")
 
 
 class LevelPhase(Phase):
@@ -200,11 +203,11 @@ class MissionLimits(LoadLimits):
     speed: Annotated[Speed, Positive] | None = Field(
         None, description="maximum speed; default: twice the largest speed of the reference"
     )
-    fuel_out: bool = Field(True, description="whether a flight ends when its fuel is burnt")
+    fuel_out: bool = Field(True, description="whether a flight ends when its fuel is exhausted")
 
 
 class End(StrictModel):
-    """Conditions, any of which completes the mission before its duration."""
+    """Conditions that each complete the mission before its duration."""
 
     altitude_above: Length | None = Field(
         None, description="the mission is complete when the altitude exceeds this value"
@@ -249,7 +252,7 @@ class End(StrictModel):
 class AirTable(StrictModel):
     """Table over altitude, such as a sounding, with units in its header."""
 
-    file: File = Field(description="CSV file, relative to this file")
+    file: File = Field(description="CSV file, relative to the mission file")
     columns: dict[str, str] = Field(
         {}, description="headers of the table's columns, such as {altitude: HGHT}"
     )
@@ -259,19 +262,20 @@ class WindTable(AirTable):
     """Wind of the nominal flight over altitude.
 
     Columns are wind_north and wind_east (velocity of the air), or wind_speed and wind_direction
-    (direction from which it blows).
+    (direction from which the wind blows).
     """
 
 
 class DensityTable(AirTable):
-    """Nominal density over altitude, on which controllers are designed.
+    """Nominal density over altitude, for which controllers are designed.
 
-    Columns are density_factor (on the standard atmosphere), density, or pressure and temperature.
+    Columns are density_factor (relative to the standard atmosphere), density, or pressure and
+    temperature.
     """
 
 
 class EarthNumbers(StrictModel):
-    """Constants of the Earth, by default those of WGS-84."""
+    """Constants of the Earth; defaults are those of WGS-84."""
 
     equatorial_radius: Annotated[Length, Positive] = Field(
         WGS84.equatorial_radius, description="equatorial radius of the ellipsoid"
@@ -310,13 +314,13 @@ class Mission(StrictModel):
     earth: Annotated[
         Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("given")],
         _BY_NAME,
-    ] = Field("wgs84", description="wgs84, or other constants")
+    ] = Field("wgs84", description="wgs84, or custom constants of the Earth")
     end: End = Field(End(), description="conditions that end a flight before its duration")
     wind: Annotated[
         Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME
     ] = Field(
         "none",
-        description="wind of the nominal flight, to which wind.north and so on are added; nominal "
+        description="wind of the nominal flight, to which wind.north etc. are added; nominal "
         "controls are computed without wind",
     )
     density: Annotated[
@@ -325,7 +329,7 @@ class Mission(StrictModel):
     ] = Field("standard", description="density of the nominal air")
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="quantities that instruments measure; default: those of the vehicle",
+        description="measured quantities; default: those of the vehicle",
     )
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
         0.01, description="time step of the integrator"
@@ -375,13 +379,13 @@ class Mission(StrictModel):
         if isinstance(self.manoeuvre, Recorded) and self.start.flight_path_angle:
             raise Refusal(
                 "a flight path angle in addition to a recorded trajectory",
-                "no flight_path_angle, as the recording determines it",
+                "no flight_path_angle, because the recording determines it",
                 ("start", "flight_path_angle"),
             )
         return self
 
     def list_manoeuvres(self) -> "list[tuple[tuple[str | int, ...], float, Any]]":
-        """Return the manoeuvres in order: location in the file, start time (s), manoeuvre."""
+        """Return each manoeuvre's location in the file, start time (s) and model, in order."""
         if not isinstance(self.manoeuvre, Phases):
             return [(("manoeuvre",), self.start_time, self.manoeuvre)]
         begin = self.start_time
@@ -392,7 +396,7 @@ class Mission(StrictModel):
         return manoeuvres
 
     def windows(self) -> dict[str, tuple[float, float]]:
-        """Return start and end (s) of the phases with names."""
+        """Return start and end (s) of the named phases."""
         named = [
             (begin, manoeuvre)
             for _, begin, manoeuvre in self.list_manoeuvres()
@@ -401,7 +405,7 @@ class Mission(StrictModel):
         return {manoeuvre.name: (begin, begin + manoeuvre.length) for begin, manoeuvre in named}
 
     def read_air(self) -> tuple[Floats | None, Floats | None]:
-        """Return the tables of wind and density, or None. Raise InputError if one is invalid."""
+        """Return the wind and density tables, or None. Raise InputError if one is invalid."""
         wind, density = self.wind, self.density
         return (
             None if isinstance(wind, str) else read_air_table(wind.file, WIND, wind.columns),
@@ -418,7 +422,7 @@ class Mission(StrictModel):
         return join_air(*self.read_air())
 
     def find_air_warnings(self, altitude: Floats) -> list[str]:
-        """Return warnings about tables of the air that do not cover a flight's altitudes."""
+        """Return warnings about air tables that do not cover a flight's altitudes."""
         return [
             warning
             for key, table in zip((self.wind, self.density), self.read_air(), strict=True)
@@ -427,7 +431,7 @@ class Mission(StrictModel):
         ]
 
     def make_earth(self) -> Earth:
-        """Return the Earth of the mission in the form that the kernel takes."""
+        """Return the mission's Earth model in the form required by the kernel."""
         if isinstance(self.earth, str):
             return WGS84
         return Earth(**{name: getattr(self.earth, name) for name in EarthNumbers.model_fields})

@@ -1,4 +1,4 @@
-"""Reading of a mission's CSV tables: recorded trajectory, nominal air over altitude."""
+"""Reading of a mission's CSV tables: recorded trajectory and nominal air over altitude."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,14 +36,14 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
 
 
 AIR = {
-    "wind_north": SPEED,  # component of the air's velocity
+    "wind_north": SPEED,  # velocity of the air towards north
     "wind_east": SPEED,
     "wind_speed": SPEED,
-    "wind_direction": ANGLE,  # from which the wind blows, clockwise from north
-    "density_factor": FRACTION,  # on the standard atmosphere
+    "wind_direction": ANGLE,  # direction from which the wind blows, clockwise from north
+    "density_factor": FRACTION,  # density relative to the standard atmosphere
     "density": DENSITY,
     "pressure": PRESSURE,
-    "temperature": FRACTION,  # in K; see _KELVIN
+    "temperature": FRACTION,  # temperature in K; see _KELVIN
 }
 WIND = ("wind_north", "wind_east"), ("wind_speed", "wind_direction")
 DENSITIES = ("density_factor",), ("density",), ("pressure", "temperature")
@@ -60,9 +60,9 @@ def read_air_table(
 ) -> Floats:
     """Return altitude and the columns of the first available choice [level, column].
 
-    Altitudes may rise or fall in the file, and rise in the result. Wind is the velocity to the
-    north and east, density a factor on that of the standard atmosphere, followed by that of the
-    temperature if the table has one. Raise InputError if the table is invalid.
+    Altitudes may increase or decrease in the file, and increase in the result. Wind is the velocity
+    to the north and east; density is a factor on the standard density, followed by a factor on the
+    standard temperature if the table has one. Raise InputError if the table is invalid.
     """
     table = read_foreign_table(path)
     columns = table.find(("altitude", *AIR), heads)
@@ -116,12 +116,12 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
             break
     return [
         f"{path.name} has levels from {low:g} to {high:g} m and the flight altitudes from "
-        f"{lowest:.0f} to {highest:.0f} m: beyond its ends the last level is used{hint}"
+        f"{lowest:.0f} to {highest:.0f} m; beyond the table's ends the last level is used{hint}"
     ]
 
 
 def join_air(wind: Floats | None, density: Floats | None) -> Floats:
-    """Return the nominal air on the altitudes of both tables.
+    """Merge the wind and density tables into the nominal air at the altitudes of both.
 
     The columns are those of :mod:`abhv_mc.kernel.plant.air_data`.
     """

@@ -1,11 +1,11 @@
-"""Lateral motion of an S manoeuvre: speed and acceleration against time."""
+"""Lateral motion of an S manoeuvre: speed and acceleration over time."""
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 
-_CELLS = 4096  # of the integral, over half the manoeuvre
-_SAME_TIME = 1e-9  # s, tolerance of ticks at the ends of the manoeuvre
+_CELLS = 4096  # integration cells over half the manoeuvre
+_SAME_TIME = 1e-9  # tolerance of ticks at the ends of the manoeuvre, s
 
 
 def s_shape(
@@ -13,11 +13,11 @@ def s_shape(
 ) -> tuple[Floats, Floats]:
     """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start.
 
-    Both are 0 outside the manoeuvre.
+    Both are zero outside the manoeuvre.
 
-    They are along ``offset`` (m). The acceleration is proportional to ``sign(c) |c|^sharpness``,
-    ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both ends.
-    If both have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
+    Both are along ``offset`` (m). The acceleration is proportional to ``sign(c) |c|^sharpness``
+    with ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both
+    ends. If both parameters have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:
@@ -50,7 +50,7 @@ def s_shape(
 
 
 def _growth(since: Floats, length: float, bank_time: float, sharpness: float) -> Floats:
-    """Return the acceleration in the first half, at most 1."""
+    """Return the acceleration in the first half, normalized to at most 1."""
     x = np.clip(since / bank_time, 0.0, 1.0) if bank_time else 1.0
     return np.cos(np.pi * since / length).clip(0.0) ** sharpness * (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
@@ -58,7 +58,7 @@ def _growth(since: Floats, length: float, bank_time: float, sharpness: float) ->
 
 
 def _between(x: Floats, h: float, values: Floats, slopes: Floats) -> Floats:
-    """Interpolate values and slopes at nodes ``h`` apart, starting at 0, by cubics."""
+    """Interpolate by cubics from values and slopes at nodes spaced ``h`` from 0."""
     i = np.minimum((x / h).astype(np.int64), values.size - 2)
     t = x / h - i
     rise = values[i + 1] - values[i]

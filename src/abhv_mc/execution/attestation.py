@@ -1,4 +1,4 @@
-"""Attestation of blocks: each names the process that computed it, whose code is checked."""
+"""Attestation of blocks by the process that computed them, and check of its code."""
 
 import sys
 import threading
@@ -13,38 +13,40 @@ from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
 
-if TYPE_CHECKING:  # not imported by worker processes
+if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
 
 
 def sign(block: FlightBlock) -> FlightBlock:
-    """Return the block with this process recorded as the one that computed it."""
+    """Return the block with this process recorded as its origin."""
     return replace(block, flown_by=(this_flyer(),))
 
 
 class Attestation:
-    """Check of the code and results of workers; thread-safe."""
+    """Thread-safe check of the code and results of workers."""
 
     def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
-        """Prepare the check.
+        """Prepare the check of all workers.
 
-        One flight of each host with another kind of processor is computed again here, or of each
-        worker if ``every_worker``.
+        One flight of each host with another kind of processor (or of each worker if
+        ``every_worker``) is computed again in this process.
         """
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()
         self._lock = threading.Lock()
 
     def check(self, plan: FlightPlan, parameters: Floats, block: FlightBlock) -> FlightBlock:
-        """Return the block unchanged.
+        """Check a block and return it unchanged.
 
-        Raise UnusableError, which names the worker, if its code or the bits of its results differ.
+        Raise UnusableError, with the name of the worker, if its code or any bit of its results
+        differs.
         """
         if self._engine.checked and not block.flown_by:
             raise UnusableError(
-                "a worker does not state its version of the program: restart it with the campaign's"
+                "a worker does not state its version of the program: restart it with the version "
+                "of the campaign"
             )
         for flyer in block.flown_by:
             if self._engine.checked and flyer.code != self._engine.source:
@@ -66,18 +68,18 @@ class Attestation:
     def _compare(
         self, plan: FlightPlan, parameters: Floats, block: FlightBlock, flyer: Flyer
     ) -> None:
-        """Compute the block's first flight here. Raise UnusableError if any bit differs."""
+        """Compute the first flight of a block again. Raise UnusableError if any bit differs."""
         reference = self._engine.fly(plan, parameters, None)
         for name in ("outcome", "end_time", "metrics"):
             if not np.array_equal(
                 getattr(reference, name)[0], getattr(block, name)[0], equal_nan=name != "outcome"
             ):
                 raise UnusableError(
-                    f"the worker at {flyer.name} ({flyer.processor}) computes other bits than this "
-                    f"machine ({name} of one flight of {plan.controller})"
+                    f"the worker at {flyer.name} ({flyer.processor}) computes results that differ "
+                    f"from those of this machine ({name} of one flight of {plan.controller})"
                 )
         print(
-            f"worker at {flyer.name}: a flight computed here is equal, bit for bit",
+            f"worker at {flyer.name}: a flight computed on this machine is bit-identical",
             file=sys.stderr,
             flush=True,
         )

@@ -1,4 +1,4 @@
-"""Work on threads, with a limit on finished results that wait for the disk."""
+"""Work on threads, with a limit on the number of results that wait for the disk."""
 
 import threading
 import warnings
@@ -11,11 +11,11 @@ T = TypeVar("T")
 def work_ahead(
     workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]
 ) -> Generator[T, None, None]:
-    """Yield the results of ``work`` in order of completion; ``calls`` has its arguments.
+    """Yield the results of ``work`` for each of ``calls`` in order of completion.
 
-    At most two results per worker are being computed or wait to be taken. Without this limit,
-    workers that are faster than the disk would fill the memory with finished blocks. Closing the
-    generator ends all waiting workers.
+    At most two results per worker are being computed or waiting. Without this limit, workers that
+    are faster than the disk would fill the memory with finished blocks. Closing the generator ends
+    all waiting workers.
     """
     from joblib import Parallel, delayed
 
@@ -25,7 +25,7 @@ def work_ahead(
     def call(arguments: tuple[Any, ...]) -> T:
         slots.acquire()
         if closed.is_set():
-            slots.release()  # lets the next waiting thread end as well
+            slots.release()  # The next waiting thread can then end as well.
             raise RuntimeError("the results are no longer needed")
         return work(*arguments)
 
@@ -44,6 +44,6 @@ def work_ahead(
         closed.set()
         slots.release()
         with warnings.catch_warnings():
-            # joblib warns of unused results, which an interrupt leaves on purpose.
+            # An interrupt leaves unused results, about which joblib warns.
             warnings.simplefilter("ignore", UserWarning)
             results.close()

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 
-if TYPE_CHECKING:  # not imported by worker processes
+if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Fly, Recorded
 
-BATCH_FLIGHTS = 256  # flights of one call: they fill all lanes, and few are lost with a call
+BATCH_FLIGHTS = 256  # flights per call: enough for all lanes, few to lose in a crash
 
 
 def fly_in_batches(
@@ -19,7 +19,7 @@ def fly_in_batches(
     recorded: "Recorded",
     begin: Callable[[], None] = lambda: None,
 ) -> FlightBlock:
-    """Simulate all rows, and call ``begin`` before each call of ``fly``."""
+    """Simulate all rows in batches, with a call of ``begin`` before each batch."""
     blocks = []
     for first in range(0, max(1, len(parameters)), BATCH_FLIGHTS):
         begin()

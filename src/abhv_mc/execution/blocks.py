@@ -9,21 +9,20 @@ from abhv_mc.array_types import Mask
 from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
-_WORK = 10.0  # s
-# Flights of a block without recorded histories, about ten seconds of work: the loss if a worker
-# is killed.
+_WORK = 10.0  # duration of a block of a custom simulator, s
+# Flights of a block without histories: about ten seconds of work, lost if a worker is killed.
 _MOST_FLIGHTS = 8192
 
 
 @dataclass(frozen=True)
 class Block:
-    """Flights ``first`` to ``stop - 1`` of one controller, and the missing data of these."""
+    """Flights ``first`` to ``stop - 1`` of one controller, and their missing data."""
 
     controller: str
     first: int
     stop: int
-    needs_rows: bool  # of the flights table
-    needs_envelope: bool  # contributions to the envelopes
+    needs_rows: bool  # whether rows of the flights table are missing
+    needs_envelope: bool  # whether contributions to the envelopes are missing
 
     @property
     def flights(self) -> int:
@@ -31,21 +30,21 @@ class Block:
 
 
 def choose_batch(flights: int, workers: int) -> int:
-    """Return the flights of a block: full lanes, and at least two blocks per worker."""
+    """Return the block size for full lanes and at least two blocks per worker."""
     share = -(-flights // (2 * workers))
     return max(LANES, min(BATCH_FLIGHTS, -(-share // LANES) * LANES))
 
 
 def choose_unrecorded(flights: int, workers: int, batch: int) -> int:
-    """Return the flights of a block without recording: full batches, four blocks per worker."""
+    """Return the block size without recording: full batches, four blocks per worker."""
     share = -(-flights // (4 * workers))
     return batch * max(1, min(_MOST_FLIGHTS, share) // batch)
 
 
 def choose_timed(flights: int, workers: int, seconds: float) -> int:
-    """Return the flights of a user simulator's block: about ten seconds of work.
+    """Return the block size for a custom simulator: about ten seconds of work.
 
-    ``seconds`` is the time (s) of one flight.
+    ``seconds`` is the computing time of one flight, s.
     """
     share = -(-flights // (4 * workers))
     return max(1, min(_MOST_FLIGHTS, share, int(_WORK / seconds) if seconds else _MOST_FLIGHTS))
@@ -59,10 +58,10 @@ def cut_blocks(
 ) -> Iterator[Block]:
     """Yield blocks of at most ``size`` flights, alternating between controllers.
 
-    ``missing`` has masks [flight] of missing rows and envelope contributions by controller. Blocks
-    end at multiples of ``size``, and all flights of a block lack the same data. No block contains
-    flights on both sides of ``cut``. ``unrecorded`` is the first flight from which on nothing is
-    recorded, and the size of blocks from there.
+    ``missing`` gives, by controller, the masks [flight] of missing rows and missing envelope
+    contributions. Blocks end at multiples of ``size``, and all flights of a block lack the same
+    data. No block contains flights on both sides of ``cut``. ``unrecorded`` is the first flight
+    that is not recorded, and the block size from there on.
     """
     ranges = {
         name: list(_uniform_ranges(rows, envelope, size, cut, unrecorded))
@@ -79,7 +78,7 @@ def cut_blocks(
 def _uniform_ranges(
     rows: Mask, envelope: Mask, size: int, cut: int, unrecorded: tuple[int, int] | None
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and stop of ranges of flights that lack the same data."""
+    """Yield (first, stop) of ranges of flights that lack the same data."""
     first_unrecorded, unrecorded_size = unrecorded or (len(rows), size)
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1

@@ -1,4 +1,4 @@
-"""Completion of a campaign: which flights its folder has, and which are missing."""
+"""Completion of a campaign: which flights are stored, and which are missing."""
 
 import numpy as np
 
@@ -9,18 +9,18 @@ from abhv_mc.folder.envelope_states import Collector
 from abhv_mc.folder.flights import Digest, FlightRows
 from abhv_mc.statistics.evidence import flights_to_pass
 
-_FIRST_JUDGED = 64  # flights before the first assessment of a campaign that stops when proven
+_FIRST_JUDGED = 64  # flights before the first assessment in a campaign with 'stop'
 
 
 class Completion:
-    """Counts of the flights that a folder has, by controller."""
+    """Counts of the stored flights, by controller."""
 
     def __init__(
         self, campaign: Experiment, shard: tuple[int, int], requested: tuple[str, ...]
     ) -> None:
-        """Start with no flights.
+        """Initialize the counts without flights.
 
-        ``shard`` is the range of flights of the folder, ``requested`` the controllers to run.
+        ``shard`` is the range of flights in the folder; ``requested`` lists the controllers to run.
         """
         self.campaign, self.requested = campaign, requested
         self.first, self.stop = shard
@@ -35,9 +35,8 @@ class Completion:
     def goal(self) -> int:
         """Return the number of flights to run.
 
-        A campaign that stops when proven needs only those up to its verdicts. The numbers of
-        flights after which it is assessed follow from its flights alone, not from workers or
-        interruptions.
+        A campaign that stops when proven needs only the flights up to its verdicts. The numbers of
+        flights at which it is assessed depend only on its flights, not on workers or interruptions.
         """
         if self.campaign.model.stop is None:
             return self.stop
@@ -61,22 +60,22 @@ class Completion:
         return goal
 
     def is_complete(self) -> bool:
-        """Return whether all flights up to the goal are there."""
+        """Return whether all flights up to the goal are stored."""
         goal = self.goal()
         return all(mask[self.first : goal].all() for mask in self.done.values())
 
     def find_missing(self, collectors: dict[str, Collector]) -> dict[str, tuple[Mask, Mask]]:
         """Return masks [flight] of missing rows and envelope contributions, by controller.
 
-        Flights count up to the goal. Return an empty dictionary if nothing is missing.
+        Only flights up to the goal count. Return an empty dictionary if no data is missing.
         """
         missing = {}
         numbers = np.arange(self.campaign.runs)
         below = (numbers >= self.first) & (numbers < self.goal())
         for name, done in self.done.items():
-            # Envelopes get the completed flights of all controllers, requested or not.
+            # Envelopes include completed flights of all controllers.
             expected = ~done & below & (name in self.requested)
-            # Uncomputed flights contribute nothing to envelopes.
+            # Flights that were not computed do not contribute to envelopes.
             computed = ~self.all_counts[name].uncomputed
             uncovered = (
                 ~collectors[name].covered if name in collectors else np.zeros(len(done), bool)

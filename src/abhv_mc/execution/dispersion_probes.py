@@ -1,7 +1,7 @@
-"""Trial flights before a campaign: nominal flight, and effect of each dispersion.
+"""Trial flights before a campaign: the nominal flight and the effect of each dispersion.
 
-A dispersion that enters no equation leaves all bits of a flight unchanged. It is rejected with an
-error before the campaign, and so is a metric of a quantity that the vehicle does not have.
+A dispersion that enters no equation changes no bit of a flight; it is rejected with an error before
+the campaign, like a metric of a quantity that the vehicle does not have.
 """
 
 import math
@@ -18,17 +18,17 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.user_code.child import run_in_thread
 
-_ROWS = 3  # trials of each dispersion
-_DEFAULT_LIMIT = 600.0  # s for 16 flights, unless the campaign has a limit
-_COMPILING = 1800.0  # s at most for compilation: more than 600 s were seen on a busy machine
+_ROWS = 3  # number of trials for each dispersion
+_DEFAULT_LIMIT = 600.0  # default time limit of 16 flights, s
+_COMPILING = 1800.0  # time allowed for compilation on a busy machine, s
 
 
 def make_trials(campaign: Experiment) -> Floats:
-    """Return rows [trial, input] of the nominal flight and of three trials per dispersion.
+    """Return rows [trial, input]: the nominal flight and three trials per dispersion.
 
-    The trials have the dispersion's nominal value and both ends of its range. All other dispersions
-    are slightly above their medians, because the start of a gust has an effect only with a gust,
-    and the median of a symmetric gust is zero.
+    The trials have the nominal value of the dispersion and both ends of its range. All other
+    dispersions are slightly above their medians, because the start time of a gust has an effect
+    only with a gust, and the median of a symmetric gust is zero.
     """
     names = campaign.dimensions
     nominal = campaign.parameters.nominal_of(names)
@@ -50,10 +50,10 @@ def make_trials(campaign: Experiment) -> Floats:
 
 
 def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
-    """Simulate the trials with each controller; the first flight of a block is nominal.
+    """Simulate the trials with each controller; the first flight is nominal.
 
-    Raise InputError if a dispersion changes no controller's flight, if a metric is not finite in a
-    nominal flight that ends as planned, or if flights exceed the time limit.
+    Raise InputError if a dispersion has no effect, if a metric is not finite in a nominal flight
+    that ends as planned, or if flights exceed the time limit.
     """
     trials = make_trials(campaign)
     limit = _COMPILING + time_limit(
@@ -66,8 +66,10 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
     for name, low, high in find_ineffective(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"
         keys = ("sampling",) if campaign.sample_file is not None else (key, name)
-        problem = f"'{name}' from {low:g} to {high:g} changes no controller's flight"
-        expected = "a dispersion with an effect on this vehicle"
+        problem = (
+            f"'{name}' from {low:g} to {high:g} has no effect on the flights of any controller"
+        )
+        expected = "a dispersion that affects this vehicle"
         errors.append(campaign.document.key_error(keys, problem, expected))
     if errors:
         raise InputErrors(errors)
@@ -77,7 +79,7 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
 def find_ineffective(
     campaign: Experiment, trials: Floats, flown: Collection[FlightBlock]
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield the dispersions that change no flight of the trials, with the ends of their range."""
+    """Yield the dispersions without effect in the trials, with the ends of their range."""
     for i, name in enumerate(campaign.dimensions):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
         if not any(differs(block, row, unchanged) for block in flown for row in rows):
@@ -87,12 +89,12 @@ def find_ineffective(
 def _fly_temporary(
     campaign: Experiment, name: str, trials: Floats, every: int, limit: float
 ) -> FlightBlock:
-    """Simulate trials that are not stored. Raise InputError if they exceed ``limit`` (s)."""
+    """Simulate trials without storing them. Raise InputError if they exceed ``limit``, s."""
     try:
         return run_in_thread(lambda: simulate(campaign, name, trials, every), limit)
     except TimeoutError:
         problem = f"the first flights of '{name}' did not end in {limit:g} s"
-        expected = "a law whose loops end, or a longer 'flight_time_limit'"
+        expected = "a control law without endless loops, or a longer 'flight_time_limit'"
         raise InputError("controllers", problem, expected) from None
 
 
@@ -107,9 +109,12 @@ def _find_not_finite(campaign: Experiment, flown: dict[str, FlightBlock]) -> Ite
             reported.add(name)
             number = "not a number" if math.isnan(value) else value
             problem = f"'{name}' is {number} in the nominal flight of '{controller}'"
-            expected = "a number at each tick of its window ('empty' sets the value without one)"
+            expected = (
+                "a finite number at each tick of its window ('empty' sets the value for an empty "
+                "window)"
+            )
             if "heat_flux" in metric.of:
-                expected = f"reference.nose_radius in the vehicle's file, or {expected}"
+                expected = f"reference.nose_radius in the vehicle file, or {expected}"
             yield campaign.document.key_error(("metrics", name), problem, expected)
 
 

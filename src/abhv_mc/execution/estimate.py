@@ -26,39 +26,39 @@ TRIAL_FLIGHTS = 64
 
 @dataclass(frozen=True)
 class Estimate:
-    """The cost of a campaign."""
+    """Estimated time and disk space of a campaign."""
 
-    flights: int  # of each controller
+    flights: int  # flights per controller
     controllers: int
-    kind: str  # 'controller' or 'system'
+    kind: str  # noun: 'controller' or 'system'
     workers: int
-    batch: int  # flights of a block
-    flight_s: float  # of one core, mean over the controllers
-    flying_s: float  # wall time
+    batch: int  # flights per block
+    flight_s: float  # time of one flight on one core, s, averaged over controllers
+    flying_s: float  # wall time of all flights, s
     rows_bytes: int
     histories_bytes: int
-    searched: int  # flights of each controller in the search for the unknowns' worst values
-    kept: int  # flights with histories, of each controller; 'failed' counts as none
-    envelope_bytes: int  # on disk during the run
-    warnings: tuple[str, ...]  # about the mission
+    searched: int  # flights per controller in the search for the worst unknowns
+    kept: int  # flights with histories per controller, without 'failed'
+    envelope_bytes: int  # disk space of envelope data during the run
+    warnings: tuple[str, ...]  # warnings about the mission
 
     @property
     def search_s(self) -> float:
-        """Wall time (s) of the search for the unknowns' worst values, included in ``flying_s``."""
+        """Wall time of the search for the worst unknowns, s, included in ``flying_s``."""
         return self.controllers * self.flight_s * self.searched / self.workers
 
     @property
     def disk_bytes(self) -> int:
-        """Largest size on disk during the run."""
+        """Maximum disk space during the run, bytes."""
         return self.rows_bytes + self.histories_bytes + self.envelope_bytes
 
 
 def estimate_campaign(
     campaign: Experiment, engine: Engine | None = None, workers: int | None = None
 ) -> Estimate:
-    """Simulate a few flights of each controller and extrapolate; no files are left.
+    """Estimate the cost from a few flights of each controller, without leaving files.
 
-    Raise InputError for mistakes that only a flight shows, such as a dispersion without effect.
+    Raise InputError for errors that only a flight reveals, such as a dispersion without effect.
     """
     model = campaign.model
     campaign = replace(campaign, engine=engine)

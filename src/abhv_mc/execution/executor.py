@@ -1,8 +1,8 @@
-"""Executors of blocks: worker processes, this process, and those registered by packages.
+"""Executors of blocks: worker processes, this process, and executors of packages.
 
 Worker processes are the default, because a crash in compiled code ends its process. Threads start
-a second earlier but survive only flights that raise an exception. ``--scheduler`` selects an
-executor of a package.
+one second faster but tolerate only flights that raise an exception. ``--scheduler`` selects the
+executor of an installed package.
 """
 
 import contextlib
@@ -29,13 +29,13 @@ from abhv_mc.io.input_error import InputError, one_of
 class FlightRunner:
     """Executor with retries of lost flights and checks of blocks."""
 
-    fly: Fly  # thread-safe; flights that cannot be computed have the outcome ``failed_to_run``
+    fly: Fly  # thread-safe; flights that cannot be computed get ``failed_to_run``
     workers: int  # number of simultaneous calls
 
     def fly_parallel(
         self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None
     ) -> FlightBlock:
-        """Return the flights of ``parameters`` [flight, parameter], divided between workers."""
+        """Simulate ``parameters`` [flight, parameter] on all workers."""
         share = choose_batch(len(parameters), self.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
         with open_threads(self.workers) as threads:
@@ -46,9 +46,9 @@ class FlightRunner:
 
 @contextlib.contextmanager
 def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads; after an interrupt the context ends without waiting for their flights.
+    """Yield a pool of threads whose flights are not awaited after an interrupt.
 
-    The executor that runs these flights ends them.
+    The executor of the flights ends them.
     """
     threads = ThreadPoolExecutor(number)
     try:
@@ -61,9 +61,9 @@ def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
 
 @contextlib.contextmanager
 def connect(address: str | None) -> Iterator[OpenExecutor | None]:
-    """Yield the function that opens executors on a scheduler, None without an address.
+    """Yield the function that opens executors on a scheduler, or None without an address.
 
-    The scheme of the address selects the package. Raise InputError if there is none.
+    The scheme of the address selects the package. Raise InputError if no package is installed.
     """
     if address is None:
         yield None
@@ -86,18 +86,18 @@ def open_executor(
     scheduler: OpenExecutor | None = None,
     check_workers: bool = False,
 ) -> Iterator[FlightRunner]:
-    """Yield the executor that the campaign selects, or that of a scheduler.
+    """Yield the executor selected by the campaign, or the executor of a scheduler.
 
-    The context closes it. With ``check_workers``, one flight of each worker is computed again
-    here, and all bits are compared.
+    The context closes the executor. With ``check_workers``, one flight of each worker is computed
+    again in this process, and all bits are compared.
     """
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if isolation == PROCESSES and multiprocessing.current_process().daemon:
-        if execution.isolation == PROCESSES:  # daemonic processes may not start processes
+        if execution.isolation == PROCESSES:  # Daemonic processes cannot start processes.
             raise InputError(
                 "execution",
-                "worker processes inside a process of multiprocessing.Pool, which may start none",
+                "a process of multiprocessing.Pool cannot start worker processes",
                 "'isolation: threads', or concurrent.futures.ProcessPoolExecutor",
             )
         isolation = THREADS
@@ -116,10 +116,10 @@ def open_executor(
 
 def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
     def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        if engine.close is not None:  # the simulator itself records each lost flight
+        if engine.close is not None:  # The simulator records each lost flight itself.
             try:
                 return executor.fly(plan, parameters, recorded)
-            except FlightLostError as error:  # not caused by a flight: the machine is at fault
+            except FlightLostError as error:  # The machine, not a flight, is the cause.
                 raise UnusableError(str(error)) from None
 
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
@@ -132,7 +132,7 @@ def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
 
 
 class _ThisProcess:
-    """Executor that runs flights in the calling thread."""
+    """Executor that simulates flights in the calling thread."""
 
     def __init__(self, engine: Engine, workers: int) -> None:
         self._engine, self.workers = engine, workers

@@ -1,40 +1,44 @@
-"""First flights of a user's simulator, which show if it runs, its speed and repeatability.
+"""First flights of a custom simulator, to test its speed and repeatability.
 
-They are simulated in two new processes at the same time, and once more in each of these.
+The flights are simulated in two new processes in parallel, and repeated in each process.
 """
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
+from abhv_mc.execution.flight_differences import (
+    ESTIMATES,
+    Difference,
+    find_difference,
+    outcome_and_metrics,
+)
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
+from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
-_LONG = 1.0  # s: if flights take longer, only one is repeated within a process
-_CHECKED = 8  # rows of the check
-_PAIRS = 4  # largest number of pairs of new processes, between which the rows are divided
+_LONG = 1.0  # Above this time, s, only one flight is repeated in a process.
+_CHECKED = 8  # number of checked rows
+_PAIRS = 4  # maximum number of pairs of processes
 
 
 class FirstFlights(NamedTuple):
-    """Findings of the first flights of a campaign."""
+    """Results of the first flights of a campaign."""
 
     warnings: tuple[str, ...] = ()
     repeatability: Repeatability | None = None
 
 
 class _Repeats(NamedTuple):
-    """Flights of one system in one new process: all rows, then some again in reverse order."""
+    """Flights of one system in a new process: all rows, then repeated rows in reverse."""
 
     rows: Floats
     first: FlightBlock
@@ -42,33 +46,26 @@ class _Repeats(NamedTuple):
 
     @property
     def again_rows(self) -> Floats:
-        """Rows that were simulated again, in the order of these flights."""
+        """Rows that were repeated, in the order of simulation."""
         count = len(self.again.outcome)
         return self.rows[::-1] if count == len(self.rows) else self.rows[:count]
 
 
-class _Difference(NamedTuple):
-    """Largest relative difference between flights with the same inputs."""
-
-    size: float = 0.0
-    description: str = ""
-
-
 def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
-    """Simulate the campaign's first rows and the trials of its dispersions with each system.
+    """Simulate the first rows and the trials of the dispersions with each system.
 
     Raise InputError if no flight of a system can be computed.
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
     with open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor:
-        _end_processes(campaign)  # of an earlier campaign: the check needs new processes
+        _end_processes(campaign)  # The check needs new processes.
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
             blocks = [process.first for process in repeats[name]]
             if all((block.outcome == Outcome.FAILED_TO_RUN).all() for block in blocks):
                 reason = next((text for block in blocks for text in block.reasons.values()), "")
                 problem = f"no flight of '{name}' can be computed: {reason}"
-                expected = "a simulator that can compute the first rows"
+                expected = "a simulator that computes the first flights"
                 raise campaign.document.key_error(("simulator",), problem, expected)
         events = {
             name: sum(
@@ -93,9 +90,10 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
                     progress.add(len(block.outcome))
                     flown.append(block)
             warnings += [
-                f"'{name}' from {low:g} to {high:g} changes no flight"
+                f"'{name}' from {low:g} to {high:g} has no effect on any flight"
                 for name, low, high in find_ineffective(campaign, trials, flown)
-                if name in campaign.names  # three values cannot prove that an unknown has no effect
+                if name
+                in campaign.names  # Three values cannot prove that an unknown has no effect.
             ]
             for name, block in zip(campaign.systems, flown, strict=True):
                 events[name].update(block.events)
@@ -110,9 +108,9 @@ def _end_processes(campaign: Experiment) -> None:
 
 
 def _checked(campaign: Experiment, process: int = 1) -> Experiment:
-    """Return the campaign with plans for checks, simulated in a process of their own.
+    """Return the campaign with plans for checks in a separate process.
 
-    ``process`` is the number of this process.
+    ``process`` is the number of the process.
     """
     systems = {
         name: system._replace(plan=campaign.simulator.prove(system.plan, check=process))
@@ -124,10 +122,10 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
-    """Simulate ``rows`` in pairs of new processes at the same time.
+    """Simulate ``rows`` in pairs of new processes in parallel.
 
-    Return the flights by system, with the processes of a pair next to each other, and warnings of
-    undeclared files that native code reads.
+    Return the flights by system, with adjacent processes of a pair, and warnings about undeclared
+    files that native code reads.
     """
     pairs = max(1, min(executor.workers // 2, _PAIRS, len(rows)))
     total, started = 2 * len(rows) * len(campaign.systems), time.time()
@@ -141,12 +139,12 @@ def _fly_twice(
         plans = [system.plan for system in own.systems.values()]
         is_long = (campaign.simulator.time_of_flight(plans) or 0.0) > _LONG
         repeated = own_rows[:1] if is_long else own_rows[::-1]
-        if is_long and process > 1:  # one pair of processes shows whether flights repeat
+        if is_long and process > 1:  # One pair of processes shows whether flights are repeatable.
             repeated = own_rows[:0]
         again = {name: simulate(own, name, repeated, None, executor.fly) for name in own.systems}
         progress.add(len(own_rows) * len(own.systems))
         native.update(campaign.simulator.find_undeclared_reads(plan, started))
-        if executor.workers == 1:  # a licence may allow one process only
+        if executor.workers == 1:  # A licence may allow only one process.
             _end_processes(campaign)
         return {name: _Repeats(own_rows, first[name], again[name]) for name in own.systems}
 
@@ -156,7 +154,8 @@ def _fly_twice(
     ):
         processes = list(threads.map(fly, range(2 * pairs)))
     warnings = [
-        f"native code reads {path}, which 'files' does not list: changes of it go unnoticed"
+        f"native code reads {path}, which 'files' does not list; changes to that file will not be "
+        "detected"
         for path in sorted(native)
     ]
     return {name: [process[name] for process in processes] for name in campaign.systems}, warnings
@@ -165,66 +164,38 @@ def _fly_twice(
 def _judge_repeats(
     campaign: Experiment, repeats: dict[str, list[_Repeats]]
 ) -> tuple[Repeatability, list[str]]:
-    """Return the repeatability of the simulator, and warnings."""
+    """Return the repeatability of the simulator, with warnings."""
     is_declared = campaign.simulator.states_noise
-    largest = _Difference()
+    largest = Difference()
     shared = ""
     for name, processes in repeats.items():
         for pair in zip(processes[::2], processes[1::2], strict=True):
-            across = _compare(campaign, name, _across(*pair))
-            within = [_compare(campaign, name, _within(process)) for process in pair]
+            across = find_difference(campaign, name, _across(*pair))
+            within = [find_difference(campaign, name, _within(process)) for process in pair]
             largest = max(largest, across, *within)
             noisy = max(within)
             if across.size <= ROUNDING < noisy.size:
                 shared = shared or noisy.description
-    estimates = "requirements get estimates instead of verdicts"
     if shared and is_declared:
         warning = f"two new processes draw the same noise despite 'repeatable: no': {shared}"
-        return Repeatability.SHARED, [f"{warning}; {estimates}"]
+        return Repeatability.SHARED, [f"{warning}; {ESTIMATES}"]
     if is_declared:
         return Repeatability.DECLARED, []
     if largest.size > ROUNDING:
-        return Repeatability.NOISE, [f"not repeatable: {largest.description}; {estimates}"]
+        return Repeatability.NOISE, [f"not repeatable: {largest.description}; {ESTIMATES}"]
     return Repeatability.ROUNDING if largest.size else Repeatability.EXACT, []
 
 
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield each row and its values in two processes."""
-    yield from zip(a.rows, _values(a.first), _values(b.first), strict=True)
-    if len(a.again.outcome) == len(b.again.outcome):  # otherwise one process was slow
-        again = _values(a.again), _values(b.again)
+    """Yield each row with its values in two processes."""
+    yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
+    if len(a.again.outcome) == len(b.again.outcome):  # The numbers differ if one process was slow.
+        again = outcome_and_metrics(a.again), outcome_and_metrics(b.again)
         yield from zip(a.again_rows, *again, strict=True)
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield each repeated row and its first and second values in one process."""
-    first, again = _values(repeats.first), _values(repeats.again)
+    """Yield each repeated row with its first and second values in one process."""
+    first, again = outcome_and_metrics(repeats.first), outcome_and_metrics(repeats.again)
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
     yield from zip(repeats.again_rows, first, again, strict=True)
-
-
-def _compare(
-    campaign: Experiment, name: str, pairs: Iterable[tuple[Floats, Floats, Floats]]
-) -> _Difference:
-    """Return the largest difference; it is infinite between flights with different outcomes."""
-    largest, labels = _Difference(), ("outcome", *(metric.name for metric in campaign.measured))
-    for row, a, b in pairs:
-        sizes = relative_difference(a, b)
-        sizes[0] = 0.0 if a[0] == b[0] else np.inf
-        i = int(np.argmax(sizes))
-        if sizes[i] > largest.size:
-            values = f"{a[i]:.10g} and {b[i]:.10g}"
-            if i == 0:
-                values = " and ".join(campaign.outcomes.of(np.array([a[0], b[0]], np.int64)))
-            inputs = ", ".join(
-                f"{key} {value:.6g}"
-                for key, value in zip(campaign.inputs, row.tolist(), strict=True)
-            )
-            description = f"'{name}' returns {labels[i]} {values} for the same inputs ({inputs})"
-            largest = _Difference(float(sizes[i]), description)
-    return largest
-
-
-def _values(block: FlightBlock) -> Floats:
-    """Return the outcome and the metrics of each flight [flight, value]."""
-    return np.column_stack([block.outcome.astype(np.float64), block.metrics])

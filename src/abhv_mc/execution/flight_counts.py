@@ -1,4 +1,4 @@
-"""Counts of a campaign's flights: outcomes, failures of requirements, and the digest."""
+"""Counts of outcomes and of failures of requirements, and the digest of flights."""
 
 from array import array
 from collections import Counter
@@ -22,17 +22,17 @@ _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 
 @dataclass
 class RequirementCount:
-    """Counts of one requirement on one controller, without flights that failed to run."""
+    """Counts for one requirement and controller, without flights that failed to run."""
 
     requirement: Requirement
-    binds: bool  # whether it applies to this controller; if not, it is only shown
-    missed: Mask  # [flight]
-    flights: NDArray[np.int64]  # [point] of the unknowns
+    binds: bool  # whether the requirement applies to the controller
+    missed: Mask  # [flight] requirement not met
+    flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
     ended_early: NDArray[np.int64]  # [point] failures due to early termination alone
-    measured: NDArray[np.int64]  # [point] failures by the metric up to the end of the flight
+    measured: NDArray[np.int64]  # [point] failures of the metric itself
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
-        """Count flights by their metric; NaN is a failure."""
+        """Count flights by the value of the metric; NaN is a failure."""
         measured = self.requirement.limits.failures(values)
         failed = measured | (early & self.requirement.early_is_failure)
         self.missed[flights] = failed
@@ -48,10 +48,10 @@ class FlightCounts:
 
     controller: str
     requirements: list[RequirementCount]
-    uncomputed: Mask  # [flight] that failed to run
+    uncomputed: Mask  # [flight] failed to run
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
-    # Flights that terminated early; there may be a million.
+    # Numbers of possibly millions of early terminations.
     failed: "array[int]" = field(default_factory=lambda: array("q"))
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
@@ -75,7 +75,7 @@ class FlightCounts:
 
 
 def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
-    """Return empty counts by controller."""
+    """Return empty counts for each controller."""
     all_counts, points = {}, len(campaign.unknowns.points)
     for name in campaign.controllers:
         counts = [
@@ -92,16 +92,16 @@ def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
 
 
 def flight_values(campaign: Experiment) -> tuple[Signal, ...]:
-    """Return the columns of the flights table after the samples, in their order."""
+    """Return the columns that follow the samples in the flights table."""
     return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
 
 
 def count_flights(
     manifest: Manifest, all_counts: Mapping[str, FlightCounts], done: Mapping[str, Mask]
 ) -> tuple[Manifest, int]:
-    """Return the manifest with the counts of the flights ``done`` [flight] of each controller.
+    """Return the manifest with the counts of the flights ``done`` [flight].
 
-    Return also the number of flights from the first on that all controllers have.
+    Also return the number of consecutive first flights that all controllers have.
     """
     failed = max((counts.outcomes[_FAILED] for counts in all_counts.values()), default=0)
     common = np.logical_and.reduce(list(done.values()))
@@ -126,10 +126,10 @@ def count_flights(
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
-    """Return the verdict of each requirement on each controller and its point of unknowns.
+    """Return verdicts and points of unknowns, by controller and requirement.
 
-    ``flights`` limits the assessment to the first flights. All pairs of requirement and controller
-    form one family.
+    ``flights`` restricts the assessment to the first flights. All pairs of requirement and
+    controller form one family.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     points, groups = len(campaign.unknowns.points), []

@@ -1,4 +1,4 @@
-"""Tables of flights from another simulator, read as a campaign's inputs and metrics."""
+"""Reading of tables of flights that another simulator computed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,27 +17,27 @@ from abhv_mc.io.input_error import InputError, one_of
 if TYPE_CHECKING:
     import pandas as pd
 
-_ROWS = 65536  # of a block
-_HEADS = {"controller": "system", END_TIME.name: "end_time"}  # of exported tables
-_ROW, _LINE = "#row", "#line"  # row of a result and of its inputs; no input has such a name
+_ROWS = 65536  # rows per block
+_HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
+_ROW, _LINE = "#row", "#line"  # column names that no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-_ECHO = 1e-4  # of a column's largest value: tolerance for inputs repeated in a table of results
+_ECHO = 1e-4  # tolerance for repeated inputs, relative to the largest value
 
 
 @dataclass(frozen=True)
 class FlightTable:
-    """Flights of all systems of a campaign, in its units."""
+    """Flights of all systems, in the units of the campaign."""
 
-    path: Path  # of the inputs
+    path: Path  # path of the inputs
     samples: Floats  # [flight, input], equal for all systems
-    lines: Ints  # [flight] of the inputs in their file
-    factors: Floats  # [input] from the file's unit to the campaign's
+    lines: Ints  # [flight] line of the inputs in the file
+    factors: Floats  # [input] from the file's units to those of the campaign
     blocks: tuple[FlightRows, ...]
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Columns of one table that belong to a campaign, in its units."""
+    """Columns of one table that a campaign uses, in the units of the campaign."""
 
     table: ForeignTable
     columns: Mapping[str, Column]
@@ -45,18 +45,22 @@ class _Rows:
     frame: "pd.DataFrame"
 
     def error(self, row: Any, name: str, problem: str, expected: str) -> InputError:
-        """Return the error at the cell of a row and a named column."""
+        """Return the InputError for a cell, given by row and column name."""
         column = self.columns.get(name)
         return self.table.error(int(row), column.position if column else None, problem, expected)
 
 
 def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTable:
-    """Read flights from one table, or from a table of inputs and one of results.
+    """Read flights from one table, or from a table of inputs and a table of results.
 
-    Raise InputError, with line and column, if the tables do not fit the campaign.
+    Raise InputError, with line and column, if the tables do not match the campaign.
     """
     if len(paths) > 2:
-        raise InputError(paths[2], "a third table", "one of flights, or inputs and results")
+        raise InputError(
+            paths[2],
+            "a third table",
+            "one table of flights, or a table of inputs and a table of results",
+        )
     measured = [metric.name for metric in campaign.measured]
     inputs, *result_tables = sorted(
         (_read_rows(path, campaign) for path in paths),
@@ -71,11 +75,13 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     for name in (*campaign.marginals, *measured):
         if not any(name in rows.columns for rows in (inputs, results)):
             heads = (head for rows in (inputs, *result_tables) for head in rows.table.heads)
-            expected = "one for each dispersed input and metric, or its name under 'columns'"
+            expected = (
+                "a column for each dispersed input and metric, or its heading under 'columns'"
+            )
             expected = f"{expected} in the campaign file ({one_of(dict.fromkeys(heads), name)})"
             raise results.table.error(None, None, f"no column '{name}'", expected)
     if "system" not in results.columns and len(campaign.controllers) > 1:
-        expected = f"the system of each flight: {', '.join(campaign.controllers)}"
+        expected = f"a column with the system of each flight: {', '.join(campaign.controllers)}"
         raise results.table.error(None, None, "no column 'system'", expected)
     frame = (
         _join(inputs, results, campaign)
@@ -87,7 +93,9 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     if len(set(counts.values())) > 1 or not counts[campaign.controllers[0]]:
         numbers = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
         path = results.table.path
-        raise InputError(path, f"flights: {numbers}", "the same number of each system, at least 1")
+        raise InputError(
+            path, f"flights: {numbers}", "the same number of flights for each system, at least 1"
+        )
     nominal = {name: campaign.parameters[name].nominal for name in campaign.inputs}
     first = systems[campaign.controllers[0]]
     samples = [
@@ -98,7 +106,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         for flight in np.flatnonzero((values != samples[0]).any(axis=1))[:1]:
             system, reference = own.system.iloc[0], campaign.controllers[0]
             problem = f"inputs of flight {flight} differ between '{system}' and '{reference}'"
-            expected = "the same inputs for all systems, or a folder for each"
+            expected = "the same inputs for all systems, or a separate folder for each"
             raise results.error(own[_ROW].iloc[flight], "flight", problem, expected)
     return FlightTable(
         path=inputs.table.path,
@@ -114,7 +122,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
 
 
 def _read_rows(path: Path, campaign: Experiment) -> _Rows:
-    """Read the columns of a table that belong to a campaign. Raise InputError for a bad row."""
+    """Read the columns that a campaign uses. Raise InputError for an invalid row."""
     import pandas as pd
 
     table = read_foreign_table(path)
@@ -142,22 +150,22 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
         rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
         for row in np.flatnonzero(~np.isfinite(frame.get(name, np.empty(0))))[:1]:
-            raise rows.error(row, name, f"{name} is no finite number", "a number in each cell")
+            raise rows.error(row, name, f"{name} is not a finite number", "a number in each cell")
     keys = [name for name in ("system", "flight") if name in rows.frame]
     for row in np.flatnonzero("flight" in keys and rows.frame.duplicated(keys))[:1]:
-        problem = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' a second time"
+        problem = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' appears twice"
         raise rows.error(row, "flight", problem, "each flight once")
     return rows
 
 
 def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
-    """Join inputs and results by the flight's number; flights without results failed to run.
+    """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a result has no inputs, or repeats inputs with other values.
+    Raise InputError if a result has no inputs, or contains other values of its inputs.
     """
     for rows in (inputs, results):
         if "flight" not in rows.columns:
-            expected = "one in both tables, which pairs inputs and results"
+            expected = "a column 'flight' in both tables, to pair inputs and results"
             raise rows.table.error(None, None, "no column 'flight'", expected)
     drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
     drawn = drawn.drop_duplicates("flight")
@@ -171,7 +179,7 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
             errors = (repeated - joined[quantity]).abs()
             for row in np.flatnonzero(errors > _ECHO * joined[quantity].abs().max())[:1]:
                 problem = f"{quantity} {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
-                raise results.error(row, quantity, problem, "the inputs of this flight")
+                raise results.error(row, quantity, problem, "the same inputs in both tables")
     own = {system: joined[joined.system == system] for system in campaign.controllers}
     without_results = [
         drawn[~drawn.flight.isin(rows.flight)].assign(
@@ -185,9 +193,9 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
 
 
 def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
-    """Return the flights of a system, sorted by number. Raise InputError if one is missing.
+    """Return the flights of a system in order. Raise InputError if a flight is missing.
 
-    Numbers start at 0 or 1.
+    Flight numbers start at 0 or 1.
     """
     own = frame[frame.system == system]
     if "flight" not in own or not len(own):

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM, which interrupt a run except while a block is stored."""
+"""Handling of Ctrl-C and SIGTERM, which interrupt a run unless a block is being stored."""
 
 import contextlib
 import signal
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM interrupt as Ctrl-C does, if called in the main thread."""
+    """Treat SIGTERM like Ctrl-C in the context, if called in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -25,7 +25,7 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_deferred() -> Iterator[None]:
-    """Defer Ctrl-C and SIGTERM to the end of the context: a stored block is also counted."""
+    """Defer Ctrl-C and SIGTERM to the end of the context."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -33,7 +33,8 @@ def interrupts_deferred() -> Iterator[None]:
     before = {
         number: signal.signal(number, lambda received, frame: arrived.append(received))
         for number in (signal.SIGINT, signal.SIGTERM)
-        if signal.getsignal(number) is not signal.SIG_IGN  # a shell's background job ignores Ctrl-C
+        if signal.getsignal(number)
+        is not signal.SIG_IGN  # A background job of a shell ignores Ctrl-C.
     }
     try:
         yield

@@ -1,4 +1,4 @@
-"""Merge of a campaign's shards, or of campaigns that differ only in their seed."""
+"""Merge of the shards of a campaign, or of campaigns that differ only in their seed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,11 +25,11 @@ def merge_campaign(
     trust_code: bool = False,
     requirements: Path | None = None,
 ) -> RunResult:
-    """Merge complete shards, or campaigns that differ only in their seed, into ``out``.
+    """Merge complete shards, or campaigns that differ only in seed, into ``out``.
 
-    Then create the envelopes, histories and verdicts of all flights. The same call resumes an
-    interrupted merge. ``trust_code`` permits running a law of the folders that this user has not
-    run before. ``requirements`` is the set for all flights, needed if the parts have different
+    The envelopes, histories and verdicts of all flights are created too. The same call resumes an
+    interrupted merge. ``trust_code`` permits running custom code of the folders that the user has
+    not run before. ``requirements`` is the set for all flights, needed if the parts have different
     sets. Raise InputError, before files are created, if the parts belong to different campaigns,
     were run with different code or plans, or share flights.
     """
@@ -41,7 +41,7 @@ def merge_campaign(
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
-    check_user_code(campaign, trust_code)  # histories need flights to be run again
+    check_user_code(campaign, trust_code)  # Flights are run again for histories.
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else pool_campaigns)(folders, out)

@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar or clock on a terminal, otherwise lines of text."""
+"""Progress display on standard error: a bar or clock on a terminal, else text lines."""
 
 import contextlib
 import sys
@@ -7,24 +7,24 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # s between plain lines, and of a clock on a terminal
-_printed = [time.monotonic()]  # s: time of the last plain line of any task
+_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # interval of plain lines and of a clock on a terminal, s
+_printed = [time.monotonic()]  # time of the last plain line of any task, s
 
 
 def _print_plain(line: str, stream: TextIO | None) -> None:
-    """Print a line unless another one was printed within the last ten seconds."""
+    """Print a line unless another line was printed in the last ten seconds."""
     if (now := time.monotonic()) - _printed[0] >= _PLAIN_INTERVAL:
         _printed[0] = now
-        with contextlib.suppress(OSError):  # a full or closed log must not stop a campaign
+        with contextlib.suppress(OSError):  # A full or closed log must not stop a campaign.
             print(line, file=stream, flush=True)
 
 
 class Progress:
-    """Progress of a task with ``total`` steps; a context manager."""
+    """Context manager that displays the progress of a task with ``total`` steps."""
 
     def __init__(self, label: str, total: int, stream: TextIO | None = None) -> None:
         self._label, self._total = label, total
-        self._stream = stream or sys.stderr  # None if it was closed before the start
+        self._stream = stream or sys.stderr  # sys.stderr is None if it was closed before the start
         self._done = 0
         self._start = time.monotonic()
         self._bar: Any = None
@@ -83,7 +83,7 @@ class Progress:
 
 
 class Waiting:
-    """Display of a task and its elapsed time; a context manager."""
+    """Context manager that displays a task and its elapsed time."""
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:
         self._label, self._stream = label, stream or sys.stderr
@@ -92,7 +92,7 @@ class Waiting:
 
     @property
     def seconds(self) -> float:
-        """Elapsed time (s)."""
+        """Elapsed time, s."""
         return time.monotonic() - self._start
 
     def __enter__(self) -> "Waiting":

@@ -1,6 +1,7 @@
-"""Retention of time histories: selected flights are run again at the end of a campaign.
+"""Storage of time histories of selected flights at the end of a campaign.
 
-The worst flights are known only then, and a repeated flight has the same bits.
+The selected flights are run again, because the worst flights are known only at the end. The
+repeated flights are bit-identical.
 """
 
 import hashlib
@@ -32,15 +33,17 @@ _UNCOMPUTED = Outcome.FAILED_TO_RUN.code
 def select_flights(
     items: tuple[int | str, ...], flights: int, counts: FlightCounts, worst: Sequence[int] = ()
 ) -> list[int]:
-    """Return the sorted numbers of the flights that ``items`` of the file's ``keep`` select.
+    """Return the sorted numbers of the flights that the entries ``items`` of ``keep`` select.
 
-    ``worst`` has the numbers of the worst flights, the worst first.
+    ``worst`` lists the worst flights, worst first.
     """
     selected: set[int] = set()
     for item in items:
         terms = str(item).split()
         if isinstance(item, int):
-            selected.update({item} & set(range(flights)))  # a campaign may stop before it
+            selected.update(
+                {item} & set(range(flights))
+            )  # The campaign may have stopped before this flight.
         elif item == "all":
             selected.update(range(flights))
         elif item == "failed":
@@ -54,7 +57,7 @@ def select_flights(
 
 @dataclass(frozen=True)
 class HistoryFile:
-    """File of time histories, with its controller and flights."""
+    """File of the time histories of some flights of one controller."""
 
     product: Product
     controller: str
@@ -66,7 +69,7 @@ def list_histories(
     campaign: Experiment,
     all_counts: Mapping[str, FlightCounts],
 ) -> list[HistoryFile]:
-    """Return the files of histories of a campaign whose flights are all complete."""
+    """Return the history files of a campaign with complete flights."""
     keep = campaign.model.keep.histories
     files: list[HistoryFile] = []
     if not campaign.channels:
@@ -99,9 +102,9 @@ def write_kept_histories(
     workers: int,
     hashes: FileHashes,
 ) -> list[str]:
-    """Run the flights of the ``expected`` files again and write their histories.
+    """Re-run the flights of the ``expected`` files and write their histories.
 
-    Current files stay, and all other files of histories are deleted. Return a sentence for each
+    Current files are kept, and all other history files are deleted. Return a message for each
     flight without a history.
     """
     missing = [file for file in expected if not file.product.is_current(hashes)]
@@ -117,7 +120,7 @@ def write_kept_histories(
     landed = work_ahead(workers, rerun, ((file,) for file in missing))
     with Progress("histories", total) as progress, closing(landed):
         for file, block in landed:
-            lost = block.outcome == Outcome.FAILED_TO_RUN  # although computed the first time
+            lost = block.outcome == Outcome.FAILED_TO_RUN  # The flight was computed the first time.
             failed += [
                 f"no history of flight {file.flights[row]} of {file.controller}"
                 f" ({block.reasons.get(row, 'it failed to run')})"

@@ -1,8 +1,8 @@
-"""Retries of lost blocks in smaller pieces, down to single flights.
+"""Retries of lost blocks of flights in smaller pieces, down to single flights.
 
-A flight that cannot be computed has the outcome ``failed_to_run``, which says nothing about the
-vehicle. If native code of a control law may have ended or blocked the process, the outcome is
-``law_crashed`` or ``law_hung``, which count like ``law_failed``.
+A flight that cannot be computed has the outcome ``failed_to_run``. If native code of a control law
+may have ended or blocked the process, the outcome is ``law_crashed`` or ``law_hung``, which count
+like ``law_failed``.
 """
 
 import math
@@ -20,19 +20,19 @@ from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
 from abhv_mc.vehicle_simulator.margin_plans import count_metrics
 
-if TYPE_CHECKING:  # not imported by worker processes
+if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Recorded
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights of the first smaller pieces; a time limit holds for up to as many flights
-_reported: set[str] = set()  # losses that were reported before
-# A single flight is tried twice, because its process may have been killed from outside.
+PIECE = 16  # flights in the first smaller pieces, and per time limit
+_reported: set[str] = set()  # messages on losses that were already reported
+# Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
 
 
 class FlightLostError(Exception):
-    """Flights lost by an exception, the time limit (``hung``) or the end of their process."""
+    """Error: flights were lost by an exception, the time limit (``hung``) or a crash."""
 
     def __init__(self, message: str, process: bool = False, hung: bool = False) -> None:
         super().__init__(message)
@@ -40,18 +40,18 @@ class FlightLostError(Exception):
 
 
 class UnusableError(Exception):
-    """Machine that cannot compute any flight; the campaign stops and records no failures."""
+    """Error: no flight can be computed; the campaign stops and records no failures."""
 
 
 def time_limit(flights: int, piece_limit: float) -> float:
-    """Return the time limit (s) of a number of flights, if up to PIECE have ``piece_limit``."""
+    """Return the time limit of ``flights``, s; up to PIECE flights have ``piece_limit``."""
     return piece_limit * math.ceil(flights / PIECE)
 
 
 def fly_with_retries(
     attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded"
 ) -> FlightBlock:
-    """Return the block of ``parameters`` computed by ``attempt``.
+    """Compute the flights of ``parameters`` with ``attempt``, with retries after a loss.
 
     After a loss, the block is computed in smaller pieces. Flights that are lost on their own have
     the outcome ``failed_to_run``. Raise UnusableError if none of PIECE or more flights can be
@@ -72,7 +72,7 @@ def fly_with_retries(
     if reasons:
         if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
             raise UnusableError(
-                f"none of {len(parameters)} flights could be computed here: {reasons[-1]}"
+                f"none of {len(parameters)} flights could be computed: {reasons[-1]}"
             )
         for reason in reasons:
             print(
@@ -119,7 +119,7 @@ def _fly(
 
 
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
-    """Return the block of one flight that could not be computed."""
+    """Return a block of one flight that could not be computed."""
     return make_failed_block(
         plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), count_metrics(plan)
     )

@@ -1,4 +1,4 @@
-"""Run of a campaign: missing flights in parallel, then envelopes and histories."""
+"""Run of a campaign: simulation of missing flights, envelopes and histories."""
 
 import json
 import sys
@@ -22,18 +22,21 @@ from abhv_mc.execution.blocks import (
 from abhv_mc.execution.completion import Completion
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
+from abhv_mc.execution.flight_differences import ESTIMATES
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.execution.simulation import check_source, simulate
+from abhv_mc.execution.stored_flights import StoredFlights
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flight.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
-from abhv_mc.folder.flights import FlightRows, flights_schema, write_block
+from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
 from abhv_mc.folder.histories import write_envelopes
 from abhv_mc.folder.layout import append_log, write_text
@@ -51,7 +54,7 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 
-_SAVE_INTERVAL = 5.0  # s between manifests on disk
+_SAVE_INTERVAL = 5.0  # interval between updates of the manifest, s
 
 
 @dataclass(frozen=True)
@@ -67,11 +70,11 @@ class RunResult:
 
 
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
-    """Run a campaign, or the flights that are missing in its folder.
+    """Run a campaign, or the flights missing in its folder.
 
-    An interrupt returns an incomplete result; completed flights are kept. ``engine`` replaces the
+    After an interrupt the result is incomplete; completed flights are kept. ``engine`` replaces the
     compiled simulator of the vehicle. Raise InputError, before files are created, if the request is
-    wrong, and StorageFullError if the disk is full.
+    invalid, and StorageFullError if the disk is full.
     """
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
@@ -110,6 +113,9 @@ class _Run:
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.shard, opened.requested)
         self.products = Products(self.folder, self.campaign.controllers, self.campaign.runs)
+        self.stored = None
+        if self.campaign.repeatability in (Repeatability.EXACT, Repeatability.ROUNDING):
+            self.stored = StoredFlights(self.campaign, opened.shard)
         self.sharded = self.manifest.shard is not None
         self.fly, self.workers = executor.fly, executor.workers
         self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
@@ -125,7 +131,7 @@ class _Run:
         self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
     def run(self) -> RunResult:
-        """Run the missing flights and create the files that follow from all flights."""
+        """Run the missing flights, then create envelopes, histories and margins."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
         for rows, digest in read_flown_blocks(
             self.folder,
@@ -135,10 +141,11 @@ class _Run:
             self.files,
             keep_failed_to_run=not self.campaign.can_rerun,
         ):
-            self.completion.add(rows, digest)
+            self._count(rows, digest)
         is_complete = self.manifest.complete and self.completion.is_complete()
+        adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
-            if self._judge() != self.manifest:  # for example if another controller is the first
+            if self._judge() != self.manifest:  # for example if the order of controllers changed
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
@@ -147,34 +154,36 @@ class _Run:
                 self._fly()
             is_complete = self.completion.is_complete()
             if is_complete:
+                if adds_flights:
+                    self._check_stored()
                 self._finish()
             self._write_manifest(COMPLETE if is_complete else INTERRUPTED)
         except KeyboardInterrupt:
             with interrupts_deferred():
                 self._write_manifest(INTERRUPTED)
         except BaseException:
-            with suppress(Exception):  # a full disk must not hide the original error
+            with suppress(Exception):  # A full disk must not hide the original error.
                 self._write_manifest(INTERRUPTED)
             raise
         return RunResult(self.folder.root, self.manifest)
 
     def _keeps_products(self) -> bool:
-        """Return whether histories stay although changed requirements select others.
+        """Return whether existing histories are kept although requirements select others.
 
-        This version of the program cannot add histories to the flights of another version.
+        One version of the program cannot add histories to flights of another version.
         """
         is_other = self.manifest.source_hash != self.simulator.engine.source
         return is_other and self._has_margins() and self._has_envelopes()
 
     def _has_products(self) -> bool:
-        """Return whether histories, margins and envelopes are current; a shard has none."""
+        """Return whether histories, margins and envelopes are current (always for shards)."""
         if self.sharded:
             return True
         histories = all(file.product.is_current(self.files) for file in self._list_histories())
         return histories and self._has_margins() and self._has_envelopes()
 
     def _has_margins(self) -> bool:
-        """Return whether margins in steady flight are current or not available."""
+        """Return whether trim margins are current or not available."""
         no_margins = self.simulator.engine.find_stability is None
         return no_margins or self.products.margins.is_current(self.files)
 
@@ -196,7 +205,7 @@ class _Run:
         )
 
     def _has_envelopes(self) -> bool:
-        """Return whether envelopes, if the campaign has any, are current and complete."""
+        """Return whether envelopes are current and complete, or not requested."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
         is_complete = all(
             mask[self.completion.first : last].all() for mask in self.completion.done.values()
@@ -205,7 +214,7 @@ class _Run:
         return no_envelopes or (is_complete and self.products.envelopes.is_current(self.files))
 
     def _fly(self) -> None:
-        """Run the missing flights, in steps if the campaign stops when proven."""
+        """Run the missing flights, stepwise if the campaign stops when proven."""
         self.recording = None
         if self.campaign.has_bands:
             self.cells = self._make_cells()
@@ -220,7 +229,7 @@ class _Run:
             self._fly_missing(missing)
 
     def _time_flights(self) -> None:
-        """Set the size of blocks by the time of a flight, if the simulator measures it."""
+        """Set the block size from the time of a flight, if the simulator measures it."""
         plans = [system.plan for system in self.campaign.systems.values()]
         if (seconds := self.simulator.time_of_flight(plans)) is None:
             return
@@ -236,7 +245,7 @@ class _Run:
         )
 
     def _fly_missing(self, missing: dict[str, tuple[Mask, Mask]]) -> None:
-        """Run the missing flights and store each block when it is finished."""
+        """Run the missing flights and store each finished block."""
         total = sum(int((rows | envelope).sum()) for rows, envelope in missing.values())
         again = sum(int((envelope & ~rows).sum()) for rows, envelope in missing.values())
         self._write_manifest(RUNNING)
@@ -293,7 +302,7 @@ class _Run:
             self.manifest = replace(self.manifest, flown_by=note_flyers(
                 self.manifest.flown_by, flown.flown_by, block.controller, block.first, block.stop
             ))  # fmt: skip
-            self.completion.add(rows, digest)
+            self._count(rows, digest)
             self._note_events(block, flown)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(
@@ -302,8 +311,27 @@ class _Run:
                     flush=True,
                 )
 
+    def _count(self, rows: FlightRows, digest: Digest) -> None:
+        self.completion.add(rows, digest)
+        if self.stored is not None:
+            self.stored.add(rows)
+
+    def _check_stored(self) -> None:
+        """Run some flights of a user's simulator again and note whether their values differ."""
+        if self.stored is None:
+            return
+        size, description = self.stored.run_again(self.fly, self.workers)
+        observed = Repeatability.EXACT if size == 0.0 else Repeatability.ROUNDING
+        warnings = list(self.manifest.warnings)
+        if size > ROUNDING:
+            observed = Repeatability.NOISE
+            warnings.append(f"stored flights run again: {description}; {ESTIMATES}")
+        state = weakest([self.campaign.repeatability, observed])
+        self.campaign = replace(self.campaign, repeatability=state)
+        self.manifest = replace(self.manifest, repeatable=state, warnings=tuple(warnings))
+
     def _note_events(self, block: Block, flown: FlightBlock) -> None:
-        """Store the events and the standard error of a user's simulator."""
+        """Store the events and the standard error output of a custom simulator."""
         if flown.events:
             name = block.controller
             events = add_events([self.manifest.simulator_events, {name: flown.events}])
@@ -321,7 +349,7 @@ class _Run:
             )
 
     def _make_values(self, flown: FlightBlock) -> Floats:
-        """Return the values [flight, value] of a block; margins are last, NaN if not computed."""
+        """Return the values [flight, value] of a block; margins not computed are NaN."""
         count = len(self.campaign.measured)
         metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
         if self.campaign.model.margins is None:
@@ -330,11 +358,11 @@ class _Run:
         return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])
 
     def _finish(self) -> None:
-        """Create envelopes, histories and margins; a shard keeps its data for the merge instead."""
+        """Create envelopes, histories and margins; a shard keeps its data for the merge."""
         if self.sharded:
             self._join_files()
             return
-        # Files that may be replaced below leave the manifest: after a kill they are made again.
+        # Files to be replaced are removed from the manifest first, in case of a kill.
         histories = self._list_histories()
         products = (file.product for file in histories)
         current = {product.path for product in products if product.is_current(self.files)}
@@ -347,7 +375,9 @@ class _Run:
                 np.concatenate([collector.times for collector in self.collectors.values()])
             )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
-            if self.cells.times is None:  # times of a user's blocks extend beyond their flights
+            if (
+                self.cells.times is None
+            ):  # Times of blocks of a custom simulator extend beyond the flights.
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
                 times, tables = (
                     times[flown],
@@ -381,8 +411,7 @@ class _Run:
             print(f"{problem}; run the same command to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
-            # The states stay for a next run, which computes failed flights again, and for
-            # extensions of a user's campaign, whose flights are slow.
+            # Values are kept for re-runs of failed flights and for extensions of slow simulations.
             if (
                 self.simulator.capabilities.is_repeatable
                 and not self.completion.all_counts[name].uncomputed.any()
@@ -391,10 +420,10 @@ class _Run:
         self._join_files()
 
     def _join_files(self) -> None:
-        """Join small files of flights into a few large ones.
+        """Join small files of flights into large files.
 
         The joined files are written first, then the manifest, and then the small files are deleted.
-        A kill in between leaves files that are not in the manifest; the next run deletes them.
+        After a kill, the next run deletes the files that are not in the manifest.
         """
         joins = find_joins(
             [path for path in self.files.paths() if path.parent == self.folder.flights]
@@ -409,7 +438,7 @@ class _Run:
             path.unlink()
 
     def _write_stability(self) -> None:
-        """Write the margins in steady flight of all controllers of the folder."""
+        """Write the trim margins of all controllers in the folder."""
         if self.simulator.engine.find_stability and not self._has_margins():
             with Waiting("margins"):
                 margins = self.simulator.engine.find_stability(self.campaign, self.plans)
@@ -425,7 +454,7 @@ class _Run:
         )
 
     def _judge(self) -> Manifest:
-        """Return the manifest with verdicts of the requirements; a shard has none."""
+        """Return the manifest with the verdicts; shards have no verdicts."""
         if self.sharded:
             return self.manifest
         return judge_requirements(self.manifest, self.completion.all_counts, self.campaign)

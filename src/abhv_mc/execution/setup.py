@@ -1,4 +1,4 @@
-"""Setup of a run: checks, then a new folder, or an existing folder of the same campaign."""
+"""Setup of a run: checks, and creation or opening of the results folder."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ class OpenCampaign:
     """Campaign with plans and a locked folder, ready to run."""
 
     folder: CampaignFolder
-    campaign: Experiment  # of the folder, with plans
+    campaign: Experiment  # campaign of the folder, with plans
     manifest: Manifest
     requested: tuple[str, ...]  # controllers to run
     files: FileHashes
@@ -64,15 +64,16 @@ class OpenCampaign:
 
     @property
     def shard(self) -> tuple[int, int]:
-        """First flight of the folder's shard and the one after its last; all without shards."""
+        """Range (first, stop) of the flights in the folder."""
         i, n = self.manifest.shard or (1, 1)
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
 
 
 def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> OpenCampaign:
-    """Check the request, then create or open the campaign's folder and lock it.
+    """Check the request, then create or open and lock the results folder.
 
-    ``stack`` releases the lock. Raise InputError, before files are created, if anything is wrong.
+    ``stack`` releases the lock. Raise InputError, before files are created, if the request or the
+    folder is invalid.
     """
     stack.enter_context(reading_once())
     requested = read_campaign(
@@ -81,7 +82,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     simulator = requested.simulator
     folder = CampaignFolder(Path(request.output or Path("reports") / requested.model.name))
     for source in check_user_code(requested, request.trust_code):
-        trust(source)  # the user asks to run this file
+        trust(source)  # The user explicitly runs this file.
     _check_shard(request, requested)
     inputs = collect_inputs(requested)
     flown = open_folder(folder, request.fresh, stack)
@@ -124,9 +125,9 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
 def _read_plans(
     root: Path | None, campaign: Experiment, inputs: FolderInputs, trust_code: bool
 ) -> Mapping[str, Plan]:
-    """Return the plans of the folder ``root``; none if ``root`` is None.
+    """Read the plans stored in the folder ``root``, if not None.
 
-    Raise InputError if its plans were made from other inputs.
+    Raise InputError if the plans were made from other inputs.
     """
     if root is None:
         return {}
@@ -136,19 +137,19 @@ def _read_plans(
     check_source(source, manifest, campaign.simulator)
     for path, content in inputs.hashes.items():
         if manifest.inputs.get(path) != content and not path.startswith("inputs/samples/"):
-            problem = f"plans made from another {path}"
-            raise InputError(root, problem, "plans of this campaign's files")
+            problem = f"the plans were made from a different {path}"
+            raise InputError(root, problem, "plans made from the files of this campaign")
     return campaign.simulator.restore_plans(find_stored_plans(source), names, trust_code)
 
 
 def _start_workers(request: Request, engine: Engine) -> None:
-    """Let worker processes import their modules while the campaign is prepared."""
+    """Start worker processes, which import modules while the campaign is prepared."""
     if request.scheduler is None and engine.isolation == PROCESSES:
         start_fork_server(engine.fly)
 
 
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
-    """Compile the computation of margins in another process, unless compiled before."""
+    """Compile the computation of margins in another process, unless it is cached."""
     engine = campaign.simulator.engine
     if engine.find_stability is None or engine.isolation != PROCESSES:
         return
@@ -157,7 +158,7 @@ def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: Exi
 
 
 def _check_shard(request: Request, campaign: Experiment) -> None:
-    """Raise InputError if the requested shard does not fit the campaign."""
+    """Raise InputError if the requested shard is impossible in the campaign."""
     if request.shard is None:
         return
     i, n = request.shard
@@ -166,7 +167,7 @@ def _check_shard(request: Request, campaign: Experiment) -> None:
         raise InputError("--shard", problem, f"i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
         problem = "shards of a campaign that stops when proven"
-        expected = "no 'stop', because a shard does not know the flights of the others"
+        expected = "no 'stop', because a shard does not know the flights of other shards"
         raise InputError("--shard", problem, expected)
 
 
@@ -176,7 +177,7 @@ def _resume(
     inputs: FolderInputs,
     request: Request,
 ) -> OpenCampaign:
-    """Resume a folder of the same campaign, which may have fewer flights or controllers."""
+    """Resume a folder of the same campaign, possibly with more flights or controllers."""
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     simulator = requested.simulator
     before = read_folder_inputs(folder, manifest)
@@ -192,7 +193,7 @@ def _resume(
         next(iter(before.systems)),
         *map(before.data.get, JUDGING),
     ]
-    # The campaign file is unknown if the process was killed while the folder was extended.
+    # The campaign file is unlisted if an extension of the folder was killed.
     changed = added or longer or is_rejudged or not files.knows(folder.campaign)
     products = Products(folder, merged.systems, requested.runs)
     nominal = products.nominal, products.reference
@@ -203,7 +204,7 @@ def _resume(
         _start_workers(request, simulator.engine)
     new = simulator.make_plans(added)
     if new:
-        _fly_nominal(requested, new)  # rejects plans that cannot fly, before files are changed
+        _fly_nominal(requested, new)  # Reject invalid plans before files are changed.
     if longer and files.knows(folder.samples):
         _check_drawn(folder, requested)
     if limits:
@@ -239,7 +240,7 @@ def _resume(
 
 
 def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> Experiment:
-    """Return the campaign of the folder, including controllers of earlier runs."""
+    """Return the campaign of the folder, with the controllers of earlier runs."""
     if (merged.data, list(merged.systems)) == (inputs.data, list(inputs.systems)):
         return requested
     campaign = check_campaign(merged.document, requested.engine)
@@ -255,30 +256,37 @@ def _check_same(
     inputs: FolderInputs,
     request: Request,
 ) -> None:
-    """Raise InputError unless the requested campaign equals or extends that of the folder."""
+    """Raise InputError unless the requested campaign equals or extends the stored one."""
     root, shard = flown.folder.root, flown.manifest.shard
     if flown.manifest.search:
-        raise InputError(root, "a folder with the flights of a search", "another folder (-o DIR)")
+        raise InputError(
+            root, "the folder contains the flights of a search", "another folder (-o DIR)"
+        )
     if shard != request.shard:
         content = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
-        raise InputError(root, f"a folder with {content}", "the same, or another folder (-o DIR)")
+        raise InputError(
+            root, f"the folder contains {content}", "the same request, or another folder (-o DIR)"
+        )
     changes = describe_changes(before, inputs, requested.sampling in EXTENSIBLE)
     if changes:
-        problem = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
+        problem = "the folder contains another campaign:\n  " + "\n  ".join(changes)
         expected = "the same campaign, another folder (-o DIR), or --fresh to delete its flights"
         raise InputError(root, problem, expected)
     if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(
-            root, "a shard of fewer flights", "another folder (-o DIR): shards do not grow"
+            root,
+            "a shard of fewer flights",
+            "another folder (-o DIR), because shards cannot be extended",
         )
 
 
 def _fly_nominal(
     campaign: Experiment, plans: Mapping[str, Plan]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
-    """Run the trial flights of the dispersions.
+    """Run the nominal flight and the trial flights of the dispersions.
 
-    Return times [time], s, and history [time, channel] of each controller's nominal flight.
+    Return the times [time], s, and the history [time, channel] of the nominal flight of each
+    controller.
     """
     simulator = campaign.simulator
     if not simulator.capabilities.has_mission:
@@ -296,7 +304,7 @@ def _write_nominal(
     plans: Mapping[str, Plan],
     nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
 ) -> None:
-    """Write the nominal flights and the reference at the rate of the histories."""
+    """Write the nominal flights and the reference, at the rate of the histories."""
     if not nominal:
         return
     times = next(iter(nominal.values()))[0]
@@ -308,7 +316,7 @@ def _write_nominal(
 
 
 def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Draw and write the samples."""
+    """Draw the samples and write them to the folder."""
     source = campaign.make_samples()
     provenance = {"seed": str(campaign.model.seed), "design": campaign.model.sampling.design}
     provenance[KEY] = Products(folder, (), campaign.runs).samples.key
@@ -324,14 +332,14 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Raise InputError if this version of the program draws other samples than the folder's."""
+    """Raise InputError if this version of the program draws different samples."""
     source, flown = campaign.make_samples(), SampleReader(folder.samples)
     for first in range(0, flown.flights, ROW_GROUP):
         group = first, min(first + ROW_GROUP, flown.flights)
         if not np.array_equal(flown.rows(*group), source.draw(*group)):
-            problem = "this version of the program draws other samples"
+            problem = "this version of the program draws different samples"
             raise InputError(
-                folder.samples, problem, "the versions listed in the manifest, or --fresh"
+                folder.samples, problem, "the library versions listed in the manifest, or --fresh"
             )
 
 
@@ -341,7 +349,7 @@ def make_manifest(
     plans: Mapping[str, Plan],
     warnings: Sequence[str],
 ) -> Manifest:
-    """Return the manifest of a campaign at its start, with the warnings of its first flights."""
+    """Return the initial manifest of a campaign, with the warnings of its first flights."""
     from datetime import UTC, datetime
 
     file_runs = campaign.file_runs

@@ -1,4 +1,4 @@
-"""Tests of whether an imported table holds draws of its campaign's dispersions."""
+"""Tests of whether imported flights are draws from the campaign's dispersions."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +18,10 @@ _MISSING = "rows of failed flights may be missing"
 def check_draws(
     path: Path, campaign: Experiment, samples: Floats, factors: Floats, lines: Ints
 ) -> tuple[str, ...]:
-    """Return the reasons why the rows of a table are not independent draws, one sentence each.
+    """Return sentences on why the rows of a table are not independent draws.
 
-    ``samples`` [flight, input] are in the campaign's units, ``factors`` [input] convert the units
-    of the table to these, and ``lines`` [flight] are lines of the table. Raise InputErrors if a
+    ``samples`` [flight, input] are in the units of the campaign, ``factors`` [input] convert from
+    the units of the table, and ``lines`` [flight] are lines of the table. Raise InputErrors if a
     value lies outside its distribution, or if a table of stated independent draws contradicts the
     stated dispersions.
     """
@@ -33,8 +33,8 @@ def check_draws(
         is_outside = outside(marginal, values, rounding)
         if is_outside.any():
             row = int(np.argmax(is_outside))
-            problem = f"{name} {values[row]:.10g}, outside of its distribution"
-            raise InputError(path, problem, "a draw of the stated dispersions", int(lines[row]))
+            problem = f"{name} {values[row]:.10g} is outside its distribution"
+            raise InputError(path, problem, "a draw from the stated distribution", int(lines[row]))
         if campaign.judged:
             columns.append(make_column(marginal, values, rounding))
     if not columns:
@@ -62,7 +62,7 @@ def check_draws(
 
 
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
-    """Return a column of values and their largest rounding errors [flight], for the tests."""
+    """Return a column of values with their largest rounding errors [flight]."""
     atoms = find_atoms(marginal)
     return Column(
         values=values,
@@ -75,7 +75,7 @@ def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
 
 
 def _normal_correlations(campaign: Experiment) -> Floats:
-    """Return the correlation [dispersion, dispersion] of the normal variables of the copula."""
+    """Return the correlation matrix of the copula's normal variables."""
     matrix = np.eye(len(campaign.marginals))
     if campaign.copula.columns:
         mixed = np.ix_(campaign.copula.columns, campaign.copula.columns)
@@ -87,7 +87,7 @@ def _normal_correlations(campaign: Experiment) -> Floats:
 def _contradictions(
     findings: TableFindings, campaign: Experiment, columns: list[Column], lines: Ints
 ) -> Iterator[tuple[str, str, int]]:
-    """Yield contradictions to independent draws: problem, expected value, line of the table."""
+    """Yield (problem, expected value, line) for contradictions to independent draws."""
     names = list(campaign.marginals)
     levels = {level.column: level for level in reversed(findings.levels)}
     for j in sorted({*findings.too_far, *levels}):
@@ -102,13 +102,13 @@ def _contradictions(
             level = levels[j]
             problem += f"; {level.value:.6g} in {level.count} of {len(values)} rows, stated "
             problem += f"{100 * level.probability:.4g} %"
-        yield problem, f"draws of the stated dispersions ({_MISSING}), or {_ESTIMATES}", 1
+        yield problem, f"draws from the stated distributions ({_MISSING}), or {_ESTIMATES}", 1
     for pair in findings.correlations:
         a, b = (names[j] for j in pair.columns)
         problem = (
-            f"a rank correlation of '{a}' and '{b}' of {pair.found:.3g}, stated {pair.stated:.3g}"
+            f"the rank correlation of '{a}' and '{b}' of {pair.found:.3g}, stated {pair.stated:.3g}"
         )
-        yield problem, f"'correlations' of the table ({_MISSING}), or {_ESTIMATES}", 1
+        yield problem, f"'correlations' that match the table ({_MISSING}), or {_ESTIMATES}", 1
     if equal := findings.equal:
         first, second = (int(lines[row]) for row in equal.example)
         explained = f"{equal.explained:.2g}" if equal.explained > 0.01 else "none"
@@ -116,4 +116,4 @@ def _contradictions(
             f"{equal.pairs} pairs of rows with the same inputs, such as lines {first} and {second},"
             f" of which rounding explains {explained}"
         )
-        yield problem, f"each flight once, or {_ESTIMATES}", second
+        yield problem, f"different inputs in all flights, or {_ESTIMATES}", second

@@ -1,4 +1,4 @@
-"""Import of tables of flights, computed by another simulator, into a campaign's folder."""
+"""Import of tables of flights, computed by another simulator, into a results folder."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -34,15 +34,16 @@ from abhv_mc.io.input_error import InputError
 def import_tables(
     tables: Sequence[Path], campaign_file: Path, out: Path | None = None, fresh: bool = False
 ) -> RunResult:
-    """Import flights into the folder of a campaign without a simulator, or resume the import.
+    """Import flights into a results folder, or resume the import.
 
-    One table has a row per flight. Two tables are paired by flight: one has the inputs, the other
-    the results. Requirements get verdicts only if tests do not reject that the inputs are
-    independent draws; otherwise they get estimates. Raise InputError, with the row.
+    The campaign has no simulator. One table contains inputs and results, or two tables, of inputs
+    and of results, are paired by flight number. Requirements get verdicts if tests do not reject
+    the independence of the inputs, and estimates otherwise. Raise InputError, with the row, if a
+    table is invalid.
     """
     campaign = read_campaign(campaign_file, runs=1)
     if campaign.can_rerun:
-        expected = "one with 'inputs', without a simulator"
+        expected = "a campaign with 'inputs' and without a simulator"
         raise campaign.document.error((), "a campaign whose flights abhv-mc computes", expected)
     table = read_flight_tables(tables, campaign)
     samples, blocks, name = table.samples, list(table.blocks), tables[-1].name
@@ -72,7 +73,7 @@ def import_tables(
             manifest = replace(manifest, files=files.listed())
             write_manifest(folder.manifest, manifest)
         if manifest.complete and not _has_flights(manifest, blocks):
-            problem = "a folder that holds the flights of another table"
+            problem = "the folder contains the flights of another table"
             raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
         if not (manifest.complete and _is_undamaged(folder, files)):
             _write_blocks(folder, files, campaign, blocks, name)
@@ -82,7 +83,7 @@ def import_tables(
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:
-    """Return the campaign with `independent: no`, so that requirements get estimates."""
+    """Return the campaign with `independent: no`, in which requirements get estimates."""
     data = campaign.document.entries
     document = replace(campaign.document, data={**data, "independent": False})
     model = campaign.model.model_copy(update={"independent": False})
@@ -90,7 +91,7 @@ def _without_verdicts(campaign: Experiment) -> Experiment:
 
 
 def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> None:
-    """Raise InputError if a folder holds another campaign or the inputs of another table."""
+    """Raise InputError if the folder contains another campaign or another table."""
     before = read_folder_inputs(flown.folder, flown.manifest)
     changes = describe_changes(before, inputs, extensible=False)
     if flown.manifest.search:
@@ -100,17 +101,17 @@ def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> No
         if not np.array_equal(stored.rows(0, stored.flights), samples):
             changes = ["samples: the inputs of another table"]
     if changes:
-        problem = "a folder that holds another campaign:\n  " + "\n  ".join(changes)
+        problem = "the folder contains another campaign:\n  " + "\n  ".join(changes)
         raise InputError(flown.folder.root, problem, "another folder (-o DIR), or --fresh")
 
 
 def _has_flights(manifest: Manifest, blocks: list[FlightRows]) -> bool:
-    """Return whether a complete folder holds exactly these flights, by their digest."""
+    """Return whether a complete folder contains exactly these flights, by their digest."""
     return manifest.digest == str(sum((block.digest() for block in blocks), Digest()))
 
 
 def _is_undamaged(folder: CampaignFolder, files: FileHashes) -> bool:
-    """Return whether no listed file of flights is missing or damaged."""
+    """Return whether all listed files of flights are intact."""
     paths = [path for path in files.paths() if path.parent == folder.flights]
     return not any(files.damage(path) for path in paths)
 
@@ -122,7 +123,7 @@ def _write_blocks(
     blocks: list[FlightRows],
     source: str,
 ) -> None:
-    """Write the flights; files of an interrupted import are deleted."""
+    """Write the flights and delete files of an interrupted import."""
     stale = list(folder.flights.glob("*.parquet"))
     files.forget(*stale)
     for path in stale:

@@ -26,9 +26,9 @@ def simulate_table(
     channels: Sequence[str] = (),
     engine: Engine | None = None,
 ) -> "xr.Dataset":
-    """Simulate each row of ``inputs`` with each controller; see :func:`abhv_mc.simulate`.
+    """Simulate each row of a table with each controller; see :func:`abhv_mc.simulate`.
 
-    Raise InputError if xarray is missing or an argument is wrong.
+    Raise InputError if xarray is not installed or an argument is invalid.
     """
     try:
         import xarray as xr
@@ -40,7 +40,7 @@ def simulate_table(
     channel_index = {
         channel.name: i
         for i, channel in enumerate(experiment.channels)
-        if simulator.capabilities.has_mission  # its flights have common times
+        if simulator.capabilities.has_mission  # The flights have common times.
     }
     systems = experiment.controllers if controllers is None else tuple(controllers)
     for kind, requested, choices in (
@@ -57,12 +57,14 @@ def simulate_table(
         rows = inputs.to_numpy(np.float64)
     except (TypeError, ValueError):
         raise InputError(
-            "inputs", "entries that are no numbers", "numbers in SI, or in the units of the inputs"
+            "inputs",
+            "the table has entries that are not numbers",
+            "numbers in SI, or in the units of the inputs",
         ) from None
     if np.isnan(rows).any() or not (rows.size or len(rows)) or not systems:
         raise InputError(
             "inputs",
-            "an empty table, or cells without a number",
+            "the table is empty or has empty cells",
             "a number for each flight and input",
         )
     plans = simulator.fit_plans(simulator.make_plans(systems), names, rows)

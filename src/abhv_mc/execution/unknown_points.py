@@ -1,4 +1,4 @@
-"""Selection of the points of the unknown parameters at which requirements are judged."""
+"""Selection of the values of the unknowns at which requirements are judged."""
 
 import sys
 from collections.abc import Mapping
@@ -34,10 +34,10 @@ def select_points(
     workers: int | None,
     baseline: Unknowns | None = None,
 ) -> Experiment:
-    """Return the campaign with the points found by a search for each controller.
+    """Search the worst points for each controller, and return the campaign with them.
 
-    Points of a baseline that lie within the box are added. A campaign without unknowns, or whose
-    file has points, is returned unchanged. The flights of the search are not judged.
+    Points of a baseline within the bounds are added. A campaign without unknowns, or with points in
+    its file, is returned unchanged. The flights of the search are not judged.
     """
     unknowns = campaign.unknowns
     if not unknowns.names or campaign.model.points is not None:
@@ -50,11 +50,13 @@ def select_points(
             number, len(campaign.requirements), campaign.runs_at_point
         )
         print(
-            f"{total} flights search the worst values of the unknowns", file=sys.stderr, flush=True
+            f"{total} flights search for the worst values of the unknowns",
+            file=sys.stderr,
+            flush=True,
         )
         with (
             open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor,
-            Progress("search of the unknowns' worst values: flights", total) as progress,
+            Progress("search for the worst values of the unknowns: flights", total) as progress,
         ):
             for name in plans:
                 evaluate = partial(_evaluate, ready, name, executor, progress)
@@ -64,16 +66,16 @@ def select_points(
     baseline_points = None
     if baseline is not None:
         scaled = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
-        scaled = np.round(scaled, 12)  # corners and centre of the box stay exact
+        scaled = np.round(scaled, 12)  # Corners and centre of the box stay exact.
         baseline_points = scaled[np.all(np.abs(scaled) <= 1.0, axis=1)]
     chosen = choose_points(number, searches, baseline_points)
     return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches, size))
 
 
 def with_points(campaign: Experiment, points: object) -> Experiment:
-    """Return the campaign judged at ``points`` of a folder's campaign file.
+    """Return the campaign with the ``points`` of a stored campaign file.
 
-    Without points, or if the campaign file has points, return the campaign unchanged.
+    Return the campaign unchanged without ``points``, or if its own file has points.
     """
     if points is None or campaign.model.points is not None:
         return campaign
@@ -84,7 +86,7 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
 def _evaluate(
     campaign: Experiment, name: str, executor: FlightRunner, progress: Progress, points: Floats
 ) -> Trial:
-    """Simulate the flights of the search at ``points`` [point, unknown] of the box."""
+    """Simulate the flights of the search at ``points`` [point, unknown]."""
     rows = campaign.search_rows(
         search_size(campaign.runs_at_point), campaign.unknowns.values(points)
     )
@@ -98,7 +100,7 @@ def _evaluate(
         early = item.early_is_failure & (block.outcome != Outcome.OK)
         severity = item.limits.worse(values)
         severity = np.where(np.isnan(severity) | early, np.inf, severity).reshape(len(points), -1)
-        # No interpolation, because values may be infinite.
+        # Do not interpolate, because values may be infinite.
         quantile = np.quantile(severity, SEARCH_QUANTILE, axis=1, method="higher")
         failures = item.limits.failures(values, early).reshape(severity.shape).sum(axis=1)
         trials.append((quantile, failures, severity.max(axis=1)))

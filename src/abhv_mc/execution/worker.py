@@ -1,4 +1,4 @@
-"""Main loop of a worker process: it simulates blocks and writes no files."""
+"""Main loop of a worker process, which simulates blocks and writes no files."""
 
 import os
 import signal
@@ -17,20 +17,20 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
-if TYPE_CHECKING:  # not imported by worker processes
+if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Fly, Recorded
 
-_LEAST = 30.0  # s: smallest time limit of 16 flights
+_LEAST = 30.0  # minimum time limit of 16 flights, s
 _TIMES = 20.0  # time limit as a multiple of the processor time of 16 nominal flights
 
 
 def serve(connection: Connection, fly: "Fly") -> None:
-    """Answer jobs until the parent closes the connection.
+    """Process jobs until the parent closes the connection.
 
-    A job is (key of the plan, plan if it is new, parameters, recording, time limit). At the start
-    of each batch the answer is its limit of processor time (s), after which SIGPROF ends the
-    process. The last answer is the block, or the error as text. The time limit is for 16 flights;
-    None derives it from the nominal flight.
+    A job is (key of the plan, plan if new, parameters, recording, time limit). At the start of each
+    batch the worker sends its limit on processor time (s), after which SIGPROF ends the process.
+    The last message is the block, or the error as text. The time limit is for 16 flights; None
+    derives the limit from the nominal flight.
     """
     allow_here()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
@@ -48,7 +48,7 @@ def serve(connection: Connection, fly: "Fly") -> None:
         try:
             if plan is not None:
                 plans[key] = plan
-                if limit is not None:  # loads or compiles, which must not count as flight time
+                if limit is not None:  # Loading and compilation do not count as flight time.
                     fly(plan, nominal_parameters(0), None)
             if limit is None:
                 if key not in usual:
@@ -74,17 +74,17 @@ def serve(connection: Connection, fly: "Fly") -> None:
 def compute(
     fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded" = None
 ) -> FlightBlock:
-    """Return a signed block, for executors with processes that may be lost."""
+    """Compute and sign a block, for executors with processes that may be lost."""
     allow_here()
     return sign(fly_in_batches(fly, plan, parameters, recorded))
 
 
 def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:
-    """Return the limit of processor time (s) for 16 flights, from the nominal flight.
+    """Return the limit on processor time (s) for 16 flights, from the nominal flight.
 
-    ``clock`` returns the processor time.
+    ``clock`` returns the elapsed processor time.
     """
-    for _ in range(2):  # the first may load or compile, which must not count as flight time
+    for _ in range(2):  # The first flight may load or compile code, which does not count.
         start = clock()
         fly(plan, nominal_parameters(), None)
         if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:
@@ -93,7 +93,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent ends, even while a flight hangs."""
+    """Let this process end with its parent, even if a flight hangs."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

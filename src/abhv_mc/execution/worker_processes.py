@@ -1,4 +1,4 @@
-"""Pool of worker processes; the parent replaces processes that hang or end.
+"""Pool of worker processes that replaces processes that hang or end.
 
 A thread of the parent waits for each process. Each process has a separate pipe, so that a process
 killed while it sends a result does not disturb the others.
@@ -28,25 +28,25 @@ from abhv_mc.flight.user_law import must_run_in_child
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
-# Give up after 20 + workers consecutive failed starts (no process or SIGKILL counts 1, a crash 4).
+# Give up after 20 + workers consecutive failed starts; a crash counts as four.
 _FAILED_STARTS = 20
 _CRASH = 4
-_PAUSE = 0.05  # s before a start, times the number of failed starts so far
-_COMPILE_LIMIT = 600.0  # s for a process to start and to load or compile a flight
-_RESPONSE_LIMIT = 60.0  # s for a process with a compiled flight to begin the next block
-# Limit of wall time on a busy machine: the larger of s, and of a multiple of processor time.
+_PAUSE = 0.05  # pause before a start per failed start, s
+_COMPILE_LIMIT = 600.0  # time to start a process and load or compile a flight, s
+_RESPONSE_LIMIT = 60.0  # time for a ready process to begin the next block, s
+# Limit on wall time: the larger of seconds and a multiple of processor time.
 _ASLEEP, _WALL = 600.0, 20.0
 _start_lock = threading.Lock()
 
 
 class _NotBegunError(Exception):
-    """Failed start, or end of a worker process before its flights began."""
+    """Error: a worker process did not start, or ended before its flights began."""
 
 
 def start_fork_server(fly: Fly) -> None:
-    """Start the process from which workers are forked; it imports the modules of ``fly``.
+    """Start the fork server of the workers, which imports the modules of ``fly``.
 
-    If it cannot be started, the first worker reports the reason.
+    If the fork server cannot be started, the first worker reports the reason.
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
@@ -55,7 +55,7 @@ def start_fork_server(fly: Fly) -> None:
 
 
 class _Worker:
-    """Process and its pipe. Raise OSError or EOFError if the process cannot be started."""
+    """Worker process with its pipe; raises OSError or EOFError if it cannot be started."""
 
     def __init__(self, fly: Fly) -> None:
         context = multiprocessing.get_context("forkserver")
@@ -70,7 +70,7 @@ class _Worker:
             except (OSError, EOFError):
                 self._connection.close()
                 raise
-        self._plans: set[int] = set()  # keys of the plans that the process has
+        self._plans: set[int] = set()  # keys of the plans sent to the process
         self.has_flown = False
 
     def fly(
@@ -83,7 +83,7 @@ class _Worker:
     ) -> FlightBlock:
         """Compute a block. Raise FlightLostError if flights are lost.
 
-        Raise _NotBegunError if the process ended before these flights began.
+        Raise _NotBegunError if the process ended before the flights began.
         """
         has_plan = key in self._plans
         try:
@@ -101,11 +101,11 @@ class _Worker:
         return answer
 
     def _receive(self, limit: float, processor: float = 0.0) -> Any:
-        """Return the next answer within ``limit`` s, with up to ``processor`` s of computing."""
+        """Return the next message, received within ``limit`` s and ``processor`` s of CPU time."""
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
-            problem = f"not done in {limit:g} s{describe_last_tick(self.process.pid)}"
+            problem = f"not finished within {limit:g} s{describe_last_tick(self.process.pid)}"
             raise FlightLostError(problem, process=True, hung=True)
         try:
             return connection.recv()
@@ -114,7 +114,7 @@ class _Worker:
             code = self.process.exitcode
             hung = code == -signal.SIGPROF
             problem = (
-                f"not done in {processor:g} s"
+                f"not finished within {processor:g} s"
                 if hung
                 else f"its process ended: {describe_exit(code)}"
             )
@@ -130,7 +130,7 @@ class _Worker:
 
 
 class WorkerPool:
-    """Pool of worker processes, each started when first needed; :meth:`fly` is thread-safe."""
+    """Pool of worker processes, which start when first needed; :meth:`fly` is thread-safe."""
 
     def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
         """Prepare the pool; ``limit`` is the processor time (s) of up to 16 flights."""
@@ -139,12 +139,12 @@ class WorkerPool:
         for _ in range(workers):
             self._idle.put(None)
         self._workers: set[_Worker] = set()
-        # Key and plan by the plan's id; the reference to the plan keeps its id unique.
+        # Key and plan by id of the plan; the stored reference keeps the id unique.
         self._plans: dict[int, tuple[int, FlightPlan]] = {}
-        self._limits: dict[int, float | None] = {}  # s, by the plan's key
+        self._limits: dict[int, float | None] = {}  # time limits by key of the plan, s
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
-        self._failed_starts = 0  # consecutive, weighted
+        self._failed_starts = 0  # weighted number of consecutive failed starts
         self._last_end = ""
         self._closed = False
 
@@ -159,15 +159,16 @@ class WorkerPool:
         return self._attempt(key, plan, parameters, recorded)
 
     def _find_limit(self, plan: FlightPlan) -> float | None:
-        """Return the time limit from a nominal flight in this process, for all workers.
+        """Return the time limit for all workers from a nominal flight in this process.
 
-        Return None if the flight must not run here, so that each worker finds its limit.
+        Return None if the flight must not run in this process; each worker then finds its own
+        limit.
         """
         if must_run_in_child(plan):
             return None
         try:
             return usual_limit(self._fly, plan, time.thread_time)
-        except Exception:  # a worker reports the error
+        except Exception:  # A worker will report the error.
             return None
 
     def _attempt(
@@ -205,7 +206,7 @@ class WorkerPool:
             time.sleep(_PAUSE * self._failed_starts)
             try:
                 worker = _Worker(self._fly)
-            except (OSError, EOFError) as error:  # the fork server is ending, or cannot fork
+            except (OSError, EOFError) as error:  # The fork server is ending or cannot fork.
                 self._count_failed_start(1, f"not started: {error or 'the fork server ended'}")
                 continue
             with self._lock:
@@ -241,16 +242,16 @@ class WorkerPool:
 
 @contextlib.contextmanager
 def _starting_processes() -> Iterator[None]:
-    """Let new processes of multiprocessing ignore Ctrl-C and use the parent's import path.
+    """Let new processes of multiprocessing ignore Ctrl-C and use the parent's sys.path.
 
-    Ctrl-C reaches all processes of the terminal, and the parent handles it. The caller's script is
-    not run again. The fork server and its helper are started with ``python -c``, which would import
-    from the working folder first; environment variables prevent this.
+    Ctrl-C reaches all processes of the terminal, and the parent handles it. The script of the
+    caller is not run again. The fork server and its helper are started with ``python -c``, which
+    would import from the working directory first; environment variables prevent this.
     """
     import_path = os.pathsep.join(map(os.path.abspath, sys.path))
     with _start_lock:
         main, before = sys.modules["__main__"], dict(os.environ)
-        # More threads would spin on small matrices.
+        # Additional threads would waste time on small matrices.
         threads = before.get("OPENBLAS_NUM_THREADS", "1")
         changed = {
             "PYTHONPATH": import_path,
@@ -258,7 +259,7 @@ def _starting_processes() -> Iterator[None]:
             "OPENBLAS_NUM_THREADS": threads,
         }
         os.environ.update(changed)
-        resource_tracker.ensure_running()  # unblocks signals when it starts
+        resource_tracker.ensure_running()  # The resource tracker unblocks signals when it starts.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:

@@ -1,1 +1,1 @@
-"""Flights of the built-in simulator: signals, outcomes, metrics, plans, simulation."""
+"""Flights of the built-in simulator: signals, outcomes, metrics, plans and simulation."""

@@ -37,21 +37,20 @@ from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import CUSTOM_STATE, N_PARAMETERS, N_STATES
 
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON, "c": PYTHON, "fmu": PYTHON}
-_COLUMNS = {  # of the gains and of the settings
+_COLUMNS = {  # number of columns of the gains and settings
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
-}  # a custom law has any number
-# Code of a flight that reached the end of its mission: below the codes of all limits, and OK if
-# truncated to an integer.
+}  # A custom law may have any number.
+# Code of a flight that reached the end of its mission; truncated to an integer it is OK.
 _FLOWN = 0.5
 
 
 class SavedFlights(NamedTuple):
-    """Memory of flights at a control tick, before its measurement."""
+    """Memory of flights at a control tick, before the measurement."""
 
     tick: int
-    # [flight, row] rows of the lane memory (abhv_mc.kernel.plant.state), then the observer's
+    # [flight, row] lane memory (kernel.plant.state), then observer
     rows: Floats
 
 
@@ -62,9 +61,9 @@ def make_results(
     keep_states: bool,
     save_memory: bool = False,
 ) -> KernelResults:
-    """Return empty result arrays.
+    """Return result arrays for the kernel to fill.
 
-    With ``save_memory`` the kernel saves the memory of each flight.
+    With ``save_memory`` the kernel also saves the memory of each flight.
     """
     samples, channels = recording.count_samples(plan.timing), len(recording.channels)
     bins = (samples if recording.extremes else 0, channels)
@@ -91,9 +90,9 @@ def make_results(
 def make_kernel_plan(
     plan: FlightPlan, parameters: Floats, recording: Recording, start: SavedFlights | None = None
 ) -> KernelPlan:
-    """Return a plan in the form that the kernel takes.
+    """Return a plan in the form that the kernel accepts.
 
-    Raise ValueError if an array has the wrong type or shape.
+    Raise ValueError if an array has a wrong type or shape.
     """
     terms = plan.vehicle.build_up.factor.size
     sources = source_rows(plan.user_sources, plan.effectors, plan.custom_states)
@@ -148,10 +147,10 @@ def make_kernel_plan(
 
 
 def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
-    """Return rows [flight, parameter] with the vehicle file's settings and initial states.
+    """Return rows [flight, parameter] with added settings and initial custom states.
 
-    Rows that have them already are returned unchanged, except for settings of control laws, which
-    follow them: only those of the plan's own law remain.
+    Rows that already have these values are unchanged, except for settings of control laws at the
+    end: only those of the plan's law are kept.
     """
     foreign = plan.vehicle.foreign
     nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])
@@ -169,13 +168,13 @@ def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
 
 
 def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
-    """Return what a flight observes at each tick: its limits and its recorded channels."""
+    """Return the limits and recorded channels that a flight evaluates at each tick."""
     limits = plan.limits
     bounded = [
         limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))
-    ]  # perhaps none
+    ]  # possibly empty
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
-    state_limits = plan.vehicle.foreign.state_limit  # of custom states, which come first
+    state_limits = plan.vehicle.foreign.state_limit  # Limits of custom states come first.
     limited = np.flatnonzero(np.isfinite(state_limits))
     state_bounds, state_outcome = state_limits[limited], float(Outcome.STATE_LIMIT)
     return Observed(
@@ -195,10 +194,10 @@ def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
 
 
 def conform(value: Any, kind: Any, name: str) -> Any:
-    """Return a named tuple whose arrays have the layout that numba has compiled for.
+    """Return a named tuple whose arrays have the layout expected by compiled code.
 
     Arrays are C-contiguous, aligned and writable. Raise ValueError if an array or number, at any
-    depth, is not of the type that its field declares.
+    depth, does not have the declared type.
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)
@@ -221,7 +220,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
-    """Raise ValueError unless an array has a shape; None stands for any length."""
+    """Raise ValueError unless an array has the given shape; None allows any length."""
     if array.ndim != len(shape) or any(
         expected_length not in (None, length)
         for length, expected_length in zip(array.shape, shape, strict=True)

@@ -1,12 +1,12 @@
-"""Table of sources, the quantities that channels record and metrics count.
+"""Table of sources: quantities recorded by channels and evaluated by metrics.
 
-The order is that of arrays.
+Arrays have the order of the table.
 
 A source is a row of the lane memory (a state of :mod:`abhv_mc.kernel.plant.state`, a variable of
 the tables or a named row, in SI and radians, converted to degrees if the unit is degrees) or a row
 of :mod:`abhv_mc.kernel.flight.derived` in the source's unit. Only channels are recorded;
-expressions of metrics may name every source. A new source needs an entry here, and a derived row
-if the lane memory does not contain it.
+expressions of metrics may use every source. A new source needs an entry in this table, and a
+derived row if the lane memory does not contain the quantity.
 """
 
 from collections.abc import Sequence
@@ -17,28 +17,28 @@ from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 
 @dataclass(frozen=True)
 class Signal:
-    """Quantity of a flight: one number, or a function of time."""
+    """Quantity of a flight: a number or a function of time."""
 
-    name: str  # ends with its unit
+    name: str  # name that ends with the unit
     unit: str
     doc: str
 
     @property
     def axis(self) -> str:
-        """Return the label of a plot's axis."""
+        """Return the label of a plot axis, with unit."""
         return f"{self.name.replace('_', ' ')} ({self.unit})".replace("(-)", "(–)")
 
 
 @dataclass(frozen=True)
 class Source(Signal):
-    """Quantity that expressions of metrics may name."""
+    """Quantity that expressions of metrics may use."""
 
-    source: str  # name of its row
-    nonnegative: bool = False  # whether it is never negative
+    source: str  # name of the row of the source
+    nonnegative: bool = False  # whether the quantity is never negative
 
 
 class Channel(Source):
-    """Source that time histories record."""
+    """Source that is recorded in time histories."""
 
 
 CHANNELS: tuple[Channel, ...] = (
@@ -46,9 +46,9 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("speed_mps", "m/s", "Earth-relative speed", "speed"),
     Channel("flight_path_angle_deg", "deg", "flight path angle", "gamma"),
     Channel("heading_deg", "deg", "heading of the velocity, clockwise from north", "heading_deg"),
-    Channel("angle_of_attack_deg", "deg", "angle of attack to the air", "angle_of_attack"),
-    Channel("sideslip_deg", "deg", "sideslip to the air", "sideslip"),
-    Channel("bank_deg", "deg", "bank about the velocity", "bank"),
+    Channel("angle_of_attack_deg", "deg", "angle of attack relative to the air", "angle_of_attack"),
+    Channel("sideslip_deg", "deg", "sideslip relative to the air", "sideslip"),
+    Channel("bank_deg", "deg", "bank angle about the velocity vector", "bank"),
     Channel("roll_rate_dps", "deg/s", "inertial roll rate", "roll_rate"),
     Channel("pitch_rate_dps", "deg/s", "inertial pitch rate", "pitch_rate"),
     Channel("yaw_rate_dps", "deg/s", "inertial yaw rate", "yaw_rate"),
@@ -58,15 +58,15 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(
         "equivalence_ratio",
         "-",
-        "throttle; the fuel equivalence ratio of a scramjet",
+        "throttle, or fuel equivalence ratio of a scramjet",
         "equivalence_ratio",
     ),
-    Channel("north_m", "m", "integral of the north ground speed at altitude", "north"),
-    Channel("east_m", "m", "integral of the east ground speed at altitude", "east"),
+    Channel("north_m", "m", "integral of the northward ground speed at altitude", "north"),
+    Channel("east_m", "m", "integral of the eastward ground speed at altitude", "east"),
     Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
     Channel("longitude_deg", "deg", "longitude", "longitude"),
     Channel("mass_kg", "kg", "mass", "mass", nonnegative=True),
-    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure of the air", "q_bar", nonnegative=True),
+    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure", "q_bar", nonnegative=True),
     Channel(
         "flight_path_angle_command_deg",
         "deg",
@@ -85,10 +85,10 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
     Channel("equivalence_ratio_command", "-", "throttle command", "cmd_eta"),
 )
-# Channels of the envelopes, unless a campaign chooses others.
+# Default channels of the envelopes.
 STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)
 CHANNELS += (
-    Channel("mach", "-", "Mach number of the air", "mach", nonnegative=True),
+    Channel("mach", "-", "Mach number", "mach", nonnegative=True),
     Channel(
         "load_factor_g", "g", "magnitude of the specific force", "load_factor_g", nonnegative=True
     ),
@@ -102,7 +102,9 @@ CHANNELS += (
     Channel("altitude_error_m", "m", "altitude minus reference", "altitude_error_m"),
     Channel("speed_error_mps", "m/s", "speed minus reference", "speed_error_mps"),
     Channel("heading_error_deg", "deg", "heading minus reference", "heading_error_deg"),
-    Channel("cross_track_m", "m", "distance to the left of the reference", "cross_track_m"),
+    Channel(
+        "cross_track_m", "m", "lateral deviation to the left of the reference", "cross_track_m"
+    ),
     Channel(
         "angle_of_attack_error_deg",
         "deg",
@@ -120,20 +122,29 @@ CHANNELS += (
     Channel("roll_rate_measured_dps", "deg/s", "roll rate as measured", "m_p"),
     Channel("pitch_rate_measured_dps", "deg/s", "pitch rate as measured", "m_q"),
     Channel("yaw_rate_measured_dps", "deg/s", "yaw rate as measured", "m_r"),
-    Channel("gust_forward_mps", "m/s", "gust and turbulence, body axes, forward", "gust_u"),
-    Channel("gust_right_mps", "m/s", "gust and turbulence, body axes, to the right", "gust_v"),
-    Channel("gust_down_mps", "m/s", "gust and turbulence, body axes, down", "gust_w"),
+    Channel(
+        "gust_forward_mps",
+        "m/s",
+        "gust and turbulence, component along forward body axis",
+        "gust_u",
+    ),
+    Channel(
+        "gust_right_mps", "m/s", "gust and turbulence, component along right body axis", "gust_v"
+    ),
+    Channel(
+        "gust_down_mps", "m/s", "gust and turbulence, component along down body axis", "gust_w"
+    ),
 )
 
-# Reference of the mission, the same for every flight of a campaign.
+# Reference trajectory of the mission, common to all flights of a campaign.
 REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("altitude_reference_m", "m", "reference altitude"),
     Signal("speed_reference_mps", "m/s", "reference speed"),
     Signal("flight_path_angle_reference_deg", "deg", "reference flight path angle"),
     Signal("heading_reference_deg", "deg", "reference heading"),
-    Signal("angle_of_attack_reference_deg", "deg", "nominal angle of attack of the reference"),
-    Signal("bank_reference_deg", "deg", "nominal bank of the reference"),
-    Signal("equivalence_ratio_reference", "-", "nominal throttle of the reference"),
+    Signal("angle_of_attack_reference_deg", "deg", "nominal angle of attack on the reference"),
+    Signal("bank_reference_deg", "deg", "nominal bank on the reference"),
+    Signal("equivalence_ratio_reference", "-", "nominal throttle on the reference"),
     Signal("north_reference_m", "m", "reference north displacement"),
     Signal("east_reference_m", "m", "reference east displacement"),
 )
@@ -141,19 +152,19 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
 CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
 
 SURFACES = ("aileron", "elevator", "rudder")
-# Quantities whose cycles are measured.
+# Quantities for which limit cycles are measured.
 SWINGS = {
     "bank": "bank error",
     "angle_of_attack": "angle-of-attack error",
     "sideslip": "sideslip",
 }
-# Sources that no history records.
+# Sources that are not recorded in histories.
 _SOURCES: tuple[Source, ...] = (
     *(
         Source(
             f"{name}_from_trim_deg",
             "deg",
-            f"{name} deflection minus that at the start",
+            f"{name} deflection minus initial {name} deflection",
             f"{name}_from_trim_deg",
         )
         for name in SURFACES
@@ -174,7 +185,7 @@ _SOURCES: tuple[Source, ...] = (
             (
                 "_ripple_deg",
                 "deg",
-                "largest cycle of the {} in settled stretches so far, from side to side",
+                "largest peak-to-peak cycle of the {} so far, outside the transients",
             ),
             ("_cycle_hz", "Hz", "frequency of the largest cycle of the {}"),
         )
@@ -183,14 +194,14 @@ _SOURCES: tuple[Source, ...] = (
     Source(
         "fuel_left_kg",
         "kg",
-        "mass above the empty mass, infinite if no fuel is burnt",
+        "mass minus empty mass, infinite if no fuel is burnt",
         "fuel_left_kg",
     ),
-    Source("fuel_used_kg", "kg", "mass at the start minus mass", "fuel_used_kg"),
+    Source("fuel_used_kg", "kg", "initial mass minus mass", "fuel_used_kg"),
     Source(
         "surface_saturated",
         "-",
-        "1 if a surface or its command is at its limit",
+        "1 if a surface or its command is at a limit",
         "surface_saturated",
         True,
     ),
@@ -201,18 +212,18 @@ _SOURCES: tuple[Source, ...] = (
         for i in range(MAX_EFFECTORS)
     ),
     Source("engine_failed", "-", "1 if an engine has failed or unstarted", "engine_failed", True),
-    Source("outside_tables", "-", "positive outside the tables (clamped)", "outside", True),
+    Source("outside_tables", "-", "positive outside the tables (inputs clamped)", "outside", True),
 )
 SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}
 
 
 def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
-    """Return sources of effectors with actuators: deflection, command and saturation of each."""
+    """Return the deflection, command and saturation sources of effectors with actuators."""
     return tuple(
         kind(f"{name}_{end}", unit, f"{phrase} {name}", f"{block}+{i}", kind is Source)
         for kind, end, unit, phrase, block in (
-            (Channel, "deg", "deg", "deflection of the effector", "effector_at"),
-            (Channel, "command_deg", "deg", "command of the effector", "effector_asked"),
+            (Channel, "deg", "deg", "deflection of effector", "effector_at"),
+            (Channel, "command_deg", "deg", "command of effector", "effector_asked"),
             (
                 Source,
                 "saturated",
@@ -226,7 +237,7 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
 
 
 def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Return the channels of custom states, given by name and SI unit. Angles are in degrees."""
+    """Return channels of custom states, given by name and SI unit; angles are in degrees."""
     display_units = {"rad": "deg", "rad/s": "deg/s"}
     return tuple(
         Channel(
@@ -240,14 +251,14 @@ def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
 
 
 def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
-    """Return the recorded sources of effectors with actuators."""
+    """Return the channels of effectors with actuators."""
     return tuple(source for source in effector_sources(names) if isinstance(source, Channel))
 
 
 def name_effector_signals(names: Sequence[str]) -> list[str]:
-    """Return the names of effectors in channels and metrics.
+    """Return the names that effectors have in channels and metrics.
 
-    An effector named after an axis gets the suffix ``_effector``, as the axis deflection has the
-    name already.
+    An effector named after an axis gets the suffix ``_effector``, because the name already denotes
+    the axis deflection.
     """
     return [f"{name}_effector" if f"{name}_deg" in SOURCES else name for name in names]

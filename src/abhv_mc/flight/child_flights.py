@@ -1,6 +1,6 @@
-"""Simulation of native control laws in a child process, which may crash with a flight.
+"""Simulation of native control laws in a child process, which may crash.
 
-A single flight has its memory in a file that outlives the process, so that its last tick can be
+The memory of a single flight is in a file that outlives the process, so that the last tick can be
 reported.
 """
 
@@ -26,10 +26,10 @@ from abhv_mc.user_code.child import LostError, in_child, may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
 from abhv_mc.user_code.unpack import laws_folder
 
-_LIMIT = 60.0  # s for up to 16 flights
+_LIMIT = 60.0  # time limit of up to 16 flights, s
 _FEW = 16
-_ROWS = Z_ROWS + O_ROWS + 1  # of the file; the last contains the control period
-_compiled: set[int] = set()  # numbers of lanes whose compiled flight the child has loaded
+_ROWS = Z_ROWS + O_ROWS + 1  # rows of the file; the last has the control period
+_compiled: set[int] = set()  # lane counts of the compiled flights loaded by the child
 
 
 def fly_in_child(
@@ -44,9 +44,9 @@ def fly_in_child(
 ) -> FlightBlock:
     """Call ``fly`` in the child process.
 
-    A flight that alone ends the process or exceeds the time limit twice gets an outcome for it.
+    A single flight that twice ends the process or exceeds the time limit gets a special outcome.
     """
-    if lanes not in _compiled:  # compilation does not count against the time limit
+    if lanes not in _compiled:  # Compilation does not count towards the time limit.
         in_child(fly, plan, parameters[:0], recording, lanes, keep_states)
         _compiled.add(lanes)
 
@@ -88,7 +88,7 @@ def make_failed_block(
     metrics: int,
     keep_states: bool = False,
 ) -> FlightBlock:
-    """Return a block of one flight without results."""
+    """Return a block of one flight that has only an outcome."""
     times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),
@@ -102,9 +102,9 @@ def make_failed_block(
 
 @contextlib.contextmanager
 def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory]:
-    """Yield memory of ``width`` lanes for any vehicle.
+    """Yield memory for ``width`` lanes, for any vehicle.
 
-    For a single flight in a process that may crash, a file contains the memory.
+    For a single flight in a process that may crash, the memory is in a file.
     """
     if flights != 1 or width != LANES or not may_run_here():
         yield make_memory(width)
@@ -121,12 +121,12 @@ def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory
 
 
 def describe_last_tick(process: int | None) -> str:
-    """Return the last tick of a crashed process's flight as the end of a sentence, or ''."""
+    """Return a clause on the last tick of a flight in a crashed process, or ''."""
     description = ""
     for path in laws_folder().glob(f"flying_{process}_*"):
         content = path.read_bytes()
         path.unlink()
-        if len(content) != 8 * _ROWS * LANES:  # the process ended before the first tick
+        if len(content) != 8 * _ROWS * LANES:  # The process ended before the first tick.
             continue
         lane = np.frombuffer(content).reshape(_ROWS, LANES)[:, 0]
         tick = int(lane[Z_ROWS + observe.SAMPLES])

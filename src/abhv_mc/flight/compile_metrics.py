@@ -1,4 +1,4 @@
-"""Translation of metrics into instructions of the compiled flight.
+"""Translation of metrics into instructions for the compiled flight.
 
 Expressions are parsed, never evaluated as Python.
 """
@@ -30,7 +30,7 @@ from abhv_mc.kernel.flight.counting import (
 from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
-_LEAN_EMPTY = {  # initial value of a lean metric's accumulator
+_LEAN_EMPTY = {  # initial values of the accumulators of lean metrics
     Statistic.MIN: math.inf,
     Statistic.MAX: -math.inf,
     **dict.fromkeys(
@@ -41,10 +41,10 @@ _LEAN_EMPTY = {  # initial value of a lean metric's accumulator
 
 
 class SourceRow(NamedTuple):
-    """Row of the lane memory that holds a source, with its unit."""
+    """Row of the lane memory that contains a source, with its unit."""
 
     unit: str
-    row: int  # of the lane memory
+    row: int  # row of the lane memory
     factor: float
     nonnegative: bool = False
 
@@ -52,7 +52,7 @@ class SourceRow(NamedTuple):
 def _make_row(source: Source) -> SourceRow:
     """Return the row of a source; ``effector_at+3`` is the fourth row of ``effector_at``.
 
-    Rows are in SI and radians, rows of derived quantities in the source's unit.
+    Rows are in SI and radians, except rows of derived quantities, in the unit of the source.
     """
     name, _, offset = source.source.partition("+")
     is_in_unit = source.unit not in ("deg", "deg/s") or name.endswith("_deg")
@@ -73,10 +73,10 @@ def source_rows(
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),
 ) -> dict[str, SourceRow]:
-    """Return the rows of all sources by name.
+    """Return the rows of all sources, by name.
 
-    They are the built-in sources, those of ``effectors`` with actuators, of custom ``states``
-    (names and units), and the custom channels [channel, 2] (names and units).
+    Sources are built in, or belong to ``effectors`` with actuators, custom ``states`` (names and
+    units), or custom channels [channel, 2] (names and units).
     """
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(
@@ -108,7 +108,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
             factors[i], program.constant[0] = (
                 program.constant[0],
                 1.0,
-            )  # after the difference: as exact as it gets
+            )  # convert after the difference, to avoid rounding
     return Counted(
         Lean(
             row=np.array([row.row for row in rows], np.int64),
@@ -132,7 +132,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
 
 
 def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
-    """Return fields of metrics as arrays [metric]."""
+    """Return the fields of metrics as arrays [metric]."""
     kinds = {"statistic": np.int64, "settled": np.int64}
     return {
         name: np.array([getattr(m, name) for m in metrics], kinds.get(name, np.float64))
@@ -141,7 +141,7 @@ def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
 
 
 def _is_lean(metric: Metric, sources: Mapping[str, SourceRow]) -> bool:
-    """Return whether one accumulator of one row computes a metric."""
+    """Return whether a metric needs only one accumulator of one row."""
     if (
         metric.group == "user"
         or metric.of not in sources
@@ -170,7 +170,7 @@ def compile_expression(text: str, sources: Mapping[str, SourceRow]) -> "Expressi
         RecursionError,
         MemoryError,
         OverflowError,
-    ):  # the last three: deep nesting, long numbers
+    ):  # The last three are due to deep nesting or long numbers.
         raise Refusal(describe(text), "a channel or an expression of channels") from None
     is_nonnegative_source = isinstance(body, ast.Name) and sources[body.id].nonnegative
     is_magnitude = (
@@ -183,13 +183,13 @@ def compile_expression(text: str, sources: Mapping[str, SourceRow]) -> "Expressi
 
 
 class Expression:
-    """Instructions that evaluate one expression."""
+    """Instructions that evaluate an expression of sources."""
 
     def __init__(self, sources: Mapping[str, SourceRow], text: str) -> None:
         self.sources, self.text = sources, text
         self.code: list[tuple[int, int, int, int]] = []
         self.constant: list[float] = []
-        self.nonnegative = False  # whether it is never negative
+        self.nonnegative = False  # whether the value is never negative
 
     def _emit(
         self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0
@@ -198,9 +198,9 @@ class Expression:
         self.constant.append(constant)
 
     def add(self, node: ast.expr, register: int) -> None:
-        """Emit code that puts a node's value into a register, using only the registers above it.
+        """Emit code that stores the value of a node in a register.
 
-        Raise Refusal if the node is not allowed.
+        Only higher registers are overwritten. Raise Refusal if the node is not allowed.
         """
         if register >= MAX_REGISTERS:
             raise Refusal(
@@ -208,7 +208,9 @@ class Expression:
                 f"at most {MAX_REGISTERS} intermediate values",
             )
         match node:
-            case ast.Name() | ast.Attribute(value=ast.Name()):  # a custom state is state.NAME
+            case (
+                ast.Name() | ast.Attribute(value=ast.Name())
+            ):  # Custom states are written as state.NAME.
                 name = ast.unparse(node)
                 if name not in self.sources:
                     raise Refusal(f"unknown channel '{name}'", one_of(self.sources, name))
@@ -222,7 +224,7 @@ class Expression:
                 literal = str(ast.get_source_segment(self.text, node))
                 if not (re.fullmatch(NUMBER, literal) and math.isfinite(value)):
                     raise Refusal(
-                        f"number {describe(literal)}", "a plain decimal one, such as 0.5 or 1e3"
+                        f"number {describe(literal)}", "a decimal number, such as 0.5 or 1e3"
                     )
                 self._emit(Operation.CONSTANT, register, constant=float(value))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
@@ -252,7 +254,7 @@ class Expression:
                     and self.sources.get(argument.id)
                 )
                 if angle and angle.unit == "deg":
-                    actual = f"{name}({ast.unparse(argument)}), which is in degrees"
+                    actual = f"{name}({ast.unparse(argument)}) has an argument in degrees"
                     raise Refusal(
                         actual, f"radians: {name}({ast.unparse(argument)} * 0.017453292519943295)"
                     )

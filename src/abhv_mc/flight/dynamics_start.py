@@ -1,4 +1,4 @@
-"""Initial equilibrium of custom dynamics, solved together with the trim."""
+"""Initial equilibrium of custom dynamics, computed together with the trim."""
 
 import math
 from collections.abc import Callable
@@ -28,19 +28,19 @@ from abhv_mc.vehicle.vehicle_code import VehicleCode
 MakeState = Callable[[TrimPoint], Floats]
 
 _ITERATIONS = 30
-_STEP = 1e-4  # of a state or of the push, relative, for slopes
-_SMALLEST = 1e-6  # of a state, for the size of that step
-_CONVERGED = 1e-10  # of a Newton step, relative
-_SINGULAR = 1e-12  # singular value of the scaled slopes, of the largest
-_NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| times step
+_STEP = 1e-4  # relative step of numerical derivatives
+_SMALLEST = 1e-6  # smallest magnitude of a state for the step
+_CONVERGED = 1e-10  # relative size of the last Newton step
+_SINGULAR = 1e-12  # smallest singular value relative to the largest
+_NOTED, _REJECTED = 0.4, 2.0  # thresholds of |eigenvalue| times step
 
 
 def start_custom(
     mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
 ) -> tuple[TrimPoint, Floats, list[str]]:
-    """Return the trim with static deflection, initial custom states and warnings.
+    """Return the trim with static deflection, the initial custom states and warnings.
 
-    ``rigid`` is the trim of the rigid vehicle; ``make_state`` returns the state of a trim. Raise
+    ``rigid`` is the trim of the rigid vehicle; ``make_state`` converts a trim to a state. Raise
     InputError if there is no equilibrium or the step is too long.
     """
     code = find_code(vehicle)
@@ -55,7 +55,7 @@ def start_custom(
         states[:] = _solve_states(code, point, states, push)
         return np.asarray(point.evaluate(states, push)[1] - push)
 
-    # The force of the states depends little on the trim, so Broyden's method needs few trims.
+    # Broyden's method needs few trims, because the force hardly depends on the trim.
     value, J = residual(push), -np.eye(3)
     for _ in range(_ITERATIONS):
         if (np.abs(value) <= _CONVERGED * scale).all():
@@ -69,14 +69,14 @@ def start_custom(
         )
         value = next_value
     else:
-        raise _no_equilibrium(code, "states that find no equilibrium with the trim")
+        raise _no_equilibrium(code, "no equilibrium of the custom states with the trim")
     return point.trim(push), states, _check_step(code, point, states, push, step_length)
 
 
 def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
-    """Solve for states with zero rates at the trim with ``push``, starting from ``states``.
+    """Solve for custom states with zero rates at the trim with ``push``.
 
-    Raise InputError if there are none.
+    The iteration starts at ``states``. Raise InputError if it does not converge.
     """
     free, x = np.array([state.start is None for state in code.states]), states.copy()
     if not free.any():
@@ -95,11 +95,11 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
         x[free] -= change
         if (np.abs(change) <= _CONVERGED * np.maximum(np.abs(x[free]), _SMALLEST)).all():
             return x
-    raise _no_equilibrium(code, "states that find no equilibrium at the start of the mission")
+    raise _no_equilibrium(code, "no equilibrium of the custom states at the start of the mission")
 
 
 def _no_equilibrium(code: VehicleCode, problem: str) -> InputError:
-    expected = "'start:' in the vehicle file for those that have none"
+    expected = "'start:' in the vehicle file for states without equilibrium"
     return InputError(_file_of(code), problem, expected, function_line(code))
 
 
@@ -110,7 +110,7 @@ def _file_of(code: VehicleCode) -> str:
 def _slopes(
     function: Callable[[Floats], Floats], x: Floats, unknown: Mask, steps: Floats
 ) -> Floats:
-    """Return the slopes [value, unknown] by central differences."""
+    """Return the Jacobian [value, unknown] by central differences."""
     columns = []
     for i, step in zip(np.flatnonzero(unknown), steps, strict=True):
         ends = [x.copy(), x.copy()]
@@ -121,7 +121,7 @@ def _slopes(
 
 
 def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
-    """Raise InputError with the state's name if the slopes leave a state undetermined."""
+    """Raise InputError with the name of a state that the Jacobian does not determine."""
     sizes = np.abs(J).max(axis=1, keepdims=True)
     scaled = J / np.where(sizes > 0.0, sizes, 1.0)
     _, singular, rows = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).clip(1e-300))
@@ -130,7 +130,7 @@ def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
     state = code.states[int(free_states[np.abs(rows[-1]).argmax()])]
     raise InputError(
         _file_of(code),
-        f"the state '{state.name}', which has no equilibrium at the start of the mission",
+        f"the state '{state.name}' has no equilibrium at the start of the mission",
         f"{state.name}: {{unit: {state.unit}, start: ...}} in the vehicle file",
         function_line(code),
     )
@@ -145,14 +145,14 @@ def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push:
         state.name for state, rate in zip(code.states, rates, strict=True) if rate - rate != 0
     ]
     quantity = f"a rate of '{bad_states[0]}'" if bad_states else "a force or moment"
-    problem = f"{quantity} that is not finite at the start"
+    problem = f"{quantity} is not finite at the start"
     raise InputError(_file_of(code), problem, "finite numbers", function_line(code))
 
 
 def _check_step(
     code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats, step: float
 ) -> list[str]:
-    """Return warnings about eigenvalues that the integrator's step hardly resolves.
+    """Return warnings about eigenvalues that the integration step barely resolves.
 
     Raise InputError if the step is unstable.
     """
@@ -164,20 +164,20 @@ def _check_step(
     longest_step = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
     if fastest * step > _REJECTED:
         expected = f"'step:' in the mission of at most {longest_step}"
-        problem = f"custom dynamics with {phrase}"
+        problem = f"the custom dynamics have {phrase}"
         raise InputError(_file_of(code), problem, expected, function_line(code))
     if fastest * step <= _NOTED:
         return []
     return [
-        f"the custom dynamics have {phrase}, which adds damping: a step of at most {longest_step} "
-        "follows them"
+        f"the custom dynamics have {phrase}, at which integration adds damping; use a step of at "
+        f"most {longest_step}"
     ]
 
 
 class _StartPoint:
-    """Custom dynamics at the start of a mission, as a function of the states and their force.
+    """Custom dynamics at the start of a mission, as a function of states and push.
 
-    ``push`` is the force along body x and z and the moment about y that the states exert.
+    ``push`` contains the forces along body x and z and the moment about y due to the states.
     """
 
     def __init__(
@@ -189,14 +189,14 @@ class _StartPoint:
         self.trims: dict[bytes, TrimPoint] = {}
 
     def trim(self, push: Floats) -> TrimPoint:
-        """Return the trim of the vehicle with the force and moment ``push``."""
+        """Return the trim of the vehicle with the additional force and moment ``push``."""
         if push.tobytes() not in self.trims:
             x, z, moment = push.tolist()
             self.trims[push.tobytes()] = make_start_trim(self.mission, self.vehicle, (x, z, moment))
         return self.trims[push.tobytes()]
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
-        """Return the rates of the states and the resulting push, at the trim with ``push``."""
+        """Return the rates of the states and the resulting push at the trim with ``push``."""
         trim, start = self.trim(push), self.mission.start
         x, alpha, mass = (
             self.make_state(trim),
@@ -211,7 +211,7 @@ class _StartPoint:
         )
         q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
         gravity = rotate_meridional(q0, q1, q2, q3, local_gravity[0], local_gravity[1])
-        # Forces that the trim needs in addition to the push.
+        # Forces that the trim requires in addition to the push.
         force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
         force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
         variables = make_variables(

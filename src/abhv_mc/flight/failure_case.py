@@ -1,4 +1,4 @@
-"""Failure cases: the failures of each flight, by which verdicts and envelopes are grouped."""
+"""Failure cases of flights, by which verdicts and envelopes are grouped."""
 
 from collections.abc import Sequence
 
@@ -8,8 +8,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 
 NO_FAILURE = "none"
-UNSTART = "engine unstart"  # by the vehicle's own condition, at no drawn time
-_ENGINE = "failure.engine"  # begins the names of an engine's failure
+UNSTART = "engine unstart"  # by the unstart condition of the vehicle
+_ENGINE = "failure.engine"  # prefix of the names of engine failures
 _KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
 
 
@@ -25,13 +25,13 @@ def describe_failure(name: str) -> str:
 def failure_cases(
     names: Sequence[str], samples: Floats, end_time: Floats, engine_failed: Floats
 ) -> list[str]:
-    """Return the case of each flight: its failures joined by ' + ', or ``none``.
+    """Return the failure case of each flight: failures joined by ' + ', or ``none``.
 
-    Failures before the end of the mission count.
+    Only failures before the end of the mission count.
 
-    ``end_time`` is in s, [flight]. A failure drawn for a time after an early termination counts
-    too, so that all controllers have the same flights in each case. An engine that failed for
-    ``engine_failed`` s without a drawn failure failed by the vehicle's unstart condition.
+    ``end_time`` [flight] is in s. A failure drawn for a time after an early termination counts too,
+    so that all controllers have the same flights in each case. An engine that failed for
+    ``engine_failed`` s without a drawn failure had an unstart.
     """
     cases: dict[int, list[str]] = {}
     timed = np.zeros(len(end_time), dtype=np.bool_)
@@ -50,6 +50,6 @@ def failure_cases(
 
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:
-    """Return the time of each flight's first drawn failure, s; infinite without one."""
+    """Return the time of the first drawn failure of each flight, s, or infinity."""
     columns = [i for i, name in enumerate(names) if name in FAILURE_TIMES]
     return samples[:, columns].min(axis=1, initial=np.inf)

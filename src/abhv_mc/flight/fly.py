@@ -1,4 +1,4 @@
-"""Simulation of a plan's flights: the only module that calls the compiled flight."""
+"""Simulation of flights of a plan; only this module calls the compiled flight."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,8 +28,8 @@ from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
-_SAMPLED = 512  # flights per call if quantiles store every tick: 25 MB each in a minute
-_LONGEST = 600.0  # s that fly_until may take with native code
+_SAMPLED = 512  # flights per call if quantiles need all ticks, to limit memory
+_LONGEST = 600.0  # time limit of fly_until with native code, s
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
@@ -37,18 +37,18 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the compiled flight to use; for a lean plan the full one if it is cached."""
+    """Return the compiled flight to use, which for a lean plan may be a cached full one."""
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
-    """Return undispersed parameters ``[flight, parameter]``."""
+    """Return nominal parameters [flight, parameter]."""
     return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
 
 
 def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -> FlightBlock:
-    """Convert results of the kernel to a block of flights."""
+    """Convert the results of the kernel to a block of flights."""
     tick = plan.timing.tick
     end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
     times = np.asarray(
@@ -74,9 +74,9 @@ def fly(
     """Simulate one flight per row of ``parameters`` [flight, parameter].
 
     ``record_every`` is a Recording, or the number of control ticks between samples of all channels;
-    ``keep_states`` records the full state too. A flight depends only on its row and the plan, not
-    on ``lanes`` or other rows. With ``start``, flights of ``fly_until`` continue; histories are NaN
-    before it. Thread-safe. Raise ValueError if an array has the wrong type or shape.
+    ``keep_states`` also records the full state. A flight depends only on its row and the plan, not
+    on ``lanes`` or other rows. With ``start``, flights of ``fly_until`` continue, and histories are
+    NaN before that time. Thread-safe. Raise ValueError if an array has the wrong type or shape.
     """
     recording = make_recording(record_every, plan)
     if must_run_in_child(plan):
@@ -100,9 +100,9 @@ def fly_until(
 ) -> SavedFlights:
     """Simulate up to a control tick and return the memory of each flight.
 
-    Flights continue from ``start`` if given.
+    Flights continue from ``start`` if it is given.
 
-    The memory of a flight that ended before is undefined, except that its lane is not alive. Raise
+    The memory of a flight that ended earlier is undefined, except that its lane is not alive. Raise
     InputError for a law in plain Python whose memory is not a named tuple of numbers.
     """
     if must_run_in_child(plan):
@@ -131,16 +131,16 @@ def fly_in_memory(
     start: SavedFlights | None = None,
     memory_in_rows: bool = False,
 ) -> None:
-    """Fill the results. Raise ValueError if an array does not conform.
+    """Simulate and fill ``results``. Raise ValueError if an array does not conform.
 
-    ``memory_in_rows`` puts the memory of a custom law into the lane memory.
+    With ``memory_in_rows`` the memory of a custom law is part of the lane memory.
     """
     if plan.lean and not np.array_equal(
         parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
         nominal_parameters(len(parameters))[:, _NOT_LEAN],
     ):
         raise ValueError(
-            "the parameters disperse a quantity that the plan's lean flight leaves out"
+            "the parameters disperse a quantity that the lean flight of the plan omits"
         )
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
@@ -154,7 +154,7 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Fill in the metrics that are quantiles over the counted ticks (linear method)."""
+    """Compute the metrics that are quantiles over the counted ticks (linear method)."""
     quantiles = [
         (i, metric.limit)
         for i, metric in enumerate(plan.metrics)
@@ -169,11 +169,10 @@ def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> 
 
 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
-    """Return extremes ``[sample, channel]`` from the previous to the next sample.
+    """Return extremes [sample, channel] between the previous and the next sample.
 
-    They are NaN if no flight was simulated there; -0 becomes 0. ``low`` and ``high`` are those of
-    the bins between samples, low above high in a bin without a value; ``history`` is [flight,
-    sample, channel].
+    Extremes are NaN without flights; -0 becomes 0. ``low`` and ``high`` are the extremes in the
+    bins between samples, with low > high in an empty bin; ``history`` is [flight, sample, channel].
     """
     has_value = low <= high
     return _join(np.where(has_value, low, np.nan), history, np.fmin), _join(

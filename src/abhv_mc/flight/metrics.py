@@ -1,7 +1,6 @@
-"""Table of metrics in array order: names, units, definitions and which values are bad.
+"""Table of metrics in array order: names, units, definitions and worse values.
 
-Metrics that a campaign declares and stability margins of the linearized loop are records of the
-same type.
+Declared metrics and stability margins of linearized loops are records of the same type.
 """
 
 import math
@@ -16,58 +15,60 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.flight.channels import SURFACES, SWINGS, Signal, name_effector_signals
 from abhv_mc.kernel.flight.counting import Statistic
 
-Bad = Literal["high", "low", "size"]  # large, small or large absolute values are bad
+Bad = Literal[
+    "high", "low", "size"
+]  # which values are worse: large, small or large absolute values
 Group = Literal["tracking", "usage", "loads", "stability", "user"]
 
 
 NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
-# Ends of names by unit, if they differ from the letters of the unit.
+# Suffixes of names that differ from the letters of the unit.
 _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 
 @dataclass(frozen=True)
 class Metric(Signal):
-    """One number of a flight: its names and description, and how it is counted."""
+    """Metric: a number computed for each flight, with names and definition."""
 
-    label: str  # without the unit
+    label: str  # label without the unit
     bad: Bad
     group: Group
-    of: str  # a source, or an expression of sources; "" for a margin
+    of: str  # source or expression of sources; "" for a margin
     statistic: Statistic
-    limit: float = 0.0  # limit of the statistic; for a quantile its probability
-    start: float = 0.0  # s, start of its window
-    end: float = math.inf  # s, end of its window
-    settled: bool = False  # whether 5 s after each step of the reference are excluded
-    empty: float = math.nan  # value if a flight ended before the window
+    limit: float = 0.0  # limit of the statistic, or probability of a quantile
+    start: float = 0.0  # start of the window, s
+    end: float = math.inf  # end of the window, s
+    settled: bool = False  # exclude 5 s after each step of the reference
+    empty: float = math.nan  # value if the flight ended before the window
     never_negative: bool = False
-    leads: bool = False  # whether a report without requirements lists it first
-    customary: float = 0.0  # customary lower limit of a margin
-    plateaus: tuple[float, ...] = ()  # values that many flights share
-    # Finding that a report states for flights with a large value.
+    leads: bool = False  # listed first in reports without requirements
+    customary: float = 0.0  # customary lower limit of a stability margin
+    plateaus: tuple[float, ...] = ()  # values shared by many flights
+    # Finding stated in the report for flights with large values.
     finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""
-    band: Bounds | None = None  # two-sided requirement of a campaign
+    band: Bounds | None = None  # limits of a two-sided requirement
 
     @property
     def label_with_unit(self) -> str:
-        """Label with the unit, for axes and column headings."""
+        """Label with unit, for axes and column headings."""
         return self.label if self.unit == "-" else f"{self.label} ({self.unit})"
 
     def with_unit(self, value: str) -> str:
-        """Return a formatted value with the unit appended."""
+        """Return a formatted value with unit."""
         return value if self.unit == "-" else f"{value}\N{NO-BREAK SPACE}{self.unit}"
 
     @property
     def phrase(self) -> str:
-        """Label in the form used within a sentence, such as 'rms angle of attack error'."""
+        """Label as used within a sentence, such as 'rms angle of attack error'."""
         head, *qualifiers = self.label.split(", ")
         head = head if head[1:2].isupper() else head[:1].lower() + head[1:]
         return " ".join([*reversed(qualifiers), head])
 
     @property
     def counted(self) -> str:
-        """Definition as text, such as 'max_abs of bank_error_deg, settled stretches only'."""
+        """Definition as text, such as 'max_abs of bank_error_deg, outside the transients'."""
         if not self.of:
             return "of the linearized loops"
         text = f"{self.statistic.word} of {self.of}"
@@ -75,15 +76,15 @@ class Metric(Signal):
         text += f", share {self.limit:g}" if self.statistic == Statistic.QUANTILE else ""
         text += f", from {self.start:g} s" if self.start else ""
         text += f", to {self.end:g} s" if self.end < math.inf else ""
-        return f"{text}, settled stretches only" if self.settled else text
+        return f"{text}, outside the transients" if self.settled else text
 
     def as_texts(self) -> dict[str, str]:
-        """Return the names and descriptions that a report shows."""
+        """Return the texts that a report shows."""
         keys = ("label", "label_with_unit", "phrase", "unit", "doc", "group", "bad")
         return {key: getattr(self, key) for key in keys}
 
     def as_entry(self) -> dict[str, Any]:
-        """Return the record with the keys that declare a metric in a campaign file."""
+        """Return the metric as declared in a campaign file."""
         entry = {
             key: getattr(self, key)
             for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
@@ -97,24 +98,24 @@ class Metric(Signal):
 
 
 def name_end(unit: str) -> str:
-    """Return the suffix of names of a unit, without underscore: 'mps', 'j_m2' or ''."""
+    """Return the name suffix of a unit without underscore, such as 'mps', 'j_m2' or ''."""
     return _ENDS.get(unit, unit.lower().replace("/", "_").replace(" ", "_"))
 
 
 def label_of(name: str, unit: str) -> str:
-    """Return the label of a declared metric: its name without the unit."""
+    """Return the default label of a declared metric: the name without the unit."""
     label = name.removesuffix(f"_{name_end(unit)}") if name_end(unit) else name
     label = label.replace("_", " ")
     return label[0].upper() + label[1:]
 
 
 def default_bad(statistic: Statistic) -> Bad:
-    """Return which values are bad by default: low values of a minimum, otherwise high values."""
+    """Return which values are worse by default: low for a minimum, otherwise high."""
     return "low" if statistic == Statistic.MIN else "high"
 
 
 def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:
-    """Return whether a statistic is never negative; ``nonnegative`` states it of the quantity."""
+    """Return whether a statistic is never negative, given the sign of the quantity."""
     return statistic in _SIZES or nonnegative
 
 
@@ -131,7 +132,7 @@ def _count(
     bad: Bad | None = None,
     **fields: Any,
 ) -> Metric:
-    """Make a metric; by default the statistic determines bad and empty values."""
+    """Make a metric; the statistic determines defaults of ``bad`` and ``empty``."""
     never = is_never_negative(statistic, nonnegative)
     empty = (
         {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0)
@@ -235,26 +236,29 @@ METRICS: tuple[Metric, ...] = (
            "loads", of="dynamic_pressure_pa", statistic=Statistic.MAX, nonnegative=True),
     _count("load_factor_max_g", "g", "largest magnitude of the specific force", "Load factor, max",
            "loads", of="load_factor_g", statistic=Statistic.MAX, nonnegative=True),
-    _count("surface_saturation_s", "s", "time with a surface at its deflection limit",
+    _count("surface_saturation_s", "s", "time with a surface at a deflection limit",
            "Surface saturation", "usage", of="surface_saturated", statistic=Statistic.TIME_OUTSIDE,
            finding="saturates"),
     *(
         _count(f"{name}_ripple_deg", "deg",
-               f"largest cycle of the {phrase} in settled stretches, from side to side",
+               f"largest peak-to-peak cycle of the {phrase}, outside the transients",
                f"{label_of(name, '-')} ripple", "tracking", of=f"{name}_ripple_deg",
                statistic=Statistic.MAX, nonnegative=True, finding="cycles")
         for name, phrase in SWINGS.items()
     ),
     *(
         _count(f"{name}_cycle_hz", "Hz",
-               f"frequency of the largest cycle of the {phrase}, zero without one",
+               f"frequency of the largest cycle of the {phrase}, or zero",
                f"{label_of(name, '-')} cycle frequency", "tracking", of=f"{name}_cycle_hz",
                statistic=Statistic.FINAL, nonnegative=True)
         for name, phrase in SWINGS.items()
     ),
     _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed",
            "loads", of="engine_failed", statistic=Statistic.TIME_OUTSIDE),
-    _count("outside_tables_s", "s", "time outside the tables (clamped)", "Outside tables", "loads",
+    _count("outside_tables_s", "s", (
+        "time outside the tables, with clamped "
+        "inputs"
+    ), "Outside tables", "loads",
            of="outside_tables", statistic=Statistic.TIME_OUTSIDE, finding="leaves_tables"),
 )  # fmt: skip
 
@@ -283,21 +287,21 @@ def _margin(
     )
 
 
-# Smallest margin over all loops and points; NaN for flights whose margins are not computed.
+# Smallest margins over all loops and points; NaN if not computed.
 MARGINS: tuple[Metric, ...] = (
     _margin("gain_margin_min_db", "dB",
-            "least gain margin, the smaller of both sides, over loops and points",
+            "smallest gain margin, up or down, over loops and points",
             "Gain margin, min", (0.0, 60.0), customary=6.0),
-    _margin("phase_margin_min_deg", "deg", "least phase margin over loops and points",
+    _margin("phase_margin_min_deg", "deg", "smallest phase margin over loops and points",
             "Phase margin, min", (0.0, 180.0), customary=30.0),
-    _margin("delay_margin_min_ms", "ms", "least delay margin over loops and points",
+    _margin("delay_margin_min_ms", "ms", "smallest delay margin over loops and points",
             "Delay margin, min", (0.0, 1000.0)),
     _margin("disk_margin_min", "-",
-            "least disk margin over the points, for simultaneous perturbation of all loops",
+            "smallest disk margin over points, for simultaneous perturbations of all loops",
             "Disk margin, min", (0.0,)),
 )  # fmt: skip
 GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
-# Reasons why a point has no margin, which counts as a margin of zero.
+# Reasons why a point has no margin; such margins count as zero.
 MARGIN_FAULTS: tuple[Signal, ...] = (
     Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
     Signal(
@@ -311,7 +315,7 @@ MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 
 
 def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
-    """Return the metrics of effectors with actuators, as a campaign declares metrics."""
+    """Return the metrics of effectors with actuators, as declared metrics."""
     return tuple(
         _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {phrase}",
                f"{label_of(name, '-')}{after}", "usage", of=f"{name}{of}", statistic=statistic)
@@ -321,7 +325,7 @@ def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
             ("max_deg", "deg", "largest absolute deflection", ", max", "_deg", Statistic.MAX_ABS),
             ("travel_deg", "deg", "sum of the absolute changes of the deflection", " travel",
              "_deg", Statistic.TRAVEL),
-            ("saturation_s", "s", "time at its limit", " saturation", "_saturated",
+            ("saturation_s", "s", "time at a limit", " saturation", "_saturated",
              Statistic.TIME_OUTSIDE),
         )
     )  # fmt: skip
@@ -346,7 +350,7 @@ NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 
 def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
-    """Pack declared metrics as text ``[metric, field]``, which plans store."""
+    """Pack declared metrics as text [metric, field] for plan files."""
     rows = [[_as_text(getattr(metric, name)) for name in _TEXT] for metric in metrics]
     return np.array(rows, dtype=np.str_) if rows else NO_METRICS
 
@@ -362,7 +366,7 @@ def _as_text(value: Any) -> str:
 
 
 def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:
-    """Restore metrics from packed text. Raise ValueError or KeyError if a row is no metric."""
+    """Restore metrics from packed text. Raise ValueError or KeyError if a row is invalid."""
     if rows.ndim != 2 or rows.shape[1] != len(_TEXT):
         raise ValueError(f"declared metrics of shape {rows.shape}")
     return tuple(_record(dict(zip(_TEXT, row, strict=True))) for row in rows.tolist())

@@ -1,4 +1,4 @@
-"""Checks of native control laws before a campaign: hidden memory, and settable states."""
+"""Checks of native control laws for hidden memory and settable states."""
 
 import hashlib
 from collections.abc import Callable
@@ -17,35 +17,33 @@ from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
-_SLOW_TICKS = 200  # long enough for the effect of hidden memory to grow
-# Relative tolerance of a flight whose states are set at each tick: integrators of some FMUs
-# restart.
+_SLOW_TICKS = 200  # number of ticks in which effects of hidden memory grow
+# Relative tolerance if states are set at each tick, which restarts integrators of some FMUs.
 _ALIKE = 1e-6
-_LONGEST = 600.0  # s, compiling included
+_LONGEST = 600.0  # time limit including compilation, s
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Check that two flights agree separately, together and in swapped order, bit for bit.
+    """Check that two flights are bit-identical separately, together and in swapped order.
 
-    Each version of the law's files is checked once. Raise InputError if they differ or the law
-    fails.
+    Each version of the law's files is checked once. Raise InputError if the flights differ or the
+    law fails.
     """
     file = plan_source(plan).file
     try:
         is_independent = _try_once(_is_same, plan, _TICKS)
     except LostError as error:
         reason = f"{error.words}{describe_last_tick(error.process)}"
-        problem = (
-            f"a control law that fails in the first {_TICKS} ticks of a nominal flight: {reason}"
-        )
+        problem = f"the control law fails in the first {_TICKS} ticks of a nominal flight: {reason}"
         raise InputError(
             file, problem, "a control law that returns a command at each tick"
         ) from None
     if not is_independent:
-        problem = "a control law with hidden memory: a flight depends on other flights"
+        problem = "the control law has hidden memory, so that a flight depends on other flights"
         expected = (
-            "all memory in the flight's state; for generated code with global structures three "
-            "lines around its step: 'model_DW = saved->dw; model_step(); saved->dw = model_DW;' "
+            "all memory in the state of the flight; for generated code with global structures, "
+            "add three lines around its step: 'model_DW = saved->dw; model_step(); saved->dw = "
+            "model_DW;' "
             "(docs/how-to/c-law.md)"
         )
         raise InputError(file, problem, expected)
@@ -61,7 +59,7 @@ def check_states(plan: FlightPlan) -> None:
 
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
-    """Run a check of a plan's law in the child process, once for each content that passes."""
+    """Run a check in the child process, once for each version of a law that passes."""
     key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[
         :24
     ]

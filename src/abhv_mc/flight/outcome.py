@@ -1,4 +1,4 @@
-"""Outcomes of flights, with code and sentence, and limits that terminate flights early."""
+"""Outcomes of flights, with codes and sentences, and limits that terminate flights early."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,13 +15,13 @@ from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
 class Outcome(IntEnum):
-    """Outcome of a flight; the name in lower case is the code in the files."""
+    """Outcome of a flight; the name in lower case is the code in files."""
 
     OK = 0
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # the kernel's
+    NOT_FINITE = int(user.NOT_FINITE)  # value of the kernel
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7
@@ -38,13 +38,13 @@ class Outcome(IntEnum):
 
     @property
     def code(self) -> str:
-        """Value in the Parquet column ``outcome``."""
+        """Text in the Parquet column ``outcome``."""
         return self.name.lower()
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """Possible outcomes of a campaign's flights: number, code and sentence of each."""
+    """Possible outcomes of flights, each with number, code and sentence."""
 
     codes: Mapping[int, str]
     sentences: Mapping[str, str]
@@ -54,11 +54,11 @@ class Outcomes:
         return {code: number for number, code in self.codes.items()}
 
     def of(self, numbers: NDArray[np.int64]) -> tuple[str, ...]:
-        """Return the codes [flight] of numbers."""
+        """Return the codes [flight] for outcome numbers [flight]."""
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 
 
-# They count like LAW_FAILED, but have no metrics.
+# These outcomes count like LAW_FAILED but have no metrics.
 LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,
@@ -66,9 +66,9 @@ LAW_LOST = (
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a flight that alone ended its process twice.
+    """Return the outcome of a single flight that ended its process twice.
 
-    It is attributed to the control law if that is native code.
+    The control law is the cause if it is native code.
     """
     if law not in ("c", "fmu"):
         return Outcome.FAILED_TO_RUN
@@ -115,7 +115,7 @@ OUTCOMES = Outcomes(
 
 
 def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
-    """Return the outcomes of a custom simulator, extended by those it declares."""
+    """Return the outcomes of a custom simulator, including declared outcomes."""
     codes = {int(o): o.code for o in _OF_A_SIMULATOR} | dict(enumerate(declared, _FIRST_DECLARED))
     return Outcomes(
         codes, {o.code: sentence for o, sentence in _OF_A_SIMULATOR.items()} | dict(declared)
@@ -143,13 +143,13 @@ class Limits(NamedTuple):
     sideslip_max: float
     loads: LoadBounds = LoadBounds()
     end: EndBounds = EndBounds()
-    fuel_min: float = -math.inf  # kg
+    fuel_min: float = -math.inf  # minimum mass, kg
     speed_max: float = math.inf
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit that ends a flight with ``outcome`` when ``source`` leaves its two bounds.
+    """Limit that ends a flight with ``outcome`` when ``source`` leaves its bounds.
 
     Sources are defined in :mod:`abhv_mc.flight.channels`.
     """
@@ -159,7 +159,7 @@ class Limit:
     bounds: Callable[[Limits], tuple[float, float]]
 
 
-# Names in the lane memory, if they differ.
+# Names in the lane memory that differ from those of limits.
 _SOURCES = {
     "dynamic_pressure": "q_bar",
     "flight_path_angle": "gamma",
@@ -171,7 +171,7 @@ def _end(name: str) -> Limit:
     return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
 
 
-# Latitude; at Mach 10, 560 m from the pole, the longitude changes by 0.05 rad a step.
+# Latitude limit 560 m from a pole, where at Mach 10 the longitude changes by 0.05 rad a step.
 NEAREST_POLE = math.radians(89.995)
 _RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
 _DEG = 180.0 / math.pi
@@ -182,7 +182,7 @@ def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Lim
     return Limit(outcome, source, lambda limits: (-math.inf, factor * getattr(limits.loads, name)))
 
 
-# If two limits are exceeded at the same tick, the later one in this table gives the outcome.
+# If two limits are exceeded at the same tick, the later entry determines the outcome.
 LIMITS: tuple[Limit, ...] = (
     Limit(Outcome.POLE_LIMIT, "latitude", lambda limits: (-NEAREST_POLE, NEAREST_POLE)),
     Limit(Outcome.FUEL_OUT, "fuel_left_kg", lambda limits: (limits.fuel_min, math.inf)),

@@ -1,4 +1,4 @@
-"""Plan of one controller's flights as plain arrays, and blocks of their results."""
+"""Flight plan of one controller as arrays, and blocks of results."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -28,11 +28,11 @@ NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 
 
 class Recording(NamedTuple):
-    """Time histories to record."""
+    """Specification of the time histories to record."""
 
-    every: int  # control ticks between samples, 0 for none
+    every: int  # control ticks between samples; 0 records nothing
     channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
-    extremes: bool = False  # of all flights, over every control tick around each sample
+    extremes: bool = False  # record extremes over all flights and control ticks
 
     def count_samples(self, timing: "Timing") -> int:
         """Return the number of samples of a complete flight."""
@@ -40,9 +40,9 @@ class Recording(NamedTuple):
 
 
 def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recording:
-    """Return a recording; a number is the control ticks between samples of all channels.
+    """Convert a request to a Recording; an int is the number of ticks between samples.
 
-    None records nothing.
+    A number records all channels, None records nothing.
     """
     return (
         request
@@ -51,7 +51,7 @@ def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recor
     )
 
 
-# Prefixes of dispersions that a lean flight leaves out.
+# Prefixes of dispersions that a lean flight omits.
 NOT_LEAN = (
     *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
     *("thrust.", "atmosphere.temperature"),
@@ -65,7 +65,7 @@ SENSOR_TIMES = (
 
 
 def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str] | None:
-    """Return an invalid sensor delay, lag or interval and the valid range, as text, or None.
+    """Return texts on an invalid sensor delay, lag or interval and its range, or None.
 
     ``parameters`` is [flight, parameter], ``tick`` the control period in s.
     """
@@ -82,9 +82,9 @@ def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str]
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """Data that a worker needs to simulate one controller, except the dispersions."""
+    """Data for the flights of one controller, except the dispersions."""
 
-    controller: str  # name in the campaign
+    controller: str  # name of the controller in the campaign
     law: str  # kind of control law: "tlc", "lqr", "recorded", "python", "c" or "fmu"
     vehicle: Vehicle
     trim_tables: Tables
@@ -92,39 +92,41 @@ class FlightPlan:
     earth: Earth
     timing: Timing
     limits: Limits
-    initial_state: Floats  # [state] nominal start, see abhv_mc.kernel.plant.state
-    reference: Floats  # [tick, column] see abhv_mc.kernel.laws.columns
-    gains: Floats  # [tick, gain] in the order of the law's gain names
+    initial_state: Floats  # [state] nominal initial state, see kernel.plant.state
+    reference: Floats  # [tick, column], see kernel.laws.columns
+    gains: Floats  # [tick, gain], in the order of the gain names
     settings: Floats  # constants of the law (differentiator bandwidths, command limits)
-    # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data
+    # [knot, column] nominal atmosphere
     profile: Floats = field(default_factory=no_profile)
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
-    # names of a custom law's gains
+    # names of the gains of a custom law
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
-    # metrics of a campaign, as pack_metrics returns them
+    # declared metrics, packed by pack_metrics
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
     # [channel, 2] name and unit of custom channels
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
     period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
     # built-in law, "tlc" or "lqr", whose measurement custom code filters
     around: str = ""
-    # settings of laws among the campaign's parameters, after those of the vehicle
+    # dispersed settings of control laws, after those of the vehicle
     law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
-    filter_settings: Floats = field(default_factory=lambda: np.empty(0))  # of a custom filter
+    filter_settings: Floats = field(
+        default_factory=lambda: np.empty(0)
+    )  # settings of a custom filter
     source_hash: str = ""  # hash of the custom law's source; "" for built-in laws
     channels_hash: str = ""  # hash of the custom channels' source
-    # Fields that are sent to workers but not stored.
+    # The fields from here on are sent to workers but not stored.
     source: UserSource | None = field(default=None, metadata={"stored": False})
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     # code with the digest in vehicle.foreign
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})
-    # simulated by a smaller kernel with bit-identical results, see lean_for
+    # use a smaller kernel with bit-identical results, see lean_for
     lean: bool = field(default=False, metadata={"stored": False})
 
     def lean_for(self, names: Collection[str]) -> "Self":
-        """Return the plan for flights that disperse parameters of these names.
+        """Return the plan for flights that disperse the named parameters.
 
-        It depends on the names only, so that all processes compile the same kernel.
+        The result depends only on the names, so that all processes compile the same kernel.
         """
         vehicle, foreign = self.vehicle, self.vehicle.foreign
         is_builtin = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
@@ -135,12 +137,12 @@ class FlightPlan:
 
     @property
     def commanding_law(self) -> str:
-        """Law that computes the commands; for a custom filter the built-in law around it."""
+        """Law that computes the commands; for a custom filter, the built-in law."""
         return self.around or self.law
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Metrics in the order of their columns: built-in metrics, then declared ones."""
+        """Metrics in column order: built-in metrics, then declared metrics."""
         return (*METRICS, *unpack_metrics(self.declared))
 
     @property
@@ -150,7 +152,7 @@ class FlightPlan:
 
     @property
     def effectors(self) -> tuple[str, ...]:
-        """Names of effectors with actuators; empty if the three axes have the actuators."""
+        """Names of effectors with actuators; empty if only the three axes have actuators."""
         return name_effectors(self.vehicle) if self.vehicle.constants.driven else ()
 
     @property
@@ -167,43 +169,45 @@ class FlightPlan:
 
 @dataclass(frozen=True)
 class FlightBlock:
-    """Flights of one call of :func:`abhv_mc.flight.fly.fly`, in the order of their parameters."""
+    """Results of flights simulated in one call, in the order of their parameters."""
 
     outcome: NDArray[np.int64]  # [flight] values of Outcome
-    end_time: Floats  # [flight] s
-    metrics: Floats  # [flight, metric] in the order of the plan's metrics
+    end_time: Floats  # [flight] end time, s
+    metrics: Floats  # [flight, metric], in the order of the plan's metrics
     history: Singles  # [flight, time, channel] recorded channels; NaN after the end
-    times: Floats  # [time] s
+    times: Floats  # [time] times of the history, s
     # [flight, time, state]; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
-    # [time, channel] least and greatest value of these flights at any control tick from the
-    # previous to the next time; NaN if no flight was simulated then. None unless requested.
+    # [time, channel] extremes over flights and control ticks between the adjacent times; NaN
+    # without flights, None unless requested.
     low: Singles | None = None
     high: Singles | None = None
     flown_by: tuple[Flyer, ...] = ()  # processes that computed the block, if it is signed
-    reasons: Mapping[int, str] = field(default_factory=dict)  # why a flight failed to run, by row
-    # Events of a custom simulator: "surplus" output, "restarts" of its process, "repeated"
-    # flights; and an excerpt of its standard error.
+    reasons: Mapping[int, str] = field(
+        default_factory=dict
+    )  # reasons why flights failed to run, by row
+    # Events of a custom simulator ("surplus", "restarts", "repeated") and an excerpt of its
+    # standard error.
     events: Mapping[str, int] = field(default_factory=dict)
     standard_error: str = ""
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
-        """Reason of each flight, '' without one; empty if no flight has one."""
+        """Reason by flight, '' if it has none; empty if no flight has a reason."""
         if not self.reasons:
             return ()
         return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))
 
     @property
     def extremes(self) -> tuple[Singles, Singles]:
-        """Least and greatest values ``[time, channel]`` of all ticks, or else of samples."""
+        """Extremes [time, channel] over all ticks if recorded, otherwise over samples."""
         if self.low is None or self.high is None:
             return np.fmin.reduce(self.history, axis=0), np.fmax.reduce(self.history, axis=0)
         return self.low, self.high
 
 
 def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
-    """Concatenate blocks, without full states, as flights that failed to run have none."""
+    """Concatenate blocks, without full states."""
     arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
         for name in ("outcome", "end_time", "metrics", "history")

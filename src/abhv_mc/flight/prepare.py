@@ -1,4 +1,4 @@
-"""Preparation of a flight plan from its input files: reference, gains and trim."""
+"""Preparation of flight plans from input files: reference, gains and trim."""
 
 import functools
 from pathlib import Path
@@ -72,15 +72,15 @@ from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _find_warnings = cache_results(
     find_vehicle_warnings
-)  # the controllers of a campaign share their vehicle
-_LEAST_FUEL = 1e-9  # kg, below which the tank is empty
-_SPEED_FACTOR = 2.0  # default speed limit in units of the reference's largest speed
-_OUTSIDE = 1.0  # s of the reference outside the vehicle's tables that cause a warning
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle, not at a node of most tables
+)  # Controllers of a campaign share the vehicle.
+_LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
+_SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
+_OUTSIDE = 1.0  # time outside the tables that causes a warning, s
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle that is not a node of most tables
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
-    """Read the three files and compute the plan. Raise InputError if a file is invalid."""
+    """Read three input files and return the plan. Raise InputError if a file is invalid."""
     packed_vehicle = load_vehicle(vehicle)
     parsed_mission = read_mission(mission)
     law, user_code = read_law(controller)
@@ -88,7 +88,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     if packed_vehicle.constants.surface_limit == 0.0 or (glides and user_code is None):
         problem = "a vehicle without control surfaces or engine"
         expected = (
-            "one with both, which this controller needs (a custom control law can fly a vehicle "
+            "a vehicle with both, as this controller requires (custom control laws also work "
             "without an engine)"
         )
         raise InputError(vehicle, problem, expected)
@@ -103,12 +103,12 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         problem = (
             f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
         )
-        expected = "one along which the vehicle is controllable"
+        expected = "a mission along which the vehicle is controllable"
         raise InputError(mission, problem, expected) from None
     if plan.law in NATIVE:
         check_native(plan)
         return plan
-    with open_law(plan, LANES):  # compiles before any file is written
+    with open_law(plan, LANES):  # Compile before any file is written.
         return plan
 
 
@@ -118,12 +118,12 @@ class UserLaw(NamedTuple):
     source: UserSource
     settings: Floats
     commands: CommandSteps = NO_COMMANDS
-    # built-in controller whose measurement the code filters
+    # built-in controller whose measurements are filtered
     around: TlcController | LqrController | None = None
 
 
 def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
-    """Read a controller file and the custom control law it names, if any, whose code is run.
+    """Read a controller file, and read and run its custom control law, if any.
 
     Raise InputError if a file is invalid.
     """
@@ -142,9 +142,11 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
     around = read_around(law)
     if loaded.mark.filters != (around is not None):
         problem = (
-            "a filter without the controller around it" if around is None else "'around' of a law"
+            "a measurement filter without 'around'"
+            if around is None
+            else "'around' is given for a control law"
         )
-        expected = "'around:', a controller file of TLC or LQR, with @measurement_filter"
+        expected = "'around:' with a controller file of TLC or LQR, only with @measurement_filter"
         raise document.error(("file",) if around is None else ("around",), problem, expected)
     if around is not None:
         law = law.model_copy(update={"rate": around.rate})
@@ -153,9 +155,9 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
 
 
 def read_around(law: PythonController) -> TlcController | LqrController | None:
-    """Read the controller whose measurement a law filters, None for other laws.
+    """Read the controller whose measurements a law filters, or None for other laws.
 
-    Raise InputError if it is not a built-in controller.
+    Raise InputError if the controller is not built in.
     """
     if law.around is None:
         return None
@@ -166,9 +168,9 @@ def read_around(law: PythonController) -> TlcController | LqrController | None:
 
 
 def user_law_of(plan: FlightPlan, controller: Controller) -> UserLaw | None:
-    """Return the custom law of a plan, None for a built-in law.
+    """Return the custom law of a plan, or None for a built-in law.
 
-    Raise ValueError if its source is missing.
+    Raise ValueError if the source of the law is missing.
     """
     if plan.law not in USER_LAWS:
         return None
@@ -212,9 +214,10 @@ def make_plan(
     mission_file: str | Path | None = None,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Make the plan of one controller's flights, with warnings about missing nominal trim.
+    """Make the flight plan of one controller, with warnings about missing nominal trim.
 
-    Raise InputError with ``mission_file`` if the vehicle cannot be trimmed anywhere on the mission.
+    Raise InputError with ``mission_file`` if the vehicle cannot be trimmed at any point of the
+    mission.
     """
     sensing = choose_sensing(mission.sensing, vehicle.constants.sensing)
     vehicle = vehicle._replace(constants=vehicle.constants._replace(sensing=sensing))
@@ -253,7 +256,7 @@ def make_plan(
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
         problem = "a limit on the heat flux for a vehicle whose file gives no nose radius"
         raise InputError(
-            mission_file or mission.name, problem, "reference.nose_radius in the vehicle's file"
+            mission_file or mission.name, problem, "reference.nose_radius in the vehicle file"
         )
     return FlightPlan(
         controller=name,
@@ -295,9 +298,9 @@ def make_plan(
 def make_gains(
     controller: Controller, user_code: UserLaw | None, model: DesignModel
 ) -> tuple[tuple[str, ...], Floats, Floats]:
-    """Return gain names of a custom law, gains [tick, gain] and settings.
+    """Return the gain names of a custom law, gains [tick, gain] and settings.
 
-    The names are empty for a built-in law. Raise InputError if the design fails.
+    Built-in laws have no gain names. Raise InputError if the design fails.
     """
     if isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
@@ -317,7 +320,7 @@ def make_gains(
 
 
 def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:
-    """Return a sentence for each nominal control that exceeds the controller's command limits."""
+    """Return a sentence for each nominal control beyond the controller's command limits."""
     limits = controller.limits
     faults = []
     for quantity, column, low, high in (
@@ -337,7 +340,7 @@ def limit_faults(controller: TlcController | LqrController, reference: Floats) -
 
 
 def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
-    """Return a sentence for each variable that leaves its tables for a second or more."""
+    """Return a sentence for each variable that is outside the tables for a second or more."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     column["mach"] = column["speed"] / column["sound_speed"]
     faults = []
@@ -350,8 +353,8 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
             first = reference[np.flatnonzero(outside)[0], TIME]
             faults.append(
                 f"the reference leaves the vehicle's tables in {name.replace('_', ' ')} for "
-                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s: values at the edge are "
-                "used there"
+                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s; values at the edge are "
+                "used"
             )
     return faults
 
@@ -359,7 +362,7 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
 def make_timing(mission: Mission, rate: float) -> Timing:
     """Divide the control period 1 / rate (Hz) into equal integrator steps.
 
-    A step is at most that of the mission.
+    No step is longer than the step of the mission.
     """
     tick = 1.0 / rate
     steps = max(1, int(np.ceil(tick / mission.step - 1e-9)))
@@ -369,7 +372,7 @@ def make_timing(mission: Mission, rate: float) -> Timing:
 def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:
     """Return the state of trimmed steady flight, with actuators at rest.
 
-    The body rotates with the local frame and, in a bank, with the turn.
+    The body rotates with the local frame and, in a bank, with the turn rate.
     """
     start = mission.start
     x = np.zeros(s.N_STATES)
@@ -378,7 +381,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
-        # about the velocity, which is (cos alpha, 0, sin alpha) in body axes
+        # Bank about the velocity, (cos alpha, 0, sin alpha) in body axes.
         half = 0.5 * start.bank
         turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
         attitude = multiply(*attitude, *turned)
@@ -403,7 +406,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
 def local_frame_rate(
     earth: Earth, altitude: float, latitude: float, v_north: float, v_east: float
 ) -> tuple[float, float, float]:
-    """Return the inertial angular rate of the local NED frame, NED components, rad/s."""
+    """Return the inertial angular rate of the NED frame in NED components, rad/s."""
     meridian, vertical = radii(earth, float(np.sin(latitude)))
     longitude_rate = v_east / ((vertical + altitude) * np.cos(latitude)) + earth.rotation_rate
     return (

@@ -7,15 +7,15 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 
-ROUNDING = 1e-9  # of the larger value: a smaller difference is no noise
+ROUNDING = 1e-9  # relative difference up to which values count as equal
 
 
 class Repeatability(StrEnum):
-    """Repeatability of the first flights of a campaign; later values outweigh earlier ones."""
+    """Repeatability of the first flights of a campaign; later members take precedence."""
 
     EXACT = "yes"
     ROUNDING = "rounding"
-    DECLARED = "no, independent noise"  # `repeatable: no`, not contradicted by the flights
+    DECLARED = "no, independent noise"  # `repeatable: no`, consistent with the flights
     NOISE = "no"
     SHARED = "no, noise that processes share"
 
@@ -26,7 +26,7 @@ class Repeatability(StrEnum):
 
     @property
     def sentence(self) -> str:
-        """Explanation for the report."""
+        """Explanatory sentence for the report."""
         return _SENTENCES[self]
 
 
@@ -50,15 +50,15 @@ _SENTENCES = {
 
 
 def weakest(values: Iterable[Repeatability | None]) -> Repeatability | None:
-    """Return the value that outweighs the others; None if nothing is known."""
+    """Return the value that takes precedence, or None without values."""
     order = list(Repeatability)
     return max((value for value in values if value is not None), key=order.index, default=None)
 
 
 def relative_difference(a: Floats, b: Floats) -> Floats:
-    """Return ``|a - b|`` in units of the larger value.
+    """Return ``|a - b|`` relative to the larger value.
 
-    It is 0 for equal values and two NaN, infinite for one NaN.
+    The result is 0 for equal values or two NaNs, and infinite for one NaN.
     """
     is_equal = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore", divide="ignore"):

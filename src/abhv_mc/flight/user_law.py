@@ -37,12 +37,14 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
-    """Yield the addresses of a vehicle's functions for ``width`` lanes, zeros for tables."""
+    """Yield the addresses of a vehicle's functions for ``width`` lanes, or zeros."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    functions: tuple[Any, ...] = (None, None, None)  # referenced while the kernel uses them
+    functions: tuple[Any, ...] = (None, None, None)  # reference while the kernel uses the functions
     if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
-            raise ValueError("a plan of a vehicle with custom functions, without their source")
+            raise ValueError(
+                "the plan has a vehicle with custom functions but without their source"
+            )
         functions = compile_functions(code, width)
     addresses = (0 if function is None else int(function.address) for function in functions)
     yield UserCode(0, 0, 0, 0, **dict(zip(Functions._fields, addresses, strict=True)))
@@ -56,14 +58,14 @@ def open_law(
     flights: int = TOGETHER,
     dispersed: bool = False,
 ) -> Iterator[UserCode]:
-    """Yield the addresses of a plan's custom code for ``width`` lanes, zeros for none.
+    """Yield the addresses of a plan's custom code for ``width`` lanes, or zeros.
 
-    With ``memory_in_rows`` a law in plain Python or native code has its memory in the lane memory,
-    as a compiled law does, see :func:`law_memory`. With ``dispersed`` each flight has its own
+    With ``memory_in_rows``, laws in plain Python or native code have their memory in the lane
+    memory, like compiled laws; see :func:`law_memory`. With ``dispersed``, each flight has its own
     settings of the law. Raise ValueError if a source is missing, as in a stored plan.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
-    runner: Any = None  # referenced while the kernel uses it
+    runner: Any = None  # reference while the kernel uses the law
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
@@ -78,7 +80,7 @@ def open_law(
             runner = PlainLaw(law, gains, width, memory_in_rows, effectors)
         address = int(runner.address)
     elif plan.law in NATIVE:
-        # Further flights follow in the same lanes.
+        # Lanes are reused by further flights.
         lanes = -(-max(min(flights, TOGETHER), 1) // width) * width
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, n_measured = tuple(plan.gain_names.tolist()), measured_count(plan)
@@ -103,7 +105,7 @@ def open_law(
 
 
 def compile_plan_channels(plan: FlightPlan, width: int) -> Any:
-    """Return the compiled channels of a plan. Raise InputError."""
+    """Return the compiled channels of a plan. Raise InputError if they are invalid."""
     law = load_plan_law(plan) if plan.law == PYTHON else None
     remembers = law is not None and law.mark.compiled and "memory" in law.arguments
     memory = law.memory if law is not None and remembers else None
@@ -117,9 +119,9 @@ def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
 
 
 def extra_measurements(plan: FlightPlan) -> int:
-    """Return 1 if the plan's law may read measurements beyond the ten that every law receives.
+    """Return 1 if the plan's law may read measurements beyond the ten standard ones.
 
-    Return 2 if accelerations may be among them, 0 if there are none.
+    Return 2 if these may include accelerations, and 0 if the law reads no further measurements.
     """
     if plan.law not in USER_LAWS:
         return 0
@@ -128,8 +130,8 @@ def extra_measurements(plan: FlightPlan) -> int:
     texts, before, copies = [source.text], r"\.", ""
     if plan.law == "c":
         if (source.recipe or {})["library"] is not None:
-            return 2  # which measurements a library reads is unknown
-        # Copies of the whole struct may read everything.
+            return 2  # It is unknown which measurements a library reads.
+        # Copies of the whole struct may read all measurements.
         texts, before, copies = [*files.values()], r"\b", "|memcpy|memmove"
     elif plan.law == PYTHON:
         if "measured" not in load_plan_law(plan).arguments:
@@ -143,7 +145,7 @@ def extra_measurements(plan: FlightPlan) -> int:
 
 
 def sees_onboard(plan: FlightPlan) -> bool:
-    """Return whether the plan's law receives the nominal vehicle."""
+    """Return whether the law of a plan receives the nominal vehicle."""
     if plan.law not in NATIVE:
         return plan.law == PYTHON and "onboard" in load_plan_law(plan).arguments
     recipe = plan_source(plan).recipe or {}
@@ -153,7 +155,7 @@ def sees_onboard(plan: FlightPlan) -> bool:
 
 
 def measured_count(plan: FlightPlan) -> int:
-    """Return the number of measurements that the plan's law may read."""
+    """Return the number of measurements that the law of a plan may read."""
     return (s.N_MEASURED, s.N_SEEN - len(ACCELERATIONS), s.N_SEEN)[extra_measurements(plan)]
 
 
@@ -163,13 +165,13 @@ def load_plan_law(plan: FlightPlan) -> Law:
 
 
 def plan_source(plan: FlightPlan) -> UserSource:
-    """Return the source of a plan's custom law, of any kind."""
+    """Return the source of the custom law of a plan."""
     return _checked(plan.source, plan.source_hash)
 
 
 def _checked(source: UserSource | None, digest: str) -> UserSource:
     if source is None or source.hash != digest:
-        raise ValueError("a plan with custom code, without its source")
+        raise ValueError("the plan has custom code but not its source")
     return source
 
 
@@ -179,7 +181,7 @@ def _find_backend(law: str, file: str) -> LawBackend:
         return LawBackend(open_c_law, find_c_memory)
     backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
-        problem = f"a law of the kind '{law}', which no installed package supports"
+        problem = f"no installed package supports laws of kind '{law}'"
         raise InputError(file, problem, "'law: c' or 'law: python'")
     return backend
 
@@ -205,22 +207,24 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
-    """Return the error for linearizing a law whose memory is unknown."""
+    """Return the InputError for the linearization of a law whose memory is unknown."""
     problems = {
-        "c": "a control law whose memory is unknown",
-        "fmu": "an FMU whose memory cannot be set completely",
+        "c": "the memory of the control law is unknown",
+        "fmu": "the memory of the FMU cannot be set completely",
     }
     requirements = {
         "c": "abhv_law_state_get and abhv_law_state_set",
-        "fmu": "all its memory in the Derivatives of its modelDescription, with initial values "
-        "that can be set",
+        "fmu": (
+            "all memory in the Derivatives of modelDescription.xml, with initial values that can "
+            "be set"
+        ),
     }
     expected = f"{requirements[plan.law]}, for linearization"
     return InputError(plan_source(plan).file, problems[plan.law], expected)
 
 
 def must_run_in_child(plan: FlightPlan) -> bool:
-    """Return whether the plan's law is native code and must not run in this process."""
+    """Return whether the law of a plan is native code that must not run in this process."""
     return plan.law in NATIVE and not may_run_here()
 
 
@@ -234,17 +238,17 @@ def _python_memory(law: Law) -> dict[str, float]:
         or len(names) > MAX_MEMORY
         or not all(is_number(defaults.get(name)) for name in names)
     ):
-        problem = "a law in plain Python whose memory is no NamedTuple of numbers"
-        expected = "a NamedTuple of numbers as Memory, for linearization"
+        problem = "the memory of the law in plain Python is not a NamedTuple of numbers"
+        expected = "a class Memory that is a NamedTuple of numbers, for linearization"
         raise InputError(law.source.file, problem, expected)
     return {name: float(defaults[name]) for name in names}
 
 
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
-    """Return lane-memory row and initial value of each number in the law's memory, by name.
+    """Return the lane-memory row and initial value of each memory value of a law, by name.
 
-    They include the last commands if the law receives them (``onboard``). Raise InputError if the
-    memory is hidden.
+    The memory includes the last commands if the law receives them (``onboard``). Raise InputError
+    if the memory is hidden.
     """
     starts = native_memory(plan) if plan.law in NATIVE else _python_memory(load_plan_law(plan))
     rows = {name: (MEMORY + i, value) for i, (name, value) in enumerate(starts.items())}

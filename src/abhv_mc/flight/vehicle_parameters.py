@@ -1,4 +1,4 @@
-"""Parameters of a vehicle's flights: built-in ones, then those of custom code."""
+"""Parameters of flights of a vehicle: built-in parameters and those of custom code."""
 
 import ast
 import functools
@@ -17,7 +17,7 @@ from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 @functools.lru_cache(maxsize=16)
 def vehicle_parameters(code: VehicleCode | None) -> Parameters:
-    """Return the parameters in the order of the columns of complete rows."""
+    """Return the parameters in the order of the columns of full rows."""
     if code is None:
         return OURS
     docs = {
@@ -25,7 +25,7 @@ def vehicle_parameters(code: VehicleCode | None) -> Parameters:
             setting: f"setting of the vehicle's {setting.name.partition('.')[0]} function"
             for setting in code.settings
         },
-        **dict.fromkeys(code.starts, "added to this custom state at the start"),
+        **dict.fromkeys(code.starts, "offset of the initial value of the custom state"),
     }
     return Parameters(
         (*PARAMETERS, *(Parameter(*setting, doc, of_user=True) for setting, doc in docs.items()))
@@ -35,7 +35,7 @@ def vehicle_parameters(code: VehicleCode | None) -> Parameters:
 def read_vehicle_parameters(
     vehicle: str | Path, controllers: Iterable[Path] = ()
 ) -> tuple[Parameters, tuple[tuple[str, str], ...]]:
-    """Return the parameters of a vehicle and its controllers, and its custom states.
+    """Return the parameters of a vehicle and its controllers, and the custom states.
 
     Raise InputError if a file is invalid.
     """
@@ -44,23 +44,23 @@ def read_vehicle_parameters(
 
 
 def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> Parameters:
-    """Return the parameters and the dispersable settings of Python laws, as ``law.NAME``.
+    """Return the parameters, with dispersable settings of Python laws as ``law.NAME``.
 
-    Their nominal values are those of the controller files. No law is run. Raise InputError for
+    The nominal values are those of the controller files. No law is run. Raise InputError for
     settings that cannot be dispersed.
     """
     added: dict[str, Parameter] = {}
     for path in controllers:
         try:
             controller = read_controller(path)
-        except InputError:  # reported when the controller itself is prepared
+        except InputError:  # The error is reported when the controller is prepared.
             continue
         if not isinstance(controller, PythonController) or controller.around is not None:
             continue
         for name in _find_dispersable(controller.file):
             if name not in controller.settings:
-                expected = f"'settings: {{{name}: ...}}', its nominal value"
-                raise InputError(path, f"no value of the dispersable setting '{name}'", expected)
+                expected = f"'settings: {{{name}: ...}}' with the nominal value"
+                raise InputError(path, f"the dispersable setting '{name}' has no value", expected)
             text = controller.settings[name]
             parameter = Parameter(
                 f"law.{name}",
@@ -70,7 +70,10 @@ def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> P
                 of_user=True,
             )
             if added.setdefault(parameter.name, parameter) != parameter:
-                problem = f"'{name}: {text}', dispersable, with another value than in another file"
+                problem = (
+                    f"the dispersable setting '{name}: {text}' differs from the value in another "
+                    "file"
+                )
                 raise InputError(
                     path, problem, "the same value in all controllers, or another name"
                 )
@@ -78,7 +81,7 @@ def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> P
 
 
 def _find_dispersable(path: Path) -> tuple[str, ...]:
-    """Return the names in ``@controller(dispersable=(...))`` without running the file."""
+    """Return the names in ``@controller(dispersable=(...))``, without running the file."""
     for node in ast.walk(compile_text(read_source(path), ast.PyCF_ONLY_AST)):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "controller":
             for word in node.keywords:

@@ -1,4 +1,4 @@
-"""Temporary arrays of a run or a search: .npy files that end with a checksum."""
+"""Temporary arrays of a run or search, stored as .npy files with a checksum at the end."""
 
 import io
 import zlib
@@ -13,7 +13,7 @@ from abhv_mc.io.atomic_write import atomic_write
 
 
 def write_array(path: Path, *blocks: NDArray[Any]) -> None:
-    """Write the concatenation of ``blocks`` [row, ...].
+    """Write the concatenation of ``blocks`` [row, ...] to a file.
 
     Raise StorageFullError or InputError if the file cannot be written.
     """
@@ -39,7 +39,7 @@ def write_array(path: Path, *blocks: NDArray[Any]) -> None:
 
 
 def read_array(path: Path) -> NDArray[Any] | None:
-    """Return the memory-mapped array; None if the file is missing or damaged."""
+    """Return the array as a memory map, or None if the file is missing or damaged."""
     try:
         content = memoryview(path.read_bytes())
         if zlib.crc32(content[:-4]).to_bytes(4, "little") != content[-4:]:

@@ -1,4 +1,4 @@
-"""Flights of a campaign by controller, read from its blocks, and their ranking by severity.
+"""Flights of a campaign by controller, and their ranking by severity.
 
 The ranking determines which flights are listed, drawn and stored with their histories.
 """
@@ -29,19 +29,21 @@ _EXPECTED = "a block of flights"
 
 @dataclass(frozen=True)
 class ControllerFlights:
-    """Flights of one controller, ascending by number, without those that failed to run."""
+    """Flights of one controller in ascending order, except flights that failed to run."""
 
     flight: NDArray[np.int64]  # [flight]
-    outcome: NDArray[np.uint8]  # [flight], of `Outcome`
-    metrics: Mapping[str, Floats]  # name -> [flight], a new copy at each access
+    outcome: NDArray[np.uint8]  # [flight], codes of `Outcome`
+    metrics: Mapping[str, Floats]  # name -> [flight]; each access returns a copy
     absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
-    records: Mapping[str, Metric] = field(default_factory=lambda: BUILT_IN)  # of the metrics
+    records: Mapping[str, Metric] = field(
+        default_factory=lambda: BUILT_IN
+    )  # records of the metrics
     ends: Outcomes = OUTCOMES  # possible outcomes
-    reasons: Mapping[int, str] = field(default_factory=dict)  # of flights that failed to run
+    reasons: Mapping[int, str] = field(default_factory=dict)  # reasons why flights failed to run
 
     @property
     def end_time(self) -> Floats:
-        """Time [flight] at which each flight ended, s."""
+        """End time [flight] of each flight, s."""
         return self.metrics[END_TIME.name]
 
     @property
@@ -51,11 +53,11 @@ class ControllerFlights:
 
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
-        """Mask [flight] of the flights that terminated early."""
+        """Mask [flight] of early terminations."""
         return self.outcome != Outcome.OK
 
     def count_outcomes(self) -> dict[str, int]:
-        """Return the number of flights of each outcome that occurred, by its code."""
+        """Return the number of flights by outcome code, for outcomes that occurred."""
         counts = np.bincount(self.outcome, minlength=max(self.ends.codes) + 1).tolist()
         return {
             code: counts[number]
@@ -65,9 +67,9 @@ class ControllerFlights:
 
 
 def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """Return the severity [flight] of a metric for all flights, or those in ``rows``.
+    """Return the severity [flight] of a metric for all flights, or for ``rows``.
 
-    Larger is worse; a flight that terminated early is worst (see `abhv_mc.statistics`).
+    Larger values are worse; early terminations are worst (see `abhv_mc.statistics`).
     """
     return severity(
         flights.metrics[metric][rows], flights.records[metric].bad, flights.failed[rows]
@@ -75,7 +77,7 @@ def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None))
 
 
 def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """Return the severities [flight]; the exceedance for a metric with limits on both sides."""
+    """Return severities [flight], or exceedances if a metric has limits on both sides."""
     band = flights.records[metric].band
     if band is None:
         return severities(flights, metric, rows)
@@ -84,18 +86,18 @@ def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) 
 
 
 def metric_sign(record: Metric) -> float:
-    """Return the factor from a distance to the metric: -1 if small values are bad."""
+    """Return the sign of the metric in :func:`distances`: -1 if low values are worse."""
     return -1.0 if record.bad == "low" and not record.band else 1.0
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
-    """Return the rows of the common flights: row i of both results is the same flight."""
+    """Return the rows of common flights in ``a`` and in ``b``, in the same order."""
     _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
     return rows_a, rows_b
 
 
 class _Collector:
-    """Flights of one controller from the blocks read so far."""
+    """Collector of the flights of one controller from several blocks."""
 
     def __init__(self, metrics: list[str]) -> None:
         self.flight: list[NDArray[np.int64]] = []
@@ -105,7 +107,7 @@ class _Collector:
         self.reasons: dict[int, str] = {}
 
     def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
-        """Add rows of a block: [flight], [flight] and [metric, flight]."""
+        """Add rows of a block; ``values`` is [metric, flight]."""
         computed = outcome != Outcome.FAILED_TO_RUN
         self.absent.append(flight[~computed])
         self.flight.append(flight[computed])
@@ -113,7 +115,7 @@ class _Collector:
         self.metrics.append(values[:, computed])
 
     def finish(self, records: Mapping[str, Metric], ends: Outcomes) -> ControllerFlights:
-        """Return all flights, ascending by number."""
+        """Return all flights in ascending order."""
         flight, outcome = np.concatenate(self.flight), np.concatenate(self.outcome)
         if np.any(flight[1:] < flight[:-1]):
             order = np.argsort(flight, kind="stable")
@@ -137,11 +139,10 @@ def read_flights(
     columns: Collection[str] | None = None,
     ends: Outcomes = OUTCOMES,
 ) -> dict[str, ControllerFlights]:
-    """Read the flights of each controller from the blocks of a folder, or the ``allowed`` ones.
+    """Read the flights of each (or each ``allowed``) controller from a folder.
 
-    Controllers without a computed flight are left out. ``records`` are the metrics of the
-    campaign; ``columns`` are the values to read, by default all. Raise InputError if there is no
-    flight.
+    Controllers without a computed flight are omitted. ``records`` are the metrics of the campaign;
+    ``columns`` are the values to read, by default all. Raise InputError if there is no flight.
     """
     files = [
         path for path in sorted(folder.glob("*.parquet")) if allowed is None or path in allowed
@@ -153,7 +154,7 @@ def read_flights(
     metrics = [name for name in metrics if columns is None or name in columns]
     collectors: dict[str, _Collector] = {}
     expected = ["flight", "controller", "outcome", *metrics]
-    if REASON in schema.names:  # folders of earlier versions have no reasons
+    if REASON in schema.names:  # Folders of earlier versions have no reasons.
         expected.append(REASON)
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = column_values(table["flight"]).astype(np.int64)
@@ -177,12 +178,12 @@ def read_flights(
     flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
     flights = {name: computed for name, computed in flights.items() if computed.flight.size}
     if not flights:
-        raise missing_file(folder, "a flight that did not fail to run")
+        raise missing_file(folder, "at least one flight that did not fail to run")
     return flights
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Return the columns of metrics: numbers whose names have no point and that are not inputs."""
+    """Return the metric columns: floats that are not inputs, with no dot in the name."""
     floats = [
         field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
     ]
@@ -193,15 +194,17 @@ def _find_metrics(schema: pa.Schema) -> list[str]:
 class Ranking:
     """Flights of all controllers, worst first.
 
-    Early terminations come first, in the order of their time, then the largest exceedances.
+    Early terminations come first, in order of time, followed by the largest exceedances.
     """
 
     controllers: tuple[str, ...]
     controller: NDArray[np.intp]  # [rank] index of the controller
-    row: NDArray[np.intp]  # [rank] row among its flights
-    # controller -> [row] largest exceedance in units of its limit; infinite if terminated early
+    row: NDArray[np.intp]  # [rank] row among the controller's flights
+    # controller -> [row] largest relative exceedance; inf if terminated early
     beyond: Mapping[str, Floats]
-    criterion_index: Mapping[str, NDArray[np.intp]]  # controller -> [row] of that exceedance
+    criterion_index: Mapping[
+        str, NDArray[np.intp]
+    ]  # controller -> [row] index of the exceeded criterion
 
     def rows_of(self, name: str) -> NDArray[np.intp]:
         """Return the rows [flight] of a controller, worst first."""
@@ -219,7 +222,7 @@ def rank_flights(
 ) -> Ranking:
     """Rank the flights of all controllers.
 
-    If a limit has no scale, the flights of the first controller define it.
+    If a limit has no scale, the flights of the first controller define the scale.
     """
     first = next(iter(flights.values()))
     scales = [

@@ -1,8 +1,8 @@
-"""Recorded values from which the time-history envelopes of a controller are computed.
+"""Stored values from which the time-history envelopes of a controller are computed.
 
-Bands and extremes are exact for flights 0 to ``ENVELOPE_FLIGHTS`` - 1, in whatever order they are
-computed; later flights are not recorded. The values are stored until the campaign is complete,
-so that a killed run can resume.
+Bands and extremes are exact for flights 0 to ``ENVELOPE_FLIGHTS`` - 1, in any order of computation;
+later flights are not recorded. The values are stored until the campaign is complete, so that a
+killed run can resume.
 """
 
 import contextlib
@@ -26,8 +26,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.bands import QUANTILES, band_quantiles
 
 ENVELOPE_FLIGHTS = 4096
-_SLAB = 4_000_000  # values sorted at once
-_EXTRA_ROWS = 4  # rows of a block's file after those of its flights
+_SLAB = 4_000_000  # values sorted together
+_EXTRA_ROWS = 4  # rows of a block's file after the rows of flights
 
 
 @dataclass(frozen=True)
@@ -35,19 +35,19 @@ class Cells:
     """Channels and times of envelopes; a cell is one channel at one time."""
 
     channels: tuple[str, ...]
-    columns: tuple[int, ...]  # of the plan's channels
+    columns: tuple[int, ...]  # columns of the plan's channels
     every: int  # control ticks between recorded times
-    times: Floats | None = None  # of every block; None: a block ends with its last flight
-    points: int = 1  # of the unknown parameters; flight k is simulated at point k % points
+    times: Floats | None = None  # times of all blocks; None: each block ends with its last flight
+    points: int = 1  # flight k is at point k % points of the unknowns
 
     @property
     def recording(self) -> Recording:
-        """Recording that flights need."""
+        """Recording settings for the flights."""
         return Recording(self.every, self.columns, extremes=True)
 
 
 class Collector:
-    """Recorded values of one controller, one file per block, until the campaign is complete.
+    """Values of one controller, stored in one file per block until the campaign is complete.
 
     A file has a row [cell] for each flight, then a row of the smallest and one of the largest
     values, and two rows with the times.
@@ -57,9 +57,9 @@ class Collector:
         """Find the stored blocks; ``flown`` [flight] is true for flights with a stored row."""
         self._folder, self._controller, self._cells = folder / "blocks", controller, cells
         self.recorded = cells.recording
-        # [flight] whether its values are stored, or not needed
+        # [flight] true if values are stored or not needed
         self.covered = np.arange(len(flown)) >= ENVELOPE_FLIGHTS
-        # file of each intact block -> first flight, one after the last, times
+        # file of each intact block -> (first flight, stop, times)
         self._blocks: dict[Path, tuple[int, int, Floats]] = {}
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
@@ -119,7 +119,7 @@ class Collector:
                 raise InputError(
                     path,
                     "the file was damaged or deleted during the run",
-                    "the same command again, which computes it anew",
+                    "the same command again, which computes the file again",
                 )
             values, ends = block[:-_EXTRA_ROWS], block[-_EXTRA_ROWS:-2]
             begin = shape[1] * int(np.searchsorted(times, clock[0]))
@@ -157,7 +157,7 @@ class Collector:
     def finish(self) -> None:
         """Delete the stored values."""
         shutil.rmtree(self._folder, ignore_errors=True)
-        with contextlib.suppress(OSError):  # not empty: files of another controller
+        with contextlib.suppress(OSError):  # The folder may contain files of another controller.
             self._folder.parent.rmdir()
 
 
@@ -169,7 +169,7 @@ def _times_of(block: Singles, channels: int) -> Floats:
 def _ends(
     extremes: Singles, count: NDArray[np.int64], shape: tuple[int, int]
 ) -> tuple[Floats, Floats]:
-    """Return the smallest and largest values ``[time, channel]``; NaN after all flights ended."""
+    """Return the extremes ``[time, channel]``, NaN after the end of all flights."""
     low, high = (
         np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in extremes
     )
@@ -177,7 +177,7 @@ def _ends(
 
 
 def _computed(values: Singles) -> Mask:
-    """Return which flights [flight] of ``values`` [flight, cell] could be computed."""
+    """Return the mask [flight] of computed flights in ``values`` [flight, cell]."""
     return np.asarray((~np.isnan(values)).any(axis=1))
 
 

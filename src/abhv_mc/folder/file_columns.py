@@ -1,4 +1,4 @@
-"""Tables read one column at a time, so that reports of large campaigns need little memory."""
+"""Tables that are read one column at a time to save memory in large campaigns."""
 
 import os
 import tempfile
@@ -16,12 +16,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.parquet_columns import column_values
 
-_IN_MEMORY = 32 * 2**20  # bytes; a larger table is written to a temporary file
+_IN_MEMORY = 32 * 2**20  # limit for tables in memory, bytes
 _CHUNK = 16_384  # rows written together
 
 
 def missing_file(path: Path, expected: str) -> InputError:
-    """Return the error for a missing file."""
+    """Return the InputError for a missing file."""
     return InputError(path, "no such file", expected)
 
 
@@ -37,7 +37,7 @@ def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
 
 
 def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read all or some columns of a Parquet file. Raise InputError if it is missing or invalid."""
+    """Read columns of a Parquet file. Raise InputError if it is missing or invalid."""
     with _open(path, expected) as file:
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
@@ -52,7 +52,7 @@ def read_pieces(
 
 
 class _Columns(Mapping[str, Floats]):
-    """Columns whose names are known without reading them."""
+    """Mapping of column names to columns that are read on access."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._positions = {name: i for i, name in enumerate(names)}
@@ -71,7 +71,7 @@ class FileColumns(_Columns):
     """Columns [row] of a Parquet file; each access reads the file."""
 
     def __init__(self, path: Path, expected: str, without: Sequence[str]) -> None:
-        """Raise InputError if the file is missing or invalid. Columns ``without`` are excluded."""
+        """Open the file without columns ``without``. Raise InputError if it is invalid."""
         self._path, self._expected = path, expected
         with _open(path, expected) as file:
             super().__init__(name for name in file.schema_arrow.names if name not in without)
@@ -87,13 +87,12 @@ class FileColumns(_Columns):
 class SpooledColumns(_Columns):
     """Columns [row] of a table that is assembled from pieces; each access returns a copy.
 
-    A table above a few ten megabytes is stored in an unnamed temporary file, which is deleted with
-    the object.
+    A large table is stored in an unnamed temporary file, which is deleted with the object.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__(names)
-        self._waiting: list[Floats] = []  # pieces that are not yet written
+        self._waiting: list[Floats] = []  # pieces not yet written
         self._chunks: list[int] = []  # rows of each written chunk
         self._order: NDArray[np.intp] | None = None
         self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
@@ -113,7 +112,7 @@ class SpooledColumns(_Columns):
         self._file.write(np.ascontiguousarray(chunk, dtype=np.float64).data)
 
     def put_in_order(self, order: NDArray[np.intp]) -> None:
-        """Reorder the rows: row i of every column is the row ``order[i]`` that was added."""
+        """Reorder the rows: row i becomes the row that was added as row ``order[i]``."""
         self._order = order
 
     def __getitem__(self, name: str) -> Floats:

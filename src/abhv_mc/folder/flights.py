@@ -1,9 +1,9 @@
-"""Blocks of simulated flights as Parquet files, one row per flight and controller; their digest.
+"""Blocks of flights as Parquet files with one row per flight, and their digest.
 
 Two campaigns have the same digest if and only if their flights tables are equal. Each row is hashed
 (BLAKE2b over controller, flight, outcome and the bits of every sample and metric), and the hashes
 are added modulo 2**256. The sum does not depend on the order of flights, the block size or
-interruptions. Flights that failed to run say nothing about the vehicle and are left out.
+interruptions. Flights that failed to run are excluded.
 """
 
 import hashlib
@@ -28,18 +28,18 @@ from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (*METRICS, END_TIME)  # columns after the samples and the custom metrics
+VALUES = (*METRICS, END_TIME)  # columns after samples and custom metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
-REASON = "reason"  # why a flight failed to run; it enters no digest
-_LONGEST = 300  # characters of a reason
-INPUT = b"input"  # metadata key of sample columns whose names have no point
+REASON = "reason"  # column of reasons for failing to run; not part of the digest
+_LONGEST = 300  # maximum number of characters of a reason
+INPUT = b"input"  # metadata key of sample columns without a dot in the name
 _DIGEST = b"abhv_mc.digest"
 _MODULUS = 1 << 256
 
 
 class DamagedFileError(Exception):
-    """Block file that is truncated or does not match its name; its flights are run again."""
+    """Error: a block file is damaged or does not match its name; its flights are re-run."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def digest_rows(
         if names
         else np.empty((len(flight), 0))
     )
-    values[np.isnan(values)] = np.nan  # one bit pattern for every not-a-number
+    values[np.isnan(values)] = np.nan  # All NaNs get the same bit pattern.
     failed = Outcome.FAILED_TO_RUN.code
     total = 0
     for number, word, row in zip(
@@ -87,21 +87,21 @@ def digest_rows(
 
 @dataclass(frozen=True)
 class FlightRows:
-    """Rows of one block of one controller, ascending by flight without gaps."""
+    """Rows of one block of one controller, for consecutive flights."""
 
     controller: str
     first: int
-    names: tuple[str, ...]  # of the sampled parameters
+    names: tuple[str, ...]  # names of the sampled parameters
     samples: Floats  # [flight, parameter]
-    outcome: tuple[str, ...]  # codes
+    outcome: tuple[str, ...]  # codes of the outcomes
     values: Floats  # [flight, value]
-    columns: tuple[str, ...] = _VALUE_NAMES  # of the values: the metrics, then the end time
-    duration: float = np.inf  # of the mission, s
-    reasons: tuple[str, ...] = ()  # why flights failed to run; empty if none has a reason
+    columns: tuple[str, ...] = _VALUE_NAMES  # names of the values: metrics, then the end time
+    duration: float = np.inf  # duration of the mission, s
+    reasons: tuple[str, ...] = ()  # reasons why flights failed to run; empty without any
 
     @property
     def stop(self) -> int:
-        """Number after that of the last flight."""
+        """Number of the last flight plus one."""
         return self.first + len(self.outcome)
 
     @property
@@ -115,13 +115,13 @@ class FlightRows:
 
     @property
     def end_time(self) -> Floats:
-        """Time at which each flight ended, s."""
+        """End time of each flight, s."""
         return self.column(END_TIME.name)
 
     @property
     def cases(self) -> list[str]:
         """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
-        if ENGINE_FAILED not in self.columns:  # custom simulator
+        if ENGINE_FAILED not in self.columns:  # as in a custom simulator
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))
@@ -134,18 +134,18 @@ class FlightRows:
 
 
 def make_field(name: str, kind: pa.DataType, unit: str, doc: str, **metadata: str) -> pa.Field:
-    """Return a column with its unit and description."""
+    """Return an Arrow field with unit and description."""
     return pa.field(name, kind, nullable=False, metadata={"unit": unit, "doc": doc, **metadata})
 
 
 def make_input_field(parameter: Parameter) -> pa.Field:
-    """Return a column of samples."""
+    """Return the Arrow field of a sampled parameter."""
     mark = {} if "." in parameter.name else {INPUT.decode(): "yes"}
     return make_field(parameter.name, pa.float64(), parameter.unit, parameter.doc, **mark)
 
 
 def _value_field(signal: Signal) -> pa.Field:
-    """Return a column of a metric, with its label, bad side and group, or of another number."""
+    """Return the Arrow field of a metric, with label, worse side and group, or of a signal."""
     metadata = (
         {"label": signal.label, "bad": signal.bad, "group": signal.group}
         if isinstance(signal, Metric)
@@ -161,7 +161,7 @@ def flights_schema(
     table: Parameters = OURS,
     ends: Outcomes = OUTCOMES,
 ) -> pa.Schema:
-    """Return the schema of the flights table: sample columns ``names`` and those of ``values``."""
+    """Return the schema of the flights table with samples ``names`` and ``values``."""
     outcomes = "; ".join(f"{code}: {ends.sentences[code]}" for code in ends.codes.values())
     fields = [
         make_field("flight", pa.int64(), "-", "number of the flight"),
@@ -172,7 +172,7 @@ def flights_schema(
             CASE,
             pa.string(),
             "-",
-            "what failed, or was to fail before the mission's end; or 'none'",
+            "failures drawn before the end of the mission, or 'none'",
         ),
         *(make_input_field(table[name]) for name in names),
         *map(_value_field, values),
@@ -189,8 +189,8 @@ def write_parquet(
 ) -> None:
     """Write a Parquet file.
 
-    Byte-stream split of floats, dictionaries only for repeated texts and light compression halve
-    the size of Parquet's defaults.
+    Floats are byte-stream split and only repeated texts have dictionaries, which halves the file
+    size of the Parquet defaults.
     """
     write_pieces(path, table.schema, [table], float_columns, dictionary_columns, **options)
 
@@ -203,7 +203,7 @@ def write_pieces(
     dictionary_columns: list[str],
     **options: Any,
 ) -> None:
-    """Write a Parquet file whose ``pieces`` become row groups; see :func:`write_parquet`."""
+    """Write a Parquet file with one row group per piece; see :func:`write_parquet`."""
     encoding = dict.fromkeys(float_columns, "BYTE_STREAM_SPLIT")
     settings = {
         "compression": "zstd",
@@ -227,12 +227,12 @@ def write_pieces(
 
 
 def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
-    """Return the path of the file with flights first .. stop - 1 of a controller."""
+    """Return the path of the block with flights ``first`` to ``stop - 1`` of a controller."""
     return folder / f"{controller}-{first:09d}-{stop:09d}.parquet"
 
 
 def parse_block_name(path: Path) -> tuple[str, int, int]:
-    """Return controller, first and stop of a block's file. Raise DamagedFileError if invalid."""
+    """Return controller, first and stop from the name of a block file."""
     controller, _, stop = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
     if not (controller and first.isdecimal() and stop.isdecimal() and (first + stop).isascii()):
@@ -241,7 +241,7 @@ def parse_block_name(path: Path) -> tuple[str, int, int]:
 
 
 def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
-    """Write a block's file into ``folder`` and return its digest."""
+    """Write a block to a file in ``folder`` and return the digest."""
     digest = rows.digest()
     count = len(rows.outcome)
     reasons = tuple(map(_plain_text, rows.reasons)) or ("",) * count
@@ -254,12 +254,12 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
 
 
 def _plain_text(reason: str) -> str:
-    """Return a reason as one line of valid text."""
+    """Return a reason as one line of valid, limited text."""
     return " ".join(reason.encode(errors="replace").decode().split())[:_LONGEST]
 
 
 def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest: Digest) -> None:
-    """Write a file of flights with the rows of ``pieces``."""
+    """Write a file of flights that consists of ``pieces``."""
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     floats = [field.name for field in schema if pa.types.is_floating(field.type)]
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
@@ -274,12 +274,12 @@ def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest
 
 
 def read_digest(path: Path) -> Digest:
-    """Return the digest stored in a block's file."""
+    """Return the digest stored in a block file."""
     return Digest(int((pq.read_schema(path).metadata or {})[_DIGEST], 16))
 
 
 def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, Digest]]:
-    """Yield the rows of a block's file, one row group at a time, each with its digest.
+    """Yield the row groups of a block file, each with its digest.
 
     Raise DamagedFileError if the file is damaged, at the latest after the last row group.
     """

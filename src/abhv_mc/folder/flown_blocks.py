@@ -1,6 +1,6 @@
-"""Blocks of flights in a campaign's folder: check of the stored ones, and merge into larger files.
+"""Check of the blocks of flights in a results folder, and merge into larger files.
 
-Merged files have about a million rows, because 1e7 flights have thousands of blocks.
+Merged files have about a million rows, because campaigns of 1e7 flights have thousands of blocks.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,9 +26,9 @@ from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.samples import SampleReader
 
-ROWS = 1 << 20  # largest number of rows of a merged file
-MANY = 64  # files of a controller up to which none are merged
-_GROUP = 1 << 16  # rows in memory, and of a row group
+ROWS = 1 << 20  # maximum number of rows of a merged file
+MANY = 64  # files of a controller that are left unmerged
+_GROUP = 1 << 16  # rows of a row group
 
 
 def read_flown_blocks(
@@ -40,18 +40,18 @@ def read_flown_blocks(
     *,
     keep_failed_to_run: bool = False,
 ) -> Iterator[tuple[FlightRows, Digest]]:
-    """Yield the valid blocks of each controller's ``runs`` flights, with their digests.
+    """Yield the valid blocks of each controller, with their digests.
 
     Invalid blocks are deleted, and their flights are run again: damaged blocks, blocks of other
-    samples or metrics, overlapping blocks, and (unless ``keep_failed_to_run``) blocks with a
-    flight that failed to run, which may succeed now. Files that the manifest lists come first,
-    because a killed run may leave a merged file next to its sources.
+    samples or metrics, overlapping blocks, and (unless ``keep_failed_to_run``) blocks with a flight
+    that failed to run. Files that the manifest lists come first, because a killed run may leave a
+    merged file next to its sources.
     """
     masks = {name: np.zeros(number, bool) for name, number in runs.items()}
     listed = [path for path in files.paths() if path.parent == folder.flights]
     files.forget(
         *(path for path in listed if not path.is_file())
-    )  # their flights are computed again
+    )  # Flights of invalid blocks are computed again.
     for path in sorted(
         folder.flights.glob("*.parquet"), key=lambda path: (not files.knows(path), path)
     ):
@@ -76,14 +76,14 @@ def read_flown_blocks(
         taken[first:stop] = True
         if pieces == 1:
             yield block
-        else:  # too large for memory
+        else:  # The file is too large for memory.
             yield from read_pieces(path, samples.names)
 
 
 def read_campaign_block(
     path: Path, names: tuple[str, ...], files: FileHashes
 ) -> Iterator[tuple[FlightRows, Digest]]:
-    """Yield the pieces of a block that this folder's campaign wrote, with their digests.
+    """Yield the row groups of a stored block, with their digests.
 
     Raise DamagedFileError if the block is damaged, at the latest after the last piece.
     """
@@ -91,12 +91,12 @@ def read_campaign_block(
     if is_listed and (damage := files.damage(path)):
         raise DamagedFileError(f"{path.name}: {damage}")
     yield from read_pieces(path, names)
-    if not is_listed:  # written after the last manifest, and consistent with its own digest
+    if not is_listed:  # The file was written after the manifest and matches its own digest.
         files.note(path, hash_file(path))
 
 
 def find_joins(paths: Sequence[Path]) -> list[list[Path]]:
-    """Return groups of adjacent files to merge; none for a controller with few files."""
+    """Return groups of adjacent files to merge, if a controller has many files."""
     joins = []
     blocks = sorted((*parse_block_name(path), path) for path in paths)
     for _, group in groupby(blocks, key=lambda block: block[0]):
@@ -114,9 +114,9 @@ def find_joins(paths: Sequence[Path]) -> list[list[Path]]:
 
 
 def join_files(paths: Sequence[Path]) -> Path:
-    """Write the rows of adjacent files to one file, whose digest is the sum of theirs.
+    """Join adjacent files into one file, whose digest is the sum of the digests.
 
-    Return its path. The source files are kept.
+    Return the path of the joined file. The source files are kept.
     """
     controller, first, _ = parse_block_name(paths[0])
     joined = block_path(paths[0].parent, controller, first, parse_block_name(paths[-1])[2])
@@ -126,7 +126,7 @@ def join_files(paths: Sequence[Path]) -> Path:
 
 
 def _read_groups(paths: Sequence[Path]) -> Iterator[pa.Table]:
-    """Yield the rows of files in order, in tables of about a row group."""
+    """Yield the rows of files in order, as tables of about one row group."""
     waiting: list[pa.Table] = []
     for path in paths:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:

@@ -1,4 +1,4 @@
-"""Results of a campaign as arrays, from which all tables, figures and pages are made."""
+"""Results of a campaign as arrays, the source of all tables, figures and pages."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -36,13 +36,13 @@ BANDS = ("min", *QUANTILE_COLUMNS, "max")
 class Envelope:
     """Time-history envelope of one channel of one controller over all flights."""
 
-    time: Floats  # [time] s
-    count: NDArray[np.int64]  # [time] flights that have not ended
-    bands: dict[str, Floats]  # BANDS -> [time]; with unknowns also MOST_MEDIAN
+    time: Floats  # [time], s
+    count: NDArray[np.int64]  # [time] number of flights that have not ended
+    bands: dict[str, Floats]  # name of a band -> [time]
 
     @property
     def median(self) -> Floats:
-        """Median [time]; with unknowns the mean of its lower and upper edge."""
+        """Median [time]; with unknowns, the mean of the median's lower and upper edge."""
         return np.asarray(
             (self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0
         )
@@ -50,47 +50,47 @@ class Envelope:
 
 @dataclass(frozen=True)
 class FlownCampaign:
-    """Campaign, samples, flights and envelopes of a results folder, as a report reads them."""
+    """Campaign, samples, flights and envelopes read from a results folder."""
 
     folder: Path
     campaign: Experiment
     manifest: Manifest
-    samples: Mapping[str, Floats]  # parameter -> [flight], index k is flight k; read at each access
+    samples: Mapping[str, Floats]  # parameter -> [flight]; each access reads the column
     flights: dict[str, ControllerFlights]
-    envelopes: dict[tuple[str, str], Envelope]  # (controller, channel)
+    envelopes: dict[tuple[str, str], Envelope]  # by (controller, channel)
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
-    requirement_changes: tuple[RequirementChange, ...] = ()  # after results had been seen
+    requirement_changes: tuple[RequirementChange, ...] = ()  # changes after results had been seen
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.
 
-        To be called after the results have been used.
+        Call this function after the results have been used.
         """
-        if self.manifest.files:  # empty in a manifest that was not read from a folder
+        if self.manifest.files:  # The list is empty if the manifest was not read from a folder.
             refuse_changes(CampaignFolder(self.folder), self.manifest)
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Simulated controllers in the campaign's order."""
+        """Simulated controllers in the order of the campaign."""
         return tuple(name for name in self.campaign.controllers if name in self.flights)
 
     @cached_property
     def ranking(self) -> Ranking:
-        """Flights of all controllers, worst first."""
+        """Ranking of the flights of all controllers, worst first."""
         return rank_flights(
             {name: self.flights[name] for name in self.controllers}, self.campaign.criteria
         )
 
     @property
     def dispersed(self) -> tuple[str, ...]:
-        """Sampled parameters without the seeds of noise, which are not dispersions."""
+        """Dispersed parameters: all sampled parameters except noise seeds."""
         return tuple(name for name in self.samples if not self.campaign.parameters[name].seed)
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        """Stored metrics: the required ones first, then in the order of their definition."""
+        """Stored metrics: required metrics first, then others in order of definition."""
         stored = [
             name for name in next(iter(self.flights.values())).metrics if name not in self._excluded
         ]
@@ -99,7 +99,7 @@ class FlownCampaign:
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """Required metrics."""
+        """Metrics on which the campaign has requirements."""
         stored = next(iter(self.flights.values())).metrics
         return tuple(
             name for name in self.campaign.asked if name in stored and name not in self._excluded
@@ -107,15 +107,15 @@ class FlownCampaign:
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Metrics by which controllers are compared: the required ones and the control effort."""
+        """Metrics by which controllers are compared: required metrics and control effort."""
         usage = [name for name in self.metrics if self.campaign.metrics[name].group == "usage"]
         return tuple(dict.fromkeys((*self.asked, *usage)))
 
     @property
     def _excluded(self) -> tuple[str, ...]:
-        """Columns that are not metrics, and margins unless every flight has them.
+        """Columns that are not metrics, and margins unless all flights have margins.
 
-        Such margins are shown only in the section on stability.
+        Margins of some flights are shown only in the section on stability.
         """
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
         return (
@@ -167,9 +167,9 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 
 
 def read_flown(root: Path, requirements: RequirementSource | None = None) -> FlownCampaign:
-    """Read a campaign's folder, with its own or other ``requirements``.
+    """Read a results folder; ``requirements`` may replace those of the folder.
 
-    Raise InputError if a file is missing or invalid, or if the requirements do not fit.
+    Raise InputError if a file is missing or invalid, or if the requirements are invalid.
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
@@ -207,7 +207,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return the stored histories of one controller: flight -> "time" and channels -> [time]."""
+    """Return stored histories of a controller: flight -> "time" and channels -> [time]."""
     histories: dict[int, dict[str, Floats]] = {}
     for path in _history_files(root, controller):
         columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
@@ -221,7 +221,7 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
 
 
 def flights_with_history(root: Path, controller: str) -> set[int]:
-    """Return the flights of one controller whose histories are stored."""
+    """Return the flights of one controller that have stored histories."""
     tables = (read_table(path, _HISTORIES, ["flight"]) for path in _history_files(root, controller))
     return {
         number for table in tables for number in np.unique(column_values(table["flight"])).tolist()
@@ -229,7 +229,7 @@ def flights_with_history(root: Path, controller: str) -> set[int]:
 
 
 def _history_files(root: Path, controller: str) -> Iterator[Path]:
-    """Yield the files of histories of one controller."""
+    """Yield the history files of one controller."""
     folder = CampaignFolder(root)
     for path in data_files(folder, read_manifest(folder.manifest)):
         if path.parent == folder.histories:

@@ -1,4 +1,4 @@
-"""SHA-256 of a campaign's files, listed in its manifest and checked before a file is read."""
+"""SHA-256 of the files of a results folder, checked before a file is read."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -9,21 +9,21 @@ from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.io.input_error import InputError
 
-DAMAGED = "the file is damaged, or was changed after the campaign wrote it"
+DAMAGED = "the file is damaged or was changed after the run"
 GONE = "the file is missing, but the manifest lists it"
 
 
 class FileHashes:
-    """Hashes of a folder's files: those of the manifest, and those of files that a run writes."""
+    """Hashes of files in the manifest and of files that a run writes."""
 
     def __init__(self, folder: CampaignFolder, hashes: Mapping[str, str]) -> None:
         self._folder = folder
         self._known = dict(hashes)
 
     def note(self, path: Path, digest: str) -> None:
-        """Record the hash of a file that was written or checked.
+        """Record the hash of a file that has been written or checked.
 
-        States of envelopes have checksums of their own and are not recorded.
+        Stored values of envelopes have their own checksums and are not recorded.
         """
         folder = self._folder
         inside = path.is_relative_to(folder.root) and not path.is_relative_to(
@@ -33,28 +33,28 @@ class FileHashes:
             self._known[self._name(path)] = digest
 
     def knows(self, path: Path) -> bool:
-        """Return whether the file's hash is known.
+        """Return whether the hash of a file is known.
 
-        If not, a run was killed before it could list the file.
+        The hash is unknown if a run was killed before it listed the file.
         """
         return self._name(path) in self._known
 
     def damage(self, path: Path) -> str | None:
-        """Return a description of a known file's damage; None if it is intact."""
+        """Return a description of the damage of a known file, or None if it is intact."""
         if not path.is_file():
             return GONE
         return DAMAGED if hash_file(path) != self._known[self._name(path)] else None
 
     def paths(self) -> list[Path]:
-        """Return the paths of the known files."""
+        """Return the paths of all known files."""
         return [self._folder.root / name for name in sorted(self._known)]
 
     def listed(self) -> dict[str, str]:
-        """Return the hashes of all files, for the manifest."""
+        """Return the hashes of all files by name, for the manifest."""
         return dict(sorted(self._known.items()))
 
     def forget(self, *paths: Path) -> None:
-        """Remove files from the list that the run has deleted or is about to replace."""
+        """Remove from the list files that the run has deleted or will replace."""
         for path in paths:
             self._known.pop(self._name(path), None)
 
@@ -64,7 +64,7 @@ class FileHashes:
 
 @contextlib.contextmanager
 def record_hashes(folder: CampaignFolder, hashes: Mapping[str, str]) -> Iterator[FileHashes]:
-    """Collect the known hashes, and those of all files written to the folder in the block."""
+    """Collect known hashes, and hashes of all files written to the folder in the context."""
     recorder = FileHashes(folder, hashes)
     with recording(recorder.note):
         yield recorder
@@ -73,7 +73,7 @@ def record_hashes(folder: CampaignFolder, hashes: Mapping[str, str]) -> Iterator
 def find_damage(
     folder: CampaignFolder, manifest: Manifest, paths: Iterable[Path] | None = None
 ) -> Iterator[tuple[Path, str]]:
-    """Yield each damaged or missing file of the folder (or of ``paths``), with a description."""
+    """Yield each damaged or missing file with a description of the damage."""
     files = FileHashes(folder, manifest.files)
     for path in files.paths() if paths is None else [path for path in paths if files.knows(path)]:
         if damage := files.damage(path):
@@ -81,34 +81,34 @@ def find_damage(
 
 
 def read_checked(folder: CampaignFolder, paths: Iterable[Path] | None = None) -> Manifest:
-    """Return the manifest of a folder after a check of its files (all, or ``paths``).
+    """Check all files of a folder, or ``paths``, and return the manifest.
 
-    Raise InputError, which names the first damaged or missing file.
+    Raise InputError for the first damaged or missing file.
     """
     manifest = read_manifest(folder.manifest)
     for path, damage in find_damage(folder, manifest, paths):
         if holder := lock_holder(folder.lock):
             problem = f"the file differs from the manifest while {holder} runs a campaign there"
-            raise InputError(path, problem, "the same command after the end of that run")
+            raise InputError(path, problem, "the same command after the run has ended")
         raise damage_error(path, damage)
     return manifest
 
 
 def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
-    """Raise InputError if a run has replaced or removed files that ``manifest`` lists.
+    """Raise InputError if a run has replaced or removed files listed in ``manifest``.
 
-    To be called after reading.
+    Call this function after the files have been read.
     """
     if not manifest.files.items() <= read_manifest(folder.manifest).files.items():
-        problem = "a run has replaced files of this folder while they were read"
-        raise InputError(folder.root, problem, "the same command after the end of that run")
+        problem = "a run replaced files of this folder while the files were read"
+        raise InputError(folder.root, problem, "the same command after the run has ended")
 
 
 @contextlib.contextmanager
 def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
-    """Call :func:`refuse_changes` at the end of a block, also after an error.
+    """Call :func:`refuse_changes` at the end of the context, also after an error.
 
-    The changes then explain the error.
+    Such changes then explain the error.
     """
     try:
         yield
@@ -117,13 +117,13 @@ def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator
 
 
 def damage_error(path: Path, damage: str) -> InputError:
-    """Return the error for a damaged file."""
-    remedy = "the original file, or a new run in another folder (-o DIR) or with --fresh"
+    """Return the InputError for a damaged file."""
+    remedy = "the original file, or a new run with --fresh or in another folder (-o DIR)"
     return InputError(path, damage, remedy)
 
 
 def data_files(folder: CampaignFolder, manifest: Manifest) -> list[Path]:
-    """Return the data files that the manifest lists, sorted by name."""
+    """Return the data files listed in the manifest, sorted by name."""
     single = {folder.samples, folder.envelopes, folder.nominal, folder.reference, folder.margins}
     paths = FileHashes(folder, manifest.files).paths()
     return [

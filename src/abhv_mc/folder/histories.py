@@ -1,6 +1,6 @@
-"""Parquet files of time histories: of flights, nominal flights and the reference, and envelopes.
+"""Parquet files of time histories, nominal flights, the reference, and envelopes.
 
-The file of envelopes has a row per controller, channel and recorded time.
+The file of envelopes has one row per controller, channel and recorded time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,10 +21,12 @@ _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
-MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band if there are unknowns
+MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band with unknowns
 _DOCS = {
-    name: f"{adjective} value at any control tick, or returned sample, from the time before to the "
-    "time after"
+    name: (
+        f"{adjective} value at any control tick or returned sample between the previous and the "
+        "next time"
+    )
     for name, adjective in (("min", "smallest"), ("max", "largest"))
 } | {
     name: f"{name[1:]} % quantile over the flights, linear between order statistics"
@@ -47,9 +49,10 @@ def write_histories(
     metadata: dict[str, str] | None = None,
     recorded: Sequence[Signal] = CHANNELS,
 ) -> None:
-    """Write ``channels`` of ``history[flight, time, channel]``, whose last axis is ``recorded``.
+    """Write ``channels`` of ``history[flight, time, channel]`` to a Parquet file.
 
-    A flight that terminated early has rows up to its end, where the first channel is not NaN.
+    The last axis of ``history`` is ``recorded``. A flight that terminated early has rows while the
+    first channel is not NaN.
     """
     rows = ~np.isnan(history[:, :, 0])
     number, time = np.nonzero(rows)
@@ -98,7 +101,7 @@ def write_nominal(
 
 
 def write_reference(path: Path, reference: Mapping[str, Floats], key: str = "") -> None:
-    """Write the mission's reference trajectory: ``time`` and REFERENCE_CHANNELS, each [time]."""
+    """Write the reference trajectory: ``time`` and REFERENCE_CHANNELS, each [time]."""
     fields = [
         _TIME,
         *(
@@ -118,17 +121,17 @@ class EnvelopeTable:
     """Envelopes of one controller, each ``[time, channel]``.
 
     With unknown parameters, quantiles are computed over the flights at each point; ``least`` and
-    ``most`` are the smallest and largest of all points.
+    ``most`` are the smallest and largest quantiles over all points.
     """
 
-    count: NDArray[np.int64]  # flights that have not ended
+    count: NDArray[np.int64]  # number of flights that have not ended
     low: Floats
     high: Floats
     least: Floats  # [quantile, time, channel]
     most: Floats
 
     def at(self, times: Mask) -> "EnvelopeTable":
-        """Return the envelopes at some of the times."""
+        """Return the envelopes at the selected times."""
         return EnvelopeTable(
             self.count[times],
             self.low[times],
@@ -138,9 +141,9 @@ class EnvelopeTable:
         )
 
     def columns(self, points: int) -> dict[str, Floats]:
-        """Return the columns of the file.
+        """Return the columns of the Parquet file.
 
-        Quantiles up to the median have their lower edge, those above it their upper edge.
+        The lower edge is used for quantiles up to the median, the upper edge for those above.
         """
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]
@@ -157,7 +160,7 @@ def _doc(column: str, points: int) -> str:
         return _DOCS[column]
     which = "least" if column in QUANTILE_COLUMNS[:3] else "most"
     doc = _DOCS[column.removesuffix("_most")]
-    return f"{which} of {points} values, each the {doc} at one point of the unknowns"
+    return f"{which} of the {points} values of the {doc} at the points of the unknowns"
 
 
 def write_envelopes(
@@ -170,10 +173,9 @@ def write_envelopes(
     points: int = 1,
     key: str = "",
 ) -> None:
-    """Write the envelopes of every controller over its first ``flights`` flights.
+    """Write the envelopes of all controllers over their first ``flights`` flights.
 
-    ``channels`` is the last axis of the tables; ``points`` is the number of points of the
-    unknown parameters.
+    ``channels`` is the last axis of the tables; ``points`` is the number of points of the unknowns.
     """
     shape = (len(channels), len(times))
     columns: dict[str, list[Floats]] = {}
@@ -184,9 +186,9 @@ def write_envelopes(
         counts.append(table.count.T.ravel())
     fields = [
         _CONTROLLER,
-        make_field("channel", pa.string(), "-", "name of the channel; its unit ends the name"),
+        make_field("channel", pa.string(), "-", "name of the channel, which ends with the unit"),
         _TIME,
-        make_field("count", pa.int64(), "-", "flights still flying"),
+        make_field("count", pa.int64(), "-", "number of flights that have not ended"),
         *(
             pa.field(
                 name, pa.float64(), metadata={"unit": "of the channel", "doc": _doc(name, points)}

@@ -1,4 +1,4 @@
-"""Inputs of a campaign's flights as a CSV file, for another simulator to run."""
+"""Inputs of a campaign's flights as a CSV file for another simulator."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,9 +13,9 @@ from abhv_mc.io.csv_table import write_batches
 
 
 def write_inputs(campaign: Experiment, path: Path) -> int:
-    """Write a row per flight: its number from 0, then each input with its unit.
+    """Write one row per flight: flight number from 0, then each input with its unit.
 
-    Return the number of rows.
+    Return the number of rows written.
     """
     source = campaign.make_samples()
     inputs = [campaign.parameters[name] for name in source.names]

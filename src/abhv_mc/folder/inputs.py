@@ -1,7 +1,7 @@
-"""Copies of a campaign's input files in its results folder, and hashes that identify the campaign.
+"""Copies of input files in a results folder, and hashes that identify the campaign.
 
-The stored campaign file, whose references point to the copies, and the copies reproduce the
-campaign. A run resumes a folder only if its campaign has the same hash.
+The stored campaign file, whose references point to the copies, reproduces the campaign. A run
+resumes a folder only if the campaign has the same hash.
 """
 
 import hashlib
@@ -27,21 +27,21 @@ from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.io.input_files import read_input
 
-_HEAD = """Campaign of this folder; the files that it refers to are copied to inputs/.
+_HEAD = """Campaign of this folder; the files to which it refers are copied to inputs/.
 To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
 
 @dataclass(frozen=True)
 class FolderInputs:
-    """Campaign file with references into its folder, and the files that are copied there.
+    """Campaign file with references into a results folder, and the files copied there.
 
-    Names of files are paths relative to the folder.
+    File names are paths relative to the folder.
     """
 
     document: Document
     copies: dict[str, bytes]  # name -> content
     hashes: dict[str, str]  # name -> SHA-256
-    executables: frozenset[str] = frozenset()  # names of the copies that are programs
+    executables: frozenset[str] = frozenset()  # names of the copies that are executable
 
     @property
     def data(self) -> dict[str, Any]:
@@ -56,15 +56,15 @@ class FolderInputs:
 
     @property
     def identity(self) -> str:
-        """Hash of the campaign file, without requirements and labels, and of every file it names.
+        """Hash of all inputs on which flights depend.
 
-        Flights depend on nothing else.
+        The hash covers the campaign file, without requirements and labels, and all named files.
         """
         return self._hash_without()
 
     @property
     def question(self) -> str:
-        """Hash of the campaign without its seed and number of flights.
+        """Hash of the campaign without seed and number of flights.
 
         Campaigns with the same hash can be pooled. With unknown parameters the seed is included,
         because it determines the points at which flights are simulated.
@@ -80,7 +80,7 @@ class FolderInputs:
 
     @property
     def judged_identity(self) -> str:
-        """Hash of the identity and of the requirements."""
+        """Hash of the identity and the requirements."""
         judging = [self.data.get(key) for key in JUDGING]
         return hashlib.sha256(json.dumps([self.identity, judging]).encode()).hexdigest()
 
@@ -104,7 +104,7 @@ class FolderInputs:
 
 
 def collect_inputs(campaign: Experiment) -> FolderInputs:
-    """Return the input files of a checked campaign, as its folder stores them."""
+    """Return the input files of a checked campaign as stored in a results folder."""
     model = campaign.model
     data = dict(campaign.document.entries)
     files: dict[str, Path] = {}
@@ -125,9 +125,9 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
 
 
 def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
-    """Add ``path`` and the files it refers to below ``location``, with the same relative paths.
+    """Add ``path`` and the files to which it refers to the copies below ``location``.
 
-    Return the name of ``path`` in the folder.
+    Relative paths are preserved. Return the name of ``path`` in the folder.
     """
     files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
     root = Path(os.path.commonpath([file.parent for file in files]))
@@ -135,16 +135,17 @@ def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
         copy = f"{location}/{file.relative_to(root).as_posix()}"
         if not is_inside(copy):
             raise InputError(
-                file, "the file name has characters that are not printable", "another name"
+                file, "the file name contains characters that are not printable", "another name"
             )
         copies[copy] = file
     return f"{location}/{path.resolve().relative_to(root).as_posix()}"
 
 
 def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: bool) -> list[str]:
-    """Return the changes that prevent ``requested`` from resuming the folder of ``stored``.
+    """Return the changes that prevent a run from resuming a folder.
 
-    More flights (of an extensible design), more controllers and other execution settings do not.
+    More flights (of an extensible design), more controllers and changed execution settings do not
+    prevent a run from resuming.
     """
     shared = [name for name in stored.systems if name in requested.systems]
     old, new = (_flat(_rows_of(data, shared)) for data in (stored.data, requested.data))
@@ -175,10 +176,10 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
 def merge_inputs(
     stored: FolderInputs, requested: FolderInputs, selected: bool = False
 ) -> FolderInputs:
-    """Return ``requested`` with the controllers that only ``stored`` has, and their requirements.
+    """Return ``requested`` with additional controllers and requirements of ``stored``.
 
-    Requirements that name no controller apply to the first one, which is that of ``requested``,
-    or that of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.
+    Requirements without controllers apply to the first controller: that of ``requested``, or that
+    of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.
     """
     first, second = (stored, requested) if selected else (requested, stored)
     controllers = {**first.systems, **second.systems, **requested.systems}
@@ -187,7 +188,7 @@ def merge_inputs(
     retained = [entry for entry in select_requirements(old, absent) if entry.get("controllers")]
     requirements = join_requirements(new, retained, controllers)
     if sorted(map(_order, requirements)) == sorted(map(_order, old)):
-        requirements = old  # keeps their order
+        requirements = old  # The order of requirements is unchanged.
     asks = {"asks": stored.data["asks"]} if selected and "asks" in stored.data else {}
     changed = {**requested.data, **asks, "requirements": requirements}
     points = {"points": stored.data["points"]} if "points" in stored.data else {}
@@ -205,7 +206,7 @@ def _order(entry: object) -> str:
 
 
 def _rows_of(data: dict[str, Any], names: list[str]) -> dict[str, Any]:
-    """Return the entries on which flights of these systems depend."""
+    """Return the entries on which the flights of the named systems depend."""
     systems = {SYSTEMS: {name: data[SYSTEMS][name] for name in names}} if SYSTEMS in data else {}
     return {**data_of_rows(data), **systems}
 
@@ -224,15 +225,15 @@ def _value_text(value: Any) -> str:
 
 
 def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
-    """Return the inputs stored in a folder. Raise InputError if its campaign file is invalid."""
+    """Return the inputs stored in a folder. Raise InputError if they are invalid."""
     return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
-    """Return the campaign of a results folder. Raise InputError if there is none."""
+    """Return the campaign of a results folder. Raise InputError if it has none."""
     return check_campaign(read_document(folder.campaign))
 
 
 def first_controller(folder: Path) -> str:
-    """Return the first controller or system of a results folder, the default of commands."""
+    """Return the first controller or system of a results folder."""
     return read_folder_campaign(CampaignFolder(folder)).controllers[0]

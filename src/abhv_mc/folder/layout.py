@@ -1,4 +1,4 @@
-"""Paths of a campaign's folder, and functions that write files there completely or not at all."""
+"""Paths in a results folder, and functions that write files atomically."""
 
 import contextlib
 import errno
@@ -11,7 +11,11 @@ from pathlib import Path
 from abhv_mc.io.atomic_write import TEMPORARY, atomic_write
 from abhv_mc.io.input_error import InputError, is_printable
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the last: a limit on a file's size (ulimit -f)
+_FULL = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+)  # EFBIG is due to a limit on file sizes (ulimit -f).
 _CLOSED = (
     errno.EACCES,
     errno.EPERM,
@@ -25,16 +29,16 @@ _UNWRITABLE = (
     *(*_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT),
     *(errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP),
 )
-_LARGEST_LOG = 1 << 20  # bytes
-_recorders: list[Callable[[Path, str], None]] = []  # called for every file that is written
+_LARGEST_LOG = 1 << 20  # maximum size of a log, bytes
+_recorders: list[Callable[[Path, str], None]] = []  # functions called for each file that is written
 
 
 class StorageFullError(Exception):
-    """Full disk. Completed flights are kept, and the same command resumes."""
+    """Error: the disk is full. Completed flights are kept; the same command resumes the run."""
 
 
 class CampaignFolder:
-    """Paths of a campaign's folder."""
+    """Paths in a results folder."""
 
     def __init__(self, root: Path) -> None:
         # pyarrow interprets a relative path with a colon as an address.
@@ -63,18 +67,18 @@ class CampaignFolder:
         return self.plans / f"{controller}.npz"
 
     def input_files(self) -> list[Path]:
-        """Return the copies of the campaign's input files."""
+        """Return the paths of the copied input files."""
         return [path for path in sorted(self.inputs.rglob("*")) if path.is_file()]
 
     @property
     def report(self) -> tuple[Path, ...]:
-        """Files and folders that a report writes."""
+        """Files and folders that belong to the report."""
         pages = (self.root / f"report.{kind}" for kind in ("html", "json"))
         return (*pages, self.matrix, self.metrics, self.root / "figures")
 
     @property
     def contents(self) -> tuple[Path, ...]:
-        """Files and folders that a campaign writes, without the lock."""
+        """Files and folders that a campaign writes, except the lock."""
         files = (
             self.campaign,
             self.manifest,
@@ -99,13 +103,13 @@ class CampaignFolder:
     def refuse_foreign_files(self, fresh: bool) -> None:
         """Raise InputError if a folder without a manifest is not empty.
 
-        Files of a campaign are allowed; its flights only if ``fresh`` permits to delete them.
+        Files of a campaign are allowed, but flights only if ``fresh`` permits deleting them.
         """
         for path in sorted(self.root.iterdir() if self.root.is_dir() else ()):
             is_own = path in self.contents or path.name.startswith(self.lock.name)
             if not is_own and not path.name.endswith(TEMPORARY):
                 problem = f"'{path.name}' is in the folder and does not belong to a campaign"
-                raise InputError(self.root, problem, "an empty folder or that of a campaign")
+                raise InputError(self.root, problem, "an empty folder or the folder of a campaign")
         if not fresh and any(self.flights.glob("*.parquet")):
             problem = "the folder has flights, but no manifest"
             raise InputError(
@@ -113,7 +117,7 @@ class CampaignFolder:
             )
 
     def clear(self) -> None:
-        """Delete a campaign's files, first the manifest, without which it is not a campaign."""
+        """Delete the files of a campaign, starting with the manifest."""
         import shutil
 
         self.manifest.unlink(missing_ok=True)
@@ -125,7 +129,7 @@ class CampaignFolder:
         self.sweep()
 
     def sweep(self) -> None:
-        """Delete unfinished files of killed processes."""
+        """Delete unfinished files left by killed processes."""
         folders = [path for path in self.contents if path.is_dir()]
         for path in chain(
             self.root.glob(f"*{TEMPORARY}"), *(folder.rglob(f"*{TEMPORARY}") for folder in folders)
@@ -134,9 +138,9 @@ class CampaignFolder:
 
 
 def find_in_campaign(path: Path) -> Path | None:
-    """Return the path relative to the campaign's folder to which it belongs; None if to none.
+    """Return the path relative to the results folder that contains it, or None.
 
-    The path of the folder itself is empty.
+    The result for the folder itself is an empty path.
     """
     target = Path(os.path.realpath(path))
     for root in (target, *target.parents):
@@ -150,7 +154,7 @@ def find_in_campaign(path: Path) -> Path | None:
 
 
 def is_inside(name: str) -> bool:
-    """Return whether a name is a printable relative path that does not leave its folder."""
+    """Return whether a name is a printable relative path that stays in its folder."""
     path = Path(name)
     return (
         bool(path.parts)
@@ -162,18 +166,18 @@ def is_inside(name: str) -> bool:
 
 @contextlib.contextmanager
 def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
-    """Convert OSError of a full disk or missing permission to StorageFullError or InputError.
+    """Convert OSErrors to StorageFullError (full disk) or InputError (no permission).
 
-    With ``writing`` further errors are explained that prevent writing ``path``, such as a missing
-    folder, which elsewhere may be a defect.
+    With ``writing``, other errors that prevent writing ``path`` are converted too, such as a
+    missing folder.
     """
     try:
         yield
     except OSError as error:
         if error.errno in _FULL:
             raise StorageFullError(
-                f"{path}: no space left on the disk. Completed flights are kept: "
-                "make room and run the same command again."
+                f"{path}: no space left on the disk. Completed flights are kept; free some space "
+                "and run the same command again."
             ) from error
         if error.errno in (_UNWRITABLE if writing else _CLOSED):
             action = "written" if writing else "written or read"
@@ -184,7 +188,7 @@ def explain_os_error(path: Path, writing: bool = False) -> Iterator[None]:
 
 @contextlib.contextmanager
 def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
-    """Call ``note`` with the path and SHA-256 of every file that is written in the block."""
+    """Call ``note`` with the path and SHA-256 of each file written in the context."""
     _recorders.append(note)
     try:
         yield
@@ -193,9 +197,9 @@ def recording(note: Callable[[Path, str], None]) -> Iterator[None]:
 
 
 def write_whole(path: Path, write: Callable[[Path], object], durable: bool = False) -> None:
-    """Replace a file by what ``write`` writes, completely or not at all.
+    """Replace a file atomically by the output of ``write``.
 
-    With ``durable`` the function waits until the file is on the disk. Raise StorageFullError or
+    With ``durable``, the function waits until the file is on the disk. Raise StorageFullError or
     InputError if it cannot be written.
     """
     digest = ""
@@ -208,7 +212,7 @@ def write_whole(path: Path, write: Callable[[Path], object], durable: bool = Fal
 
 
 def hash_file(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes."""
+    """Return the SHA-256 of the content of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -216,7 +220,7 @@ def hash_file(path: Path) -> str:
 def write_bytes(
     path: Path, content: bytes, durable: bool = False, executable: bool = False
 ) -> None:
-    """Write a file completely; ``executable`` lets all who may read it execute it."""
+    """Write a file atomically; ``executable`` sets the permission for all readers."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(content)
@@ -228,12 +232,12 @@ def write_bytes(
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file completely and durably."""
+    """Write a text file atomically and durably."""
     write_bytes(path, text.encode(), durable=True)
 
 
 def append_log(path: Path, head: str, text: str) -> None:
-    """Append a text and a heading to a log, unless the log has reached a megabyte."""
+    """Append a heading and a text to a log, unless the log is full."""
     with explain_os_error(path, writing=True), path.open("a", encoding="utf-8") as file:
         if file.tell() < _LARGEST_LOG:
             file.write(f"== {head}\n{text.rstrip()}\n")

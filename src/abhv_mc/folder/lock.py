@@ -1,8 +1,8 @@
-"""Lock of a campaign's folder: one process computes flights there at a time.
+"""Lock of a results folder, in which only one process at a time computes flights.
 
-The lock is `flock`, which the system drops when its holder dies. Some file systems have none; there
-the holder creates a lease, a file that names its host, its process and the time when the process
-started.
+The lock is a `flock`, which the system releases when its holder ends. On file systems without
+`flock` the holder creates a lease: a file with its host, its process and the start time of the
+process.
 """
 
 import contextlib
@@ -21,25 +21,25 @@ from abhv_mc.io.atomic_write import TEMPORARY
 from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
-_PATIENCE = 0.5  # s: `runs` holds a lock briefly to learn whether it is free
+_PATIENCE = 0.5  # waiting time, s, because `runs` briefly holds a lock to test it
 _POLL = 0.01  # s between attempts
-_SETTLE = 0.2  # s until another process has put back a lease that it moved by mistake
+_SETTLE = 0.2  # time in which another process restores a wrongly moved lease, s
 
 
 class _HeldError(Exception):
-    """Lock held by another process: its description, and what frees the folder."""
+    """Error: another process holds the lock; with its description and a remedy."""
 
-    def __init__(self, holder: str, remedy: str = "the end of that process") -> None:
+    def __init__(self, holder: str, remedy: str = "the process to end") -> None:
         super().__init__(holder, remedy)
         self.holder, self.remedy = holder, remedy
 
 
 @contextlib.contextmanager
 def hold_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path``, whose folder is created if necessary.
+    """Hold the lock file ``path`` during the context; its folder is created if necessary.
 
-    The file and the folder are removed again if nothing else is written there. Raise
-    InputError, which names the holder, if another process has the lock.
+    The file and the folder are removed again if no other file was written. Raise InputError, with
+    the name of the holder, if another process has the lock.
     """
     created = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
     earlier = set() if created else _names(path.parent)
@@ -58,14 +58,14 @@ def hold_lock(path: Path) -> Iterator[None]:
             raise InputError(
                 path.parent, problem, f"{error.remedy}, or another folder (-o DIR)"
             ) from None
-        with contextlib.suppress(OSError):  # the lock holds on a full disk, too
+        with contextlib.suppress(OSError):  # The lock also works on a full disk.
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"process {os.getpid()} on {platform.node()}".encode(), 0)
         yield
 
 
 def lock_holder(path: Path) -> str | None:
-    """Return a description of the lock's holder; None if it is free or cannot be tested."""
+    """Return a description of the lock's holder, or None if the lock is free or unknown."""
     with contextlib.suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
@@ -81,15 +81,17 @@ def lock_holder(path: Path) -> str | None:
 
 
 def _open_locked(path: Path) -> tuple[int, bool]:
-    """Return the open lock file, and whether it is locked: some file systems have no locks."""
+    """Return the open lock file, and whether the file system could lock it."""
     deadline = time.monotonic() + _PATIENCE
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with contextlib.suppress(FileNotFoundError):  # its folder was empty and is being removed
+        with contextlib.suppress(
+            FileNotFoundError
+        ):  # The empty folder may be removed by another process.
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if os.fstat(descriptor).st_nlink:  # else its last holder has deleted it
+                if os.fstat(descriptor).st_nlink:  # The last holder may have deleted the file.
                     return descriptor, True
             except BlockingIOError:
                 pass
@@ -111,7 +113,7 @@ def _names(folder: Path) -> set[str]:
 
 
 def _remove_unused(path: Path, before: set[str], created: list[Path]) -> None:
-    """Delete the lock file and the folders created for it if nothing else was written there."""
+    """Delete the lock file, and folders created for it that are empty."""
     with contextlib.suppress(OSError):
         if _names(path.parent) == {*before, path.name}:
             path.unlink()
@@ -130,10 +132,9 @@ def _lease_of(path: Path) -> Path:
 
 
 def _take_lease(lease: Path) -> str:
-    """Create the lease and return its text; take over the lease of a dead process of this host.
+    """Create the lease, or take over the lease of an ended process, and return its text.
 
-    The dead lease is moved aside and read again, because another process may have replaced it
-    in the meantime.
+    A stale lease is moved aside and read again, because another process may have replaced it.
     """
     text = json.dumps([platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4)])
     while not _create(lease, text):
@@ -143,7 +144,9 @@ def _take_lease(lease: Path) -> str:
         if not _has_died(holder):
             raise _held_error(lease, holder)
         own = lease.with_name(f"{lease.name}.{secrets.token_hex(8)}{TEMPORARY}")
-        with contextlib.suppress(FileNotFoundError):  # another process was faster
+        with contextlib.suppress(
+            FileNotFoundError
+        ):  # Another process may have moved the lease first.
             lease.rename(own)
             if _read_lease(own) != holder:
                 own.rename(lease)
@@ -174,7 +177,7 @@ def _drop_lease(lease: Path, text: str) -> None:
 
 
 def _read_lease(lease: Path) -> str | None:
-    """Return the text of a lease; None if there is none."""
+    """Return the text of a lease, or None if the file does not exist."""
     try:
         return lease.read_text(encoding="utf-8", errors="replace")
     except FileNotFoundError:
@@ -182,7 +185,7 @@ def _read_lease(lease: Path) -> str | None:
 
 
 def _parse(text: str) -> tuple[str, int, str] | None:
-    """Return the host, the process and its start; None if the lease is incomplete."""
+    """Return host, process and start time, or None if the lease is incomplete."""
     try:
         host, process, start, _ = json.loads(text)
         return str(host), int(process), str(start)
@@ -206,19 +209,21 @@ def _held_error(lease: Path, text: str) -> _HeldError:
     is_here = holder is not None and holder[0] == platform.node()
     if is_here:
         return _HeldError(_describe(text))
-    remedy = f"the end of that process (if it was killed: rm '{lease}')"
+    remedy = f"the process to end (if it was killed: rm '{lease}')"
     return _HeldError(_describe(text), remedy)
 
 
 def _start_of(process: int) -> str | None:
-    """Return when a process started, by the kernel's clock.
+    """Return the start time of a process on the kernel's clock.
 
-    Return "" if only its existence is known, and None if it has ended.
+    Return "" if the time is unknown, and None if the process has ended.
     """
     try:
         fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
         state, *values = fields.rpartition(")")[2].split()
-        return None if state in "ZX" else values[18]  # field 22; a zombie has ended
+        return (
+            None if state in "ZX" else values[18]
+        )  # Field 22 is the start time; a zombie has ended.
     except OSError:
         pass
     try:

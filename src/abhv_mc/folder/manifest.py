@@ -1,4 +1,4 @@
-"""Manifest of a campaign's folder: its content, its state and its provenance."""
+"""Manifest of a results folder: content, state and provenance."""
 
 import hashlib
 import json
@@ -16,11 +16,11 @@ from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
 
-Ranges = tuple[tuple[int, int], ...]  # of flights: the first, one after the last
+Ranges = tuple[tuple[int, int], ...]  # (first, stop) of ranges of flights
 FORMAT = 1  # version of the folder's format
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
-_HASH = "manifest_hash"  # of the other entries
-_REMEDY = "the original manifest, or a new run in another folder (-o DIR) or with --fresh"
+_HASH = "manifest_hash"  # hash of all other entries
+_REMEDY = "the original manifest, or a new run with --fresh or in another folder (-o DIR)"
 
 
 @dataclass(frozen=True)
@@ -60,25 +60,25 @@ class RequirementVerdict:
 
     @property
     def asked(self) -> str:
-        """'altitude_error_max_m below 50'."""
+        """Requirement as text, such as 'altitude_error_max_m below 50'."""
         return f"{self.metric} {Bounds(self.above, self.below)}"
 
 
 @dataclass(frozen=True)
 class FlownBy:
-    """Process that computed flights, and their numbers."""
+    """Process that computed flights, with the numbers of the flights."""
 
     code: str
     versions: str
     processor: str
     features: str
     host: str
-    blocks: Mapping[str, Ranges]  # by controller
+    blocks: Mapping[str, Ranges]  # ranges of flights by controller
 
 
 @dataclass(frozen=True)
 class Pooled:
-    """Flights of one seed in a campaign that was merged from several."""
+    """Flights of one seed in a campaign merged from several campaigns."""
 
     seed: int
     runs: int
@@ -88,14 +88,14 @@ class Pooled:
 class RequirementSet:
     """Set of requirements by which the flights were judged."""
 
-    file: str  # in the folder
-    time: str | None  # when it was set
-    flights: int  # of each controller that had been run by then
+    file: str  # name of the file in the folder
+    time: str | None  # time when the set was defined
+    flights: int  # flights per controller run before that time
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """Content of ``manifest.json``, which leaves out entries that are None."""
+    """Content of ``manifest.json``; entries that are None are omitted."""
 
     name: str
     state: str
@@ -111,28 +111,32 @@ class Manifest:
     digest: str | None = None
     digests: Mapping[str, str] = field(default_factory=dict)
     controllers: Mapping[str, ControllerCount] = field(default_factory=dict)
-    requirements: tuple[RequirementVerdict, ...] = ()  # for controllers that must meet them
-    requirements_shown: tuple[RequirementVerdict, ...] = ()  # for the other controllers
-    requirement_sets: tuple[RequirementSet, ...] = ()  # in chronological order, if several
+    requirements: tuple[
+        RequirementVerdict, ...
+    ] = ()  # verdicts for controllers that must meet the requirements
+    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for the other controllers
+    requirement_sets: tuple[
+        RequirementSet, ...
+    ] = ()  # sets in chronological order, if there are several
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None
     machine: Mapping[str, str | int] = field(default_factory=dict)
     command: tuple[str, ...] = ()
-    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
+    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of inputs by path
     warnings: tuple[str, ...] = ()
-    repeatable: Repeatability | None = None  # of a custom simulator
+    repeatable: Repeatability | None = None  # repeatability of a custom simulator
     not_made: tuple[str, ...] = ()
-    shard: tuple[int, int] | None = None  # part i of n
+    shard: tuple[int, int] | None = None  # (i, n) for shard i of n
     merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
-    file_runs: int | None = None  # flights at each point in the campaign file, if more
-    stopped_at: int | None = None  # flights of a campaign that stops when proven
+    file_runs: int | None = None  # flights per point in the campaign file, if larger
+    stopped_at: int | None = None  # number of flights at which a campaign stopped when proven
     search: Mapping[str, Any] | None = None  # settings of a search
     result: Mapping[str, Any] | None = None  # result of a search
-    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 by path
+    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of files by path
     flown_by: tuple[FlownBy, ...] = ()
-    # Of a custom simulator, by system: number of "surplus", "repeated" and "restarts".
+    # Events of a custom simulator by system: "surplus", "repeated" and "restarts".
     simulator_events: Mapping[str, Mapping[str, int]] | None = None
 
     @property
@@ -141,7 +145,7 @@ class Manifest:
         return self.state == COMPLETE
 
     def as_entries(self) -> dict[str, Any]:
-        """Return the entries for JSON."""
+        """Return the entries of the manifest for JSON."""
         content: dict[str, Any] = _FILE.dump_python(self, exclude_none=True)
         return {"format": FORMAT} | content
 
@@ -155,13 +159,13 @@ def manifest_schema() -> dict[str, Any]:
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
-    """Write the manifest with the format number of the folder and a hash of its entries."""
+    """Write the manifest with its format number and a hash of its entries."""
     content = manifest.as_entries()
     write_text(path, json.dumps(content | {_HASH: _hash(content)}, indent=2) + "\n")
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest. Raise InputError if it is missing, damaged or has another format."""
+    """Read a manifest. Raise InputError if it is missing, damaged or of another format."""
     if not path.is_file():
         raise InputError(path, "no such file", "the folder of a campaign")
     try:
@@ -170,11 +174,12 @@ def read_manifest(path: Path) -> Manifest:
         raise InputError(path, f"damaged manifest ({error})", _REMEDY) from None
     version = manifest.get("format") if isinstance(manifest, dict) else None
     if version != FORMAT:
-        problem = "no format number" if version is None else f"format {version} of the folder"
+        problem = "no format number" if version is None else f"the folder has format {version}"
         raise InputError(
             path,
             problem,
-            f"format {FORMAT}: use the version that wrote it, or run the campaign again",
+            f"format {FORMAT}; use the version of abhv-mc that wrote the folder, or run the "
+            "campaign again",
         )
     if manifest.pop(_HASH, None) != _hash(manifest):
         raise InputError(path, "damaged manifest (its hash differs)", _REMEDY)
@@ -194,9 +199,9 @@ def _hash(content: dict[str, Any]) -> str:
 def note_flyers(
     entries: Iterable[FlownBy], flyers: tuple[Flyer, ...], controller: str, first: int, stop: int
 ) -> tuple[FlownBy, ...]:
-    """Return the entries after ``flyers`` computed the flights ``first`` .. ``stop - 1``.
+    """Return the entries after ``flyers`` computed flights ``first`` to ``stop - 1``.
 
-    These flights are removed from the entries of other processes.
+    The flights are removed from the entries of other processes.
     """
     updated = []
     for entry in entries:
@@ -212,7 +217,7 @@ def note_flyers(
 def add_events(
     events_by_process: Iterable[Mapping[str, Mapping[str, int]] | None],
 ) -> dict[str, dict[str, int]] | None:
-    """Return the sums of simulators' events by system; None without any."""
+    """Return the total numbers of simulator events by system, or None without events."""
     sums = defaultdict[str, Counter[str]](Counter)
     for counts in events_by_process:
         for name, events in (counts or {}).items():
@@ -247,7 +252,7 @@ def join_flyers(entries: Iterable[FlownBy]) -> tuple[FlownBy, ...]:
 
 
 def _join(ranges: Ranges) -> Ranges:
-    """Return the ranges in ascending order, with adjacent ones merged."""
+    """Return ascending ranges, with adjacent ranges merged."""
     joined: list[tuple[int, int]] = []
     for first, stop in sorted(ranges):
         if joined and first <= joined[-1][1]:

@@ -1,4 +1,4 @@
-"""Merge of a campaign's shards into one folder, and functions for merging any folders."""
+"""Merge of the shards of a campaign into one folder, and functions for any merge."""
 
 import shutil
 from collections.abc import Iterator, Sequence
@@ -40,7 +40,7 @@ _SAME = ("source_hash", "inputs")
 def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
     """Return the shards in the order of their flights.
 
-    Raise InputError if they are not all shards of one campaign.
+    Raise InputError if the folders are not all shards of one campaign.
     """
     folders = [CampaignFolder(path) for path in paths]
     manifests = [read_manifest(folder.manifest) for folder in folders]
@@ -53,7 +53,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(folder.root, f"the shard is {manifest.state}", "a complete shard")
         # The order matters because requirements apply to the first controller by default.
         if list(manifest.controllers) != list(manifests[0].controllers):
-            problem = f"the controllers have another order than in {folders[0].root}"
+            problem = f"the order of the controllers differs from that in {folders[0].root}"
             raise InputError(folder.root, problem, "shards of one campaign file")
         require_same_entries(
             folder, manifest, folders[0], manifests[0], _SAME, expected="shards of one campaign"
@@ -77,7 +77,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
 def _require_same_campaign(
     folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
 ) -> None:
-    """Raise InputError if a shard's campaign differs from the first one's."""
+    """Raise InputError if the campaign of a shard differs from that of the first."""
     for shard in (first, folder):
         read_checked(shard, [shard.campaign])
     expected = read_folder_inputs(first, first_manifest)
@@ -93,18 +93,22 @@ def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
     inputs = [read_folder_inputs(folder, read_manifest(folder.manifest)) for folder in folders]
     for folder, further in zip(folders[1:], inputs[1:], strict=True):
         if changes := [*describe_requirement_changes(inputs[0].data, further.data)]:
-            problem = f"the requirements differ from {folders[0].root} ({'; '.join(changes)})"
-            remedy = "one set for all: --requirements FILE, such as the campaign.yaml of one folder"
+            problem = (
+                f"the requirements differ from those of {folders[0].root} ({'; '.join(changes)})"
+            )
+            remedy = (
+                "one set of requirements: add --requirements FILE, such as campaign.yaml of one "
+                "folder"
+            )
             raise InputError(folder.root, problem, remedy)
 
 
 def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
-    """Copy complete shards from :func:`order_shards` into ``out``, which a run then completes.
+    """Copy complete, ordered shards into ``out``, which a run then completes.
 
-    The manifest is written last: an interrupted copy is started again, a complete one is kept.
-    Raise InputError, before any file is written, if the shards differ in plans or samples, if
-    they are damaged (except blocks of flights, which are run again), or if ``out`` has other
-    content.
+    The manifest is written last, so that an interrupted copy starts again. Raise InputError, before
+    any file is written, if the shards differ in plans or samples, if files are damaged (except
+    blocks of flights, which are run again), or if ``out`` has other content.
     """
     first, target = shards[0], CampaignFolder(out)
     manifests = [read_manifest(shard.manifest) for shard in shards]
@@ -138,14 +142,14 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
 
 
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
-    """Raise InputError if two shards have different plans or samples, bit by bit."""
+    """Raise InputError if the plans or samples of two shards differ in any bit."""
     require_same_plans(
-        first, other, controllers, "shards run with the plans of the first (run --plans DIR)"
+        first, other, controllers, "shards run with the plans of the first shard (run --plans DIR)"
     )
     readers = SampleReader(first.samples), SampleReader(other.samples)
     if not _same_samples(*readers):
         raise InputError(
-            other.root, f"the samples differ from {first.root}", "shards of one campaign"
+            other.root, f"the samples differ from those of {first.root}", "shards of one campaign"
         )
 
 
@@ -166,7 +170,7 @@ def require_same_entries(
     *,
     expected: str,
 ) -> None:
-    """Raise InputError if a manifest differs from the first folder's in an entry of ``keys``."""
+    """Raise InputError if two manifests differ in an entry of ``keys``."""
     for key in keys:
         if (own := getattr(manifest, key)) != (other := getattr(first_manifest, key)):
             hashes = f" ({own}, not {other})" if key == "source_hash" else ""
@@ -177,7 +181,7 @@ def require_same_entries(
 def require_same_plans(
     first: CampaignFolder, other: CampaignFolder, controllers: Sequence[str], expected: str
 ) -> None:
-    """Raise InputError if the plans of two folders differ in a bit.
+    """Raise InputError if the plans of two folders differ in any bit.
 
     Plans of custom simulators are not stored.
     """
@@ -188,22 +192,22 @@ def require_same_plans(
         ]
         if plans[0] != plans[1]:
             problem = (
-                f"the plan of '{name}' differs from that in {first.root}; "
-                "other machines round differently"
+                f"the plan of '{name}' differs from that in {first.root}; machines may round "
+                "differently"
             )
             raise InputError(other.root, problem, expected)
 
 
 def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
-    """Return whether the folder already has the merge of these campaigns.
+    """Return whether the target already contains the merge of these campaigns.
 
-    Raise InputError if it has other content.
+    Raise InputError if the folder has other content.
     """
     if not target.manifest.exists():
         target.refuse_foreign_files(fresh=True)
         return False
     if read_manifest(target.manifest).merged_from != digests:
-        raise InputError(target.root, "the folder is not empty", "a new or an empty folder")
+        raise InputError(target.root, "the folder is not empty", "a new or empty folder")
     return True
 
 
@@ -211,7 +215,7 @@ def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
 def begin_merged(
     folders: Sequence[CampaignFolder], target: CampaignFolder, extra_files: Sequence[Path] = ()
 ) -> Iterator[FileHashes]:
-    """Lock the folders, and start their merge in the target, which the caller has locked.
+    """Lock the folders, and start their merge in the locked target.
 
     The target is emptied and receives the first folder's inputs, plans, nominal flights and
     ``extra_files``.
@@ -235,6 +239,6 @@ def begin_merged(
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a file with its mode: programs stay executable."""
+    """Copy a file and its mode, so that programs stay executable."""
     shutil.copyfile(source, target)
     shutil.copymode(source, target)

@@ -1,4 +1,4 @@
-"""Opening of a campaign's folder by a run: lock, check, create and extend it."""
+"""Opening of a results folder by a run: locking, checking, creating and extending."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -16,7 +16,7 @@ from abhv_mc.interfaces import Plan
 
 @dataclass(frozen=True)
 class FlownFolder:
-    """Locked folder with flights to resume from; ``files`` records every file written to it."""
+    """Locked folder with existing flights; ``files`` records each file written."""
 
     folder: CampaignFolder
     manifest: Manifest
@@ -24,13 +24,13 @@ class FlownFolder:
 
 
 def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownFolder | None:
-    """Lock a folder until ``stack`` closes and check its files.
+    """Lock a folder until ``stack`` closes, and check its files.
 
-    Return None if the folder has no campaign that a run can resume. A damaged or missing block
-    of flights is not an error: its flights are run again. Raise InputError for any other
-    damaged file, if another process has the lock, and for a folder with other files.
+    Return None if the folder has no campaign to resume. Flights of a damaged or missing block are
+    run again. Raise InputError for any other damaged file, if another process has the lock, or if
+    the folder has other files.
     """
-    # The lock is taken before the folder is read because another run may start.
+    # Lock before reading, because another run may start.
     stack.enter_context(hold_lock(folder.lock))
     if not folder.manifest.exists():
         folder.refuse_foreign_files(fresh)
@@ -49,10 +49,10 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
 def begin_folder(
     folder: CampaignFolder, inputs: FolderInputs, plans: Mapping[str, Plan], stack: ExitStack
 ) -> FileHashes:
-    """Delete the campaign of a locked folder, and write the inputs and plans of a new one.
+    """Delete the campaign in a locked folder, and write inputs and plans of a new one.
 
-    The caller writes the manifest when all files that it lists exist; until then the folder is
-    not read as a campaign.
+    The caller writes the manifest when all listed files exist; until then the folder is not read as
+    a campaign.
     """
     folder.clear()
     files = stack.enter_context(record_hashes(folder, {}))
@@ -63,7 +63,7 @@ def begin_folder(
 
 
 def _write_plans(folder: CampaignFolder, plans: Mapping[str, Plan]) -> None:
-    """Write the plans of a mission; plans of custom simulators follow from the campaign file."""
+    """Write plans, except those of custom simulators, which follow from the campaign file."""
     for name, plan in plans.items():
         if plan.timing is not None:
             write_plan(folder.plan(name), plan)
@@ -78,11 +78,11 @@ def grow_folder(
     *,
     longer: bool,
 ) -> Manifest:
-    """Extend a campaign by flights (``longer``), controllers (of ``plans``) or a new order of them.
+    """Extend a campaign by flights (``longer``) or controllers, or change their order.
 
-    ``inputs`` are those of the requested campaign, ``merged`` and ``products`` those of the
-    extended folder. Return the new manifest. A file that will be replaced is first removed from
-    the manifest's list, so that a run that resumes after a kill computes it again.
+    ``inputs`` are the inputs of the requested campaign, ``merged`` and ``products`` those of the
+    extended folder. Return the new manifest. A file to be replaced is first removed from the
+    manifest, so that the file is computed again after a kill.
     """
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     inputs.write_copies(folder)

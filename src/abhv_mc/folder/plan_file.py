@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def write_plan(path: Path, plan: Any) -> None:
-    """Write the numbers and texts of a plan."""
+    """Write the numbers and texts of a plan to a file."""
     content = io.BytesIO()
     # np.savez_compressed takes three times as long.
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -29,7 +29,7 @@ def write_plan(path: Path, plan: Any) -> None:
 
 
 def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read the arrays of :func:`stored_arrays`. Raise InputError if missing or damaged."""
+    """Read the arrays of a plan file. Raise InputError if it is missing or damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)

@@ -1,4 +1,4 @@
-"""Search for campaigns that differ only in their seed, and their merge into one."""
+"""Search for campaigns that differ only in their seed, and merge into one campaign."""
 
 import contextlib
 import shlex
@@ -30,7 +30,7 @@ from abhv_mc.folder.merge import begin_merged, is_merged, require_same_entries, 
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 
-_SAME = ("source_hash",)  # manifest entries that campaigns to be pooled must share
+_SAME = ("source_hash",)  # manifest entries that must agree in pooled campaigns
 _ONE_QUESTION = "campaigns that differ only in their seed and number of flights"
 
 
@@ -40,11 +40,11 @@ def list_seeds(manifest: Manifest) -> set[int]:
 
 
 def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
-    """Return a sentence on campaigns to pool with this one, and the command that merges them.
+    """Return a sentence on campaigns that can be pooled, and the command to merge them.
 
-    Candidates are complete campaigns of random flights in the same parent folder that differ
-    only in their seed. Both texts are empty if there is none. Larger campaigns come first,
-    because they may be merged ones.
+    Candidates are complete campaigns of random flights in the same parent folder that differ only
+    in their seed. Without candidates both texts are empty. Larger campaigns come first, because
+    they may themselves be the result of a merge.
     """
     root = root if root.name else root.resolve()
     verdicts = manifest.requirements
@@ -52,7 +52,7 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
         return "", ""
     candidates = []
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
-        with contextlib.suppress(InputError):  # not a campaign's manifest
+        with contextlib.suppress(InputError):  # The manifest may not be that of a campaign.
             other = read_manifest(path)
             same = (other.question, other.source_hash) == (manifest.question, manifest.source_hash)
             if same and other.complete and _required(other) == _required(manifest):
@@ -73,7 +73,7 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
 
 
 def _required(manifest: Manifest) -> list[tuple[object, ...]]:
-    """Return the requirements of a campaign, each with its controller."""
+    """Return the requirements of a campaign with their controllers."""
     return [
         (
             verdict.asked,
@@ -87,7 +87,7 @@ def _required(manifest: Manifest) -> list[tuple[object, ...]]:
 
 
 def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
-    """Return the folders of campaigns to pool.
+    """Check that campaigns can be pooled, and return their folders.
 
     Raise InputError if they differ in more than seed and number of flights, or share a seed.
     """
@@ -117,7 +117,7 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(
                 folder.root, "the sampling design is not random", "independent samples"
             )
-        expected = "campaigns run with the plans of the first (run --plans DIR)"
+        expected = "campaigns run with the plans of the first campaign (run --plans DIR)"
         require_same_plans(folders[0], folder, list(manifest.controllers), expected)
         for damage in find_damage(folder, manifest):
             raise damage_error(*damage)
@@ -125,7 +125,7 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
 
 
 def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
-    """Copy campaigns from :func:`check_poolable` into ``out``, which a run then completes.
+    """Copy poolable campaigns into ``out``, which a run then completes.
 
     Flights are numbered consecutively. Raise InputError if ``out`` has other content.
     """
@@ -138,7 +138,7 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
     completed = [
         min(count.flights_done for count in manifest.controllers.values()) for manifest in manifests
     ]
-    # A campaign that stopped when its requirements were proven has fewer flights than samples.
+    # A campaign that stopped early has fewer flights than samples.
     counts = [min(pair) for pair in zip(sampled, completed, strict=True)]
     starts = [0, *accumulate(counts)]
     pooled: list[Pooled] = []

@@ -1,9 +1,9 @@
-"""Products of a campaign's folder: files that are computed from its inputs and its flights.
+"""Products of a results folder: files computed from the inputs and the flights.
 
-Flights are evidence: a run adds flights and replaces none. A product is current if it is complete
-and has its key, which names all values that the product depends on and that may change in a folder.
-Keys contain neither inputs, settings and code, which are the same for the whole folder, nor
-workers, blocks and shards, on which no result depends.
+A run adds flights but never replaces them. A product is current if it is complete and has the
+expected key, which lists all values on which the product depends and that may change in a folder.
+Keys contain neither inputs, settings and code, which are constant in a folder, nor workers, blocks
+and shards, on which no result depends.
 """
 
 import json
@@ -17,17 +17,17 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder
 
-KEY = "key"  # entry of a JSON file, or of a Parquet file's metadata
+KEY = "key"  # entry in JSON files and in the metadata of Parquet files
 
 
 class Product(NamedTuple):
-    """File and its key."""
+    """File with its key."""
 
     path: Path
     key: str
 
     def is_current(self, files: FileHashes) -> bool:
-        """Return whether the file is complete and has this key, or none (older versions)."""
+        """Return whether the file is complete and has the key (or no key: older versions)."""
         return files.knows(self.path) and _read_key(self.path) in (None, self.key)
 
 
@@ -40,7 +40,7 @@ def _read_key(path: Path) -> str | None:
 
 
 class Products:
-    """Products of a campaign of ``runs`` flights with each controller, without histories."""
+    """Products of a campaign of ``runs`` flights per controller, except histories."""
 
     def __init__(self, folder: CampaignFolder, controllers: Iterable[str], runs: int) -> None:
         names = " ".join(sorted(controllers))
@@ -52,7 +52,7 @@ class Products:
         self.margins = Product(folder.margins, names)
 
     def forget_stale(self, files: FileHashes) -> None:
-        """Remove stale products from the list of files; a resumed run computes them again."""
+        """Remove stale products from ``files``, so that a resumed run computes them again."""
         files.forget(
             *(product.path for product in vars(self).values() if not product.is_current(files))
         )

@@ -1,4 +1,4 @@
-"""Requirement sets by which a folder's flights were judged; their files are never replaced."""
+"""Requirement sets by which the flights of a folder were judged."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -18,9 +18,7 @@ from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest, RequirementSet, read_manifest, write_manifest
 from abhv_mc.io.documents import read_document, write_document
 
-_HEAD = (
-    "Requirements by which this folder's flights were judged, until the set with the next number."
-)
+_HEAD = "Requirements by which the flights of this folder were judged, until the next set."
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,8 @@ class RequirementChange:
     """Change of requirements after results had been seen."""
 
     time: str  # empty if only a report uses the changed requirements
-    flights: int  # of each controller that had been run by then
-    changes: tuple[str, ...]  # 'speed_error_max_mps: below 5 -> 3'
+    flights: int  # flights per controller run before that time
+    changes: tuple[str, ...]  # texts such as 'speed_error_max_mps: below 5 -> 3'
 
 
 def add_requirement_set(
@@ -38,9 +36,9 @@ def add_requirement_set(
     before: Mapping[str, Any],
     after: Mapping[str, Any],
 ) -> Manifest:
-    """Write the requirements after a change, and those before if only the campaign file has them.
+    """Write the changed requirements, and the original ones if they have no file yet.
 
-    Return the manifest that lists both.
+    Return the manifest that lists both sets.
     """
     now = datetime.now(UTC).isoformat(timespec="seconds")
     flights = max((count.flights_done for count in manifest.controllers.values()), default=0)
@@ -61,7 +59,7 @@ def _write(
 
 
 def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Replace the requirements of a folder, which the caller has locked, by those of a campaign."""
+    """Replace the requirements of a locked folder by those of a campaign."""
     manifest = read_manifest(folder.manifest)
     before = read_folder_inputs(folder, manifest)
     judged = before.judged_by(campaign.document.entries)
@@ -76,10 +74,10 @@ def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
 def mark_later_choices(
     folder: CampaignFolder, manifest: Manifest, campaign: Experiment, is_stored: bool = True
 ) -> tuple[Experiment, tuple[RequirementChange, ...]]:
-    """Return the campaign with its late requirements marked, and all late changes.
+    """Return the campaign with late requirements marked, and all late changes.
 
-    Late means after results had been seen. ``is_stored`` tells whether the requirements are the
-    folder's; otherwise only a report uses them.
+    A requirement is late if it was set after results had been seen. ``is_stored`` is true if the
+    folder contains the requirements; otherwise only a report uses them.
     """
     if is_stored and not manifest.requirement_sets:
         return campaign, ()

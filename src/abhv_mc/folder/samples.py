@@ -1,4 +1,4 @@
-"""Samples of a campaign as a Parquet file, from which the simulated flights are read."""
+"""Samples of a campaign, stored as a Parquet file."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +14,7 @@ from abhv_mc.io.parquet_columns import column_values, number_column
 from abhv_mc.plant.parameters import OURS, Parameters
 
 POINT = "point"
-ROW_GROUP = 65536  # flights drawn, written and read together
+ROW_GROUP = 65536  # number of flights that are drawn, written and read together
 
 
 def write_samples(
@@ -27,10 +27,10 @@ def write_samples(
     points: int = 1,
     table: Parameters = OURS,
 ) -> None:
-    """Write all samples; ``draw(first, stop)`` returns values ``[flight, parameter]``.
+    """Write all samples; ``draw(first, stop)`` returns values [flight, parameter].
 
-    With several ``points`` of the unknown parameters, flight k is at point k modulo ``points``,
-    which is stored in a column.
+    With several ``points`` of the unknowns, a column stores the point of flight k, which is k
+    modulo ``points``.
     """
     parameters = [table[name] for name in names]
     schema = pa.schema(
@@ -60,7 +60,7 @@ def write_samples(
 
 
 class SampleReader:
-    """Rows of a samples file by flight number.
+    """Reader for the rows of a samples file, by flight number.
 
     Two row groups are kept in memory. Threads may share a reader.
     """
@@ -75,7 +75,7 @@ class SampleReader:
         self._lock = threading.Lock()
 
     def rows(self, first: int, stop: int) -> Floats:
-        """Return values ``[flight, parameter]`` of the flights ``first`` .. ``stop - 1``."""
+        """Return values [flight, parameter] of the flights ``first`` to ``stop - 1``."""
         pieces = []
         while first < stop:
             group = first // ROW_GROUP
@@ -85,7 +85,7 @@ class SampleReader:
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
 
     def _read(self, group: int) -> Floats:
-        with self._lock:  # one thread starts blocks, another stores them, perhaps a group later
+        with self._lock:  # Threads that start and store blocks may read different groups.
             if group not in self._groups:
                 table = self._file.read_row_group(group)
                 columns = [column_values(table[name]) for name in self.names]

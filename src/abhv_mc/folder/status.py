@@ -1,4 +1,4 @@
-"""Status of campaign folders: manifest, holder of the lock and size."""
+"""Status of results folders: manifest, holder of the lock and size."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from abhv_mc.io.input_error import InputError
 
 @dataclass(frozen=True)
 class Status:
-    """Manifest of a campaign's folder, description of the lock's holder, and size in bytes."""
+    """Manifest of a results folder, holder of the lock as text, and size in bytes."""
 
     folder: str
     manifest: Manifest
@@ -20,7 +20,7 @@ class Status:
     bytes: int
 
     def as_entries(self) -> dict[str, Any]:
-        """Return the entries of the manifest, the folder, the holder and the size, for JSON."""
+        """Return manifest entries, folder, holder and size for JSON."""
         return self.manifest.as_entries() | {
             "folder": self.folder,
             "holder": self.holder,
@@ -29,14 +29,14 @@ class Status:
 
 
 def read_status(root: Path, store: Store, name: str = "") -> Status:
-    """Return the status of the folder ``name`` of a store, whose manifest is in ``root``.
+    """Return the status of the folder ``name`` of a store; ``root`` has its manifest.
 
-    A campaign whose manifest says ``running`` while its lock is free was killed: its state is
-    ``interrupted``. Raise InputError if the folder is that of a search.
+    If the manifest says ``running`` but the lock is free, the run was killed and the state is
+    ``interrupted``. Raise InputError for the folder of a search.
     """
     manifest = read_manifest(CampaignFolder(root).manifest)
     if manifest.search:
-        raise InputError(root, "the folder is that of a search", "the folder of a campaign")
+        raise InputError(root, "the folder belongs to a search", "the folder of a campaign")
     holder, size = store.describe(name)
     if manifest.state == RUNNING and holder is None:
         manifest = replace(manifest, state=INTERRUPTED)

@@ -1,4 +1,4 @@
-"""Stability margins in steady flight at the mission's start (``margins.json``)."""
+"""Stability margins in trim at the start of the mission (``margins.json``)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,9 +11,9 @@ from abhv_mc.io.input_error import InputError
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Margins of one loop, or of simultaneous perturbations of all loops (``all``).
+    """Margins of one loop, or for simultaneous perturbations of all loops (``all``).
 
-    A margin is None if no perturbation destabilizes the loop, or if it is already unstable.
+    A margin is None if no perturbation destabilizes the loop, or if the loop is unstable.
     """
 
     loop: str
@@ -24,30 +24,30 @@ class LoopMargins:
     delay_margin_ms: float | None = None
     sensitivity_peak: float | None = None
     crossover_rad_s: float | None = None
-    disk_margin: float | None = None  # only of ``all``, as the next two
+    disk_margin: float | None = None  # this field and the next two only for ``all``
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
-    reason: str | None = None  # why there is no loop
-    # Whether the loop is among the least margins; an effector's is not if the law commands axes.
+    reason: str | None = None  # reason why there is no loop
+    # Whether the loop counts in the smallest margins; effector loops count for direct commands.
     counts: bool = True
-    # Unstable poles of ``all``, 1/s, real and imaginary part.
+    # Unstable poles of ``all`` as real and imaginary parts, 1/s.
     poles: tuple[tuple[float, float], ...] = ()
 
     @property
     def gain_db(self) -> float:
-        """Smaller of both gain margins, dB; infinite if neither bounds the gain."""
+        """Smaller of the two gain margins, dB; infinite if the gain is unlimited."""
         sides = (self.gain_margin_low_db, self.gain_margin_high_db)
         return min((abs(side) for side in sides if side is not None), default=float("inf"))
 
 
 @dataclass(frozen=True)
 class ControllerMargins:
-    """Margins of one controller's loops, of which ``all`` is the last.
+    """Margins of all loops of one controller; the last loop is ``all``.
 
-    ``corners`` are the smallest margins at the corners of the dispersions.
+    ``corners`` contains the smallest margins at the corners of the dispersions.
     """
 
-    fault: str | None = None  # why there are none
+    fault: str | None = None  # reason why there are no margins
     nominal: tuple[LoopMargins, ...] = ()
     corners_without_trim: int = 0
     corners_unstable: int = 0
@@ -56,10 +56,10 @@ class ControllerMargins:
 
 @dataclass(frozen=True)
 class SteadyMargins:
-    """Margins of all controllers; none if the vehicle has no surfaces or engine."""
+    """Margins of all controllers; empty if the vehicle has no surfaces or engine."""
 
     corners: int = 0  # number of corners evaluated
-    all_corners: bool = False  # whether these are all corners; else a random selection
+    all_corners: bool = False  # all corners, or a random selection
     controllers: Mapping[str, ControllerMargins] = field(default_factory=dict)
 
 
@@ -67,7 +67,7 @@ _FILE = TypeAdapter(SteadyMargins)
 
 
 def read_steady_margins(path: Path) -> SteadyMargins:
-    """Read the file; return no margins if it is missing. Raise InputError if it is invalid."""
+    """Read margins; empty if the file is missing. Raise InputError if it is invalid."""
     if not path.is_file():
         return SteadyMargins()
     try:
@@ -76,5 +76,5 @@ def read_steady_margins(path: Path) -> SteadyMargins:
         first = error.errors()[0]
         problem = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         raise InputError(
-            path, problem, "the margins that a campaign wrote: --fresh computes them again"
+            path, problem, "the margins written by the campaign; --fresh computes them again"
         ) from None

@@ -1,4 +1,4 @@
-"""Campaign folders by path or address: local folders, and stores of packages for addresses."""
+"""Stores of results folders, selected by path or address."""
 
 import contextlib
 import os
@@ -15,9 +15,9 @@ from abhv_mc.io.input_error import InputError
 
 
 class LocalStore:
-    """Campaign folders on this machine; implements :class:`abhv_mc.interfaces.Store`.
+    """Store of results folders on this machine; see :class:`abhv_mc.interfaces.Store`.
 
-    The command that writes locks the folder itself (:mod:`abhv_mc.folder.lock`).
+    Commands lock the folder before they write (:mod:`abhv_mc.folder.lock`).
     """
 
     def __init__(self, path: Path) -> None:
@@ -25,22 +25,22 @@ class LocalStore:
 
     @contextlib.contextmanager
     def reading(self, pattern: str = "*") -> Iterator[Path]:
-        """Yield the folder."""
+        """Yield the local folder for writing."""
         yield self.local
 
     @contextlib.contextmanager
     def writing(self, staging: Path | None = None) -> Iterator[Path]:
-        """Yield the folder."""
+        """Yield the local folder for writing."""
         yield self.local
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return a description of the process that writes to the folder, and its size in bytes."""
+        """Return the process that writes to the folder as text, and the folder's size in bytes."""
         root = self.local / name
         return lock_holder(CampaignFolder(root).lock), _size(root)
 
 
 def _size(root: Path) -> int:
-    """Return the size of all files in bytes; a run may delete some in the meantime."""
+    """Return the size of all files in bytes; files may disappear during a run."""
     size = 0
     for directory, _, names in os.walk(root):
         for name in names:
@@ -50,7 +50,7 @@ def _size(root: Path) -> int:
 
 
 def open_store(path: Path) -> Store:
-    """Return the store of a path or an address. Raise InputError if its scheme is unknown."""
+    """Return the store for a path or address. Raise InputError for an unknown scheme."""
     address = read_address(path)
     if address is None:
         return LocalStore(path)

@@ -1,4 +1,4 @@
-"""Tables of a campaign as CSV files and as an SQL database without access to other files."""
+"""Tables of a campaign as CSV files, and as an SQL database without file access."""
 
 import contextlib
 import threading
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 T = TypeVar("T")
-_INTERRUPTS, _PAUSE = 300, 0.1  # attempts to interrupt duckdb, and s between them
+_INTERRUPTS, _PAUSE = 300, 0.1  # attempts to interrupt duckdb, and seconds between attempts
 _CLOSED: dict[str, str | bool | int | float | list[str]] = {
     "enable_external_access": "false",
     "python_enable_replacements": "false",
@@ -30,7 +30,7 @@ _CLOSED: dict[str, str | bool | int | float | list[str]] = {
 
 
 def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Path]]:
-    """Return the files of each table in the folder."""
+    """Return the files of each table in a results folder."""
     tables: dict[str, list[Path]] = {
         name: []
         for name in ("flights", "samples", "histories", "envelopes", "nominal", "reference")
@@ -43,10 +43,10 @@ def table_files(folder: CampaignFolder, manifest: Manifest) -> dict[str, list[Pa
 
 
 def export_csv(root: Path, out: Path) -> Iterator[Path]:
-    """Write each table to ``out/<table>.csv`` and yield the path.
+    """Write each table to ``out/<table>.csv`` and yield the paths.
 
-    Memory does not grow with the campaign. Raise InputError if there is no campaign, or if a run
-    has changed it in the meantime: the files written until then may not be consistent.
+    Memory use does not depend on the number of flights. Raise InputError if there is no campaign,
+    or if a run has changed the folder meanwhile; the CSV files may then be inconsistent.
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
@@ -70,17 +70,17 @@ def _read_batches(files: list[Path]) -> "Iterator[pa.RecordBatch]":
 
 @contextlib.contextmanager
 def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
-    """Open a database in memory with the campaign's tables.
+    """Open an in-memory database with the tables of a campaign.
 
     SQL statements cannot read or write files or load extensions. Raise InputError if there is no
-    campaign or a file is damaged, and on exit if a run has changed the folder in the meantime.
+    campaign or a file is damaged, and on exit if a run has changed the folder meanwhile.
     """
     import duckdb
     from pyarrow import dataset
 
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
-    Path.cwd()  # raises if the working folder was deleted, with which duckdb ends the process
+    Path.cwd()  # Raise if the working directory was deleted, because duckdb would abort.
     with duckdb.connect(config=_CLOSED) as connection, refuse_changes_after(folder, manifest):
         for name, files in table_files(folder, manifest).items():
             connection.register(
@@ -90,7 +90,7 @@ def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
 
 
 def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]") -> T | None:
-    """Return the converted result of an SQL statement; None if the statement has no result.
+    """Return the converted result of an SQL statement, or None if it has no result.
 
     Ctrl-C interrupts the statement. Raise InputError if it fails.
     """
@@ -108,15 +108,15 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
     def work() -> T | None:
         try:
             return answer()
-        finally:  # Python cannot exit while this thread destroys objects of duckdb
+        finally:  # Python cannot exit while a thread destroys duckdb objects.
             ended.set()
 
     try:
-        return run_in_thread(work)  # duckdb cannot be interrupted in the main thread
+        return run_in_thread(work)  # duckdb cannot be interrupted in the main thread.
     except KeyboardInterrupt:
-        for _ in range(_INTERRUPTS):  # duckdb ignores interrupts before the statement has started
+        for _ in range(_INTERRUPTS):  # duckdb ignores interrupts before a statement has started.
             for database in connections:
-                with contextlib.suppress(duckdb.Error):  # the connection may just have been closed
+                with contextlib.suppress(duckdb.Error):  # The connection may have been closed.
                     database.interrupt()
             if ended.wait(_PAUSE):
                 break

@@ -1,6 +1,7 @@
 """Addresses of object storage such as s3://bucket/folder.
 
-A key in an address is stored when the address is read; no text contains it afterwards.
+A secret key in an address is stored separately when the address is read, so that no text contains
+the key.
 """
 
 import re
@@ -8,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _HIDDEN = "..."
-_KEYS: dict[str, str] = {}  # user:key by bucket
+_KEYS: dict[str, str] = {}  # "user:key" by bucket
 
 
 @dataclass(frozen=True)
 class Address:
-    """An address, whose text says ``...`` for a key."""
+    """Address of object storage, whose text shows ``...`` instead of a key."""
 
     text: str
 
@@ -24,18 +25,18 @@ class Address:
         return _KEYS[_bucket(self.text)] if f"://{_HIDDEN}@" in self.text else ""
 
     def uri(self) -> str:
-        """Return the address with its key, for the object store only."""
+        """Return the address with its key, only for use by the object store."""
         return self.text.replace(f"{_HIDDEN}@", f"{self._key()}@", 1)
 
     def explain(self, error: Exception) -> str:
-        """Return the first line of an object store's error, without the key."""
+        """Return the first line of an error of the object store, without the key."""
         return str(error).splitlines()[0].replace(self._key() or _HIDDEN, _HIDDEN)
 
 
 def read_address(path: Path | str) -> Address | None:
-    """Return the address given as a path on the command line, or None for a path.
+    """Return the address given on the command line, or None for a path.
 
-    ``Path`` collapses the double slash of an address; it is restored.
+    ``Path`` collapses the double slash of an address, which this function restores.
     """
     match = re.match(r"([a-z][a-z0-9+.-]+):/+(.*)", str(path))
     if match is None:
@@ -46,7 +47,7 @@ def read_address(path: Path | str) -> Address | None:
 
 
 def hide_key(word: str) -> str:
-    """Return an argument of the command line, with the key of an address hidden."""
+    """Return a command-line argument with the key of an address hidden."""
     scheme, _, authority = word.partition("://")
     key, _, location = authority.rpartition("@")
     if ":" not in key:

@@ -1,4 +1,4 @@
-"""Atomic file writing: a reader sees a complete file or none."""
+"""Atomic file writing: readers see either a complete file or no file."""
 
 import contextlib
 import os
@@ -6,19 +6,19 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
-TEMPORARY = ".temporary"  # ending of a file that is being written
+TEMPORARY = ".temporary"  # suffix of files that are being written
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
-    """Yield a temporary path; rename it to ``path`` at the end, or delete it on an error.
+    """Yield a temporary path that is renamed to ``path`` at the end, or deleted on error.
 
-    The temporary path is absolute: pyarrow takes a relative one with a colon for an address. If
-    several writers write the same file, the last one to finish wins. Missing folders are created;
-    ``durable`` waits until the content is on disk. Raise OSError.
+    The temporary path is absolute, because pyarrow interprets a relative path with a colon as an
+    address. If several writers write the same file, the last one to finish wins. Missing folders
+    are created; ``durable`` waits until the content is on disk. Raise OSError if writing fails.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The leading dot hides it from readers of the folder.
+    # The leading dot hides the file from readers of the folder.
     temporary = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{TEMPORARY}"
     try:
         yield temporary

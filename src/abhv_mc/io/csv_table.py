@@ -1,8 +1,8 @@
-"""CSV tables for other programs, safe for spreadsheets.
+"""CSV tables for other programs, without cells that spreadsheets run as formulas.
 
 A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and
-requirement ids, texts and units are free text. Such text is written behind an apostrophe; numbers
-are unchanged.
+requirement ids, texts and units are free text. Such text gets a leading apostrophe; numbers are
+unchanged.
 """
 
 import csv
@@ -19,7 +19,7 @@ _FORMULA = r"^[=+\-@\t]"
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """Return rows as CSV."""
+    """Return rows as CSV text."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(map(_escape, row) for row in rows)
     return text.getvalue()

@@ -1,6 +1,6 @@
-"""Parser of YAML text to plain data and the source locations of its values.
+"""Parser of YAML text that returns plain data with source locations.
 
-Use it through :mod:`abhv_mc.io.documents`.
+Other modules use :mod:`abhv_mc.io.documents`.
 """
 
 import functools
@@ -22,9 +22,7 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-MAX_VALUES = (
-    100_000  # a folder with 10,000 requirements has fewer; aliases of aliases grow exponentially
-)
+MAX_VALUES = 100_000  # limit on the values of a file, because nested aliases grow exponentially
 
 _DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"
@@ -32,7 +30,7 @@ _TAG = "tag:yaml.org,2002:"
 
 @functools.lru_cache(maxsize=64)
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
-    """Return the data of a file and the locations of its values and keys. Raise InputError."""
+    """Parse a file to data and locations of values and keys. Raise InputError if invalid."""
     if len(raw) > MAX_BYTES:
         raise InputError(
             path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes"
@@ -59,30 +57,28 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         mark = error.problem_mark or error.context_mark
         location = (mark.line + 1, mark.column + 1) if mark else ()
         if mark and text[mark.index : mark.index + 1] == "\t":
-            raise InputError(
-                path, "a tab", "spaces: YAML is indented by spaces only", *location
-            ) from None
+            raise InputError(path, "a tab", "indentation by spaces", *location) from None
         problem = (error.problem or error.context or "something").removeprefix("found ")
         raise InputError(
             path, problem, f"YAML 1.2 ({error.context or 'plain'})", *location
         ) from None
     except RecursionError:
-        raise InputError(path, "too many levels", "data that are not nested so deeply") from None
+        raise InputError(path, "too many nested levels", "less deeply nested data") from None
     except (
         YAMLError,
         ValueError,
         OverflowError,
-    ) as error:  # the last: the escape of a character beyond all
+    ) as error:  # OverflowError is due to an escape beyond Unicode.
         raise InputError(path, str(error).splitlines()[0], "YAML 1.2") from None
 
 
 def _place_of(before: str) -> Place:
-    """Return line and column, from 1, of the text that follows ``before``."""
+    """Return the line and column (from 1) of the text that follows ``before``."""
     return before.count("\n") + 1, len(before) - before.rfind("\n")
 
 
 class _Builder:
-    """Builder of plain data from ruamel's nodes, with the location of each value and key."""
+    """Builder of plain data from ruamel nodes, with the locations of values and keys."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -95,7 +91,9 @@ class _Builder:
     def build(self, node: Node, keys: tuple[str | int, ...]) -> Plain:
         self.values[keys] = _start(node)
         if len(self.values) > MAX_VALUES:
-            self.refuse(node, f"more than {MAX_VALUES} values", "fewer; tables go to a CSV file")
+            self.refuse(
+                node, f"more than {MAX_VALUES} values", "fewer values; store tables in CSV files"
+            )
         tag = str(node.tag)
         if isinstance(node, MappingNode) and tag == _TAG + "map":
             return self.mapping(node, keys)
@@ -117,25 +115,27 @@ class _Builder:
                 self.refuse(
                     key_node,
                     f"the key {describe(key)}",
-                    "a name as the key (in quotes, if need be)",
+                    "a name as the key, in quotes if necessary",
                 )
             self.check_shown(key_node, key)
             path = (*keys, key)
             if key in result:
                 line, _ = self.keys[path]
                 self.refuse(
-                    key_node, f"the key '{key}' again", f"it once (it is in line {line} too)"
+                    key_node,
+                    f"the key '{key}' is repeated",
+                    f"a unique key (line {line} contains the same key)",
                 )
             self.keys[path] = _start(key_node)
             result[key] = self.build(value_node, path)
             if (
                 value_node.start_mark.index == value_node.end_mark.index
-            ):  # nothing there; the mark is in a later line
+            ):  # For an empty value the mark is in a later line.
                 self.values[path] = self.keys[path]
         return result
 
     def check_shown(self, node: ScalarNode, text: str, allowed: str = "") -> None:
-        """Reject characters that are invisible or change the direction of writing."""
+        """Reject invisible characters and characters that change the direction of writing."""
         hidden = next(
             (char for char in text if char not in allowed and not is_printable(char)), None
         )
@@ -144,13 +144,13 @@ class _Builder:
             self.refuse(
                 node,
                 problem,
-                "text without characters that control a terminal or the direction of writing",
+                "text without terminal control or direction characters",
             )
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
         text = str(node.value)
         kind = tag.removeprefix(_TAG)
-        if kind in ("str", "timestamp", "merge", "value"):  # dates and "<<" are read as text
+        if kind in ("str", "timestamp", "merge", "value"):  # Dates and "<<" are read as text.
             self.check_shown(node, text, "\n\t")
             return text
         if kind == "null" and text.lower() in ("", "~", "null"):

@@ -1,7 +1,8 @@
 """YAML documents as plain data with source locations, and their validation.
 
-The reader accepts YAML 1.2 with text keys only: no tags, objects or duplicate keys. A model is a
-:class:`StrictModel`. All problems of a file are reported together, with file, line and column.
+The reader accepts YAML 1.2 with text keys only: no tags, objects or duplicate keys. Models are
+subclasses of :class:`StrictModel`. All problems of a file are reported together, with file, line
+and column.
 """
 
 import sys
@@ -48,7 +49,7 @@ Key = str | int
 
 @dataclass(frozen=True)
 class Document:
-    """Content of a file as plain data; arguments ``keys`` lead from the root to a value."""
+    """Content of a file as plain data; ``keys`` lead from the root to a value."""
 
     path: Path
     data: Plain
@@ -57,22 +58,22 @@ class Document:
 
     @property
     def entries(self) -> dict[str, Any]:
-        """Data of a file whose root is a mapping."""
+        """Data of a file whose root is a mapping, by key."""
         data: Any = self.data
         return data
 
     def __str__(self) -> str:
-        """Return the file's path."""
+        """Return the path of the file."""
         return str(self.path)
 
     def position(self, *keys: Key) -> Place:
-        """Return line and column (from 1) of the value at ``keys`` or of its nearest parent."""
+        """Return the line and column (from 1) of the value at ``keys``, or its nearest parent."""
         while keys not in self.value_places:
             keys = keys[:-1]
         return self.value_places[keys]
 
     def key_position(self, *keys: Key) -> Place:
-        """Return line and column (from 1) of the last of ``keys``; of the value in a list."""
+        """Return the line and column (from 1) of the last of ``keys``, or of a list item."""
         return self.key_places.get(keys) or self.position(*keys)
 
     def error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
@@ -84,12 +85,12 @@ class Document:
         return InputError(self.path, problem, expected, *self.key_position(*keys))
 
     def resolve(self, text: str | Path) -> Path:
-        """Return a path of the file, which is relative to the file's folder."""
+        """Return a path in the file, resolved relative to the folder of the file."""
         return self.path.parent / text
 
 
 def read_document(path: "str | PathLike[str] | Document") -> Document:
-    """Read a YAML file; return a document unchanged. Raise InputError."""
+    """Read a YAML file, or return a document unchanged. Raise InputError if invalid."""
     if isinstance(path, Document):
         return path
     path = Path(path)
@@ -98,33 +99,33 @@ def read_document(path: "str | PathLike[str] | Document") -> Document:
     except FileNotFoundError:
         raise InputError(path, "no such file", "a YAML file") from None
     except (OSError, ValueError) as error:
-        raise InputError(path, f"a file that cannot be read ({error})", "a YAML file") from None
+        raise InputError(path, f"the file cannot be read ({error})", "a YAML file") from None
     return Document(path, deepcopy(data), *locations)
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     """Write plain data, numpy scalars and paths to a YAML file.
 
-    Raise InputError for other types.
+    Raise InputError for values of other types.
     """
     from ruamel.yaml import YAML
 
     def of_numpy(value: Any) -> Any:
         if type(value).__module__ != "numpy" or getattr(value, "ndim", False):
-            raise InputError(path, f"a value of the type {type(value).__name__}", "plain data")
+            raise InputError(path, f"a value of type {type(value).__name__}", "plain data")
         return value.item()
 
     yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None  # innermost lists and mappings on one line
+    yaml.default_flow_style = None  # Innermost lists and mappings are written on one line.
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.allow_unicode = False  # some line ends are not ASCII
-    yaml.width = sys.maxsize  # ruamel folds some long texts so that they read back changed
+    yaml.allow_unicode = False  # Some line separators are not ASCII.
+    yaml.width = sys.maxsize  # ruamel changes some long texts when it folds them.
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     yaml.dump(to_jsonable_python(data, fallback=of_numpy), text)
     Path(path).write_text(
         text.getvalue(), encoding="utf-8"
-    )  # only now: refused data leave a file as it is
+    )  # Write last, so that rejected data do not change a file.
 
 
 def _make_scalars_strict(schema: Any) -> None:
@@ -140,10 +141,10 @@ def _make_scalars_strict(schema: Any) -> None:
 
 
 class StrictModel(BaseModel):
-    """Base class of the file models: frozen, rejects unknown keys, finite numbers only.
+    """Base class of file models: frozen, without unknown keys, only finite numbers.
 
-    Numbers are not read from text, nor text from numbers; a list becomes a tuple, and text a path.
-    Create instances with :func:`validate`. Validators raise :class:`Refusal`.
+    Numbers are not read from text, nor text from numbers; lists become tuples, and texts of path
+    fields become paths. Create instances with :func:`validate`. Validators raise :class:`Refusal`.
     """
 
     model_config = ConfigDict(
@@ -159,9 +160,7 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _note_keys(cls, data: Any, info: ValidationInfo) -> Any:
-        if (
-            info.context and "known_keys" in info.context
-        ):  # what an unknown key may have been meant to be
+        if info.context and "known_keys" in info.context:  # candidates for the intended key
             info.context["known_keys"][id(data)] = [
                 field.alias or name for name, field in cls.model_fields.items()
             ]
@@ -175,20 +174,20 @@ def _resolve_file(value: object, info: ValidationInfo) -> object:
     path = document.resolve(value) if document else Path(value)
     if not path.is_file():
         raise Refusal(
-            f"'{value}', which is {'a folder' if path.is_dir() else 'not there'}",
+            f"'{value}' {'is a folder' if path.is_dir() else 'does not exist'}",
             "the path of a file",
         )
     return path
 
 
 File = Annotated[Path, BeforeValidator(_resolve_file, json_schema_input_type=str)]
-"""Field that names an existing file, relative to the document's folder."""
+"""Field that names an existing file, relative to the folder of the document."""
 
 
 def validate(document: Document, model: type[M]) -> M:
-    """Return the document's data as a ``model``. Raise InputErrors with all problems.
+    """Convert the data of a document to a ``model``. Raise InputErrors with all problems.
 
-    Validators find the document in ``info.context["document"]``.
+    Validators can access the document as ``info.context["document"]``.
     """
     known_keys: dict[int, list[str]] = {}
     try:
@@ -201,9 +200,9 @@ def validate(document: Document, model: type[M]) -> M:
 
 
 def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
-    """Return the keys of pydantic's location that exist in the data.
+    """Return the keys of a pydantic location that exist in the data.
 
-    The location also has tags and types of unions, which the data lack.
+    Locations also contain tags and types of unions, which are not part of the data.
     """
     best: tuple[Key, ...] = ()
     if not isinstance(data, (dict, list)):
@@ -216,7 +215,7 @@ def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
     return best
 
 
-_EXPECTED = {  # replacements of pydantic's Python terms
+_EXPECTED = {  # replacements for Python terms of pydantic
     "string_type": "text",
     "int_type": "a whole number",
     "float_type": "a number",
@@ -230,7 +229,7 @@ _EXPECTED = {  # replacements of pydantic's Python terms
 
 
 def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]]) -> InputError:
-    """Return a pydantic error as an InputError."""
+    """Convert a pydantic error to an InputError."""
     kind, location, context = detail["type"], tuple(detail["loc"]), detail.get("ctx", {})
     keys = _locate(document.data, location)
     value: Any = document.data
@@ -257,14 +256,16 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         ]
         return document.error(keys, describe(value), one_of(choices, value))
     if kind == "too_short":
-        return document.error(keys, describe(value), f"at least {context['min_length']} of them")
+        return document.error(keys, describe(value), f"at least {context['min_length']} items")
     return document.error(keys, describe(value), _EXPECTED.get(kind) or _plain(detail["msg"]))
 
 
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:
-    """Return the error of a union whose kind is unknown or missing."""
+    """Return the InputError for a union whose kind is unknown or missing."""
     name = context["discriminator"].strip("'")
-    name = "kind" if name.endswith("()") else name  # a function that looks for other keys first
+    name = (
+        "kind" if name.endswith("()") else name
+    )  # A discriminator function examines other keys first.
     if "tag" in context:
         tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
         return document.error(
@@ -275,6 +276,6 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
 
 
 def _plain(message: str) -> str:
-    """Return pydantic's sentence without "Input should be"."""
+    """Return a pydantic message without "Input should be"."""
     message = message.removeprefix("Input should ").removeprefix("be ")
     return message[:1].lower() + message[1:]

@@ -1,7 +1,7 @@
 """Tables of other programs: CSV of any dialect, JSON lines, Parquet and Excel.
 
-Each cell has a source location. One reader and one set of rules for units in column headings serve
-flights, samples, missions, vehicles and gains.
+Each cell has a source location. Tables of flights, samples, missions, vehicles and gains share the
+reader and the rules for units in column headings.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 
-if TYPE_CHECKING:  # workers that simulate read no table and import no pyarrow
+if TYPE_CHECKING:  # Workers read no tables and need not import pyarrow.
     import pyarrow as pa
 
 _NUMBER = re.compile(NUMBER)
@@ -39,14 +39,19 @@ _WORDS = {
 }
 _COMMENT = re.compile(r"\s*(?:#(?!N/A)|%|!|//|---)")
 _UNIT_IN_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\)|\{([^{}]*)\})")
-_SUFFIXES = {"mps": "m/s", "fps": "ft/s", "kg m3": "kg/m3", "min": "?"}  # altitude_min: lowest
-_CORNER = "\\"  # between the names of the two axes of a matrix
-_BLANKS = " "  # any number of them, or of tabs, separates cells
-_LONGEST_LIST = 20  # of JSON, whose items become columns
+_SUFFIXES = {
+    "mps": "m/s",
+    "fps": "ft/s",
+    "kg m3": "kg/m3",
+    "min": "?",
+}  # 'min' is a minimum, as in altitude_min
+_CORNER = "\\"  # separates the names of the two axes of a matrix
+_BLANKS = " "  # Any number of blanks or tabs separates cells.
+_LONGEST_LIST = 20  # longest JSON list whose items become columns
 
 
 class Column(NamedTuple):
-    """Column of a table: its position from 0 and its unit from the head or a row of units."""
+    """Column of a table: index from 0, and unit from the heading or the row of units."""
 
     position: int
     unit: str = ""
@@ -54,22 +59,22 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class ForeignTable:
-    """Columns of a table by their heads, of text or as Parquet stores them."""
+    """Table with columns of text, or with columns as stored in Parquet."""
 
     path: Path
     heads: tuple[str, ...]
-    units: tuple[str, ...]  # of a row of units below the heads; empty texts without one
-    data: "pa.Table"  # columns in the order of the heads
-    lines: Sequence[int]  # [row] line of the file, from 1; number of the row in Parquet
+    units: tuple[str, ...]  # row of units below the headings; empty texts if missing
+    data: "pa.Table"  # columns in the order of the headings
+    lines: Sequence[int]  # [row] line of the file, or row of Parquet, from 1
     head_line: int = 1
-    texts: Sequence[str] = ()  # [row] lines as they stand in the file
+    texts: Sequence[str] = ()  # [row] original lines of the file
     separator: str = ","
 
     def __len__(self) -> int:
         return int(self.data.num_rows)
 
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
-        """Return the error of a cell; row None is the heads, column None the whole line."""
+        """Return the InputError for a cell; row None means the heading, column None the line."""
         line = self.head_line if row is None else self.lines[row]
         cells: Sequence[str] = self.heads
         if row is not None:
@@ -84,11 +89,11 @@ class ForeignTable:
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
     ) -> dict[str, Column]:
-        """Return the columns of ``names``, as far as the table has them.
+        """Return the columns of ``names`` that exist in the table.
 
-        A head is a name, alone or with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude {ft}' or
-        'altitude_ft'. ``heads`` gives the head of a name in place of that. Raise InputError if two
-        columns fit one name.
+        A heading is a name, possibly with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude {ft}'
+        or 'altitude_ft'. ``heads`` maps names to other headings. Raise InputError if two columns
+        match one name.
         """
         columns: dict[str, Column] = {}
         known_names = frozenset(names)
@@ -96,7 +101,7 @@ class ForeignTable:
             name, unit = read_head(head, known_names)
             if name and name not in (heads or {}):
                 if name in columns:
-                    expected = "one of each name, its unit aside"
+                    expected = "a unique column for each name, whatever the unit"
                     raise self.error(None, index, f"2 columns '{name}'", expected)
                 columns[name] = Column(index, unit or self.units[index])
         for name, head in (heads or {}).items():
@@ -115,7 +120,7 @@ class ForeignTable:
         return None
 
     def factor(self, column: Column, unit: str) -> float:
-        """Return the factor from a column's unit to ``unit``. Raise InputError if there is none."""
+        """Return the factor from a column's unit to ``unit``. Raise InputError if incompatible."""
         if column.unit in ("", unit):
             return 1.0
         try:
@@ -125,9 +130,9 @@ class ForeignTable:
             raise self.error(None, column.position, problem, refusal.expected) from None
 
     def numbers(self, columns: Sequence[int], finite: bool = True) -> Floats:
-        """Return columns as numbers [row, column], NaN for empty cells.
+        """Return columns as numbers [row, column], with NaN for empty cells.
 
-        Raise InputError for text, and for numbers that are not finite if ``finite``.
+        Raise InputError for text and, if ``finite``, for numbers that are not finite.
         """
         import pyarrow as pa
 
@@ -148,7 +153,7 @@ class ForeignTable:
         return out
 
     def _parse(self, column: int, cells: "pa.ChunkedArray") -> Floats:
-        """Return the numbers of cells [row]. Raise InputError at the first cell that is none."""
+        """Parse cells [row] as numbers. Raise InputError at the first invalid cell."""
         numbers = np.empty(len(cells))
         for row, cell in enumerate(cells.to_pylist()):
             text = "" if cell is None else str(cell).replace("\N{MINUS SIGN}", "-")
@@ -163,13 +168,13 @@ class ForeignTable:
         return self.error(row, column, problem, "a finite number")
 
     def words(self, column: int) -> list[str]:
-        """Return a column as text [row]; empty cells are empty texts."""
+        """Return a column as text [row], with empty texts for empty cells."""
         cells = _plain(self.data.column(column)).to_pylist()
         return ["" if cell is None else str(cell) for cell in cells]
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column without dictionary, with booleans as numbers and stripped text."""
+    """Return a column without dictionary encoding, with booleans as numbers and text stripped."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -183,9 +188,9 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
 
 
 def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
-    """Return columns with decimal points in place of commas.
+    """Return columns with decimal commas replaced by points.
 
-    Commas are decimal if some numbers have commas and none has a point.
+    Commas are decimal if some numbers contain a comma and none contains a point.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -202,9 +207,9 @@ def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
 
 
 def split_head(head: str) -> tuple[str, str]:
-    """Split 'altitude [ft]' into a name and a unit, which may be empty.
+    """Split a heading such as 'altitude [ft]' into name and unit, which may be empty.
 
-    An index as in 'x[0]' is no unit.
+    An index as in 'x[0]' is not a unit.
     """
     match = _UNIT_IN_BRACKETS.fullmatch(head)
     unit = next(filter(None, match.groups()[1:]), "").strip() if match else ""
@@ -212,9 +217,9 @@ def split_head(head: str) -> tuple[str, str]:
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the name that a head contains and its unit, or empty texts.
+    """Return the name in a heading and the unit, or empty texts.
 
-    ``names`` are the names to look for.
+    ``names`` are the possible names.
     """
     if head in names:
         return head, ""
@@ -236,8 +241,8 @@ def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
 def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
     """Read CSV with any separator, plain or gzipped, JSON lines, Parquet or Excel.
 
-    A row of units may follow the heads if ``has_units``; tables of text have none. Raise
-    InputError.
+    A row of units may follow the headings if ``has_units``; tables of text have none. Raise
+    InputError if the file cannot be read.
     """
     try:
         content = read_input(path)
@@ -252,7 +257,7 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            return replace(table, texts=())  # a character has no column there
+            return replace(table, texts=())  # Characters of such a table have no column.
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
         if text.lstrip()[:1] == "{":
@@ -276,7 +281,7 @@ def _sheet_text(content: bytes) -> str:
 
 
 def _read_json(path: Path, text: str) -> ForeignTable:
-    """Read one object per line; nested values become columns such as 'position[0]'."""
+    """Read one JSON object per line; nested values become columns such as 'position[0]'."""
     import pyarrow as pa
 
     rows: list[dict[str, str]] = []
@@ -285,7 +290,7 @@ def _read_json(path: Path, text: str) -> ForeignTable:
         try:
             rows.append(dict(_leaves("", json.loads(line))))
         except ValueError as error:
-            raise InputError(path, str(error), "an object of JSON in each line", number) from None
+            raise InputError(path, str(error), "a JSON object in each line", number) from None
     heads = tuple(dict.fromkeys(head for row in rows for head in row))
     columns = [pa.array([row.get(head, "") for row in rows], pa.string()) for head in heads]
     data = pa.table(columns, names=list(heads))
@@ -304,13 +309,13 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
-    """Read a head line and lines of cells; skip blank lines and comments."""
+    """Read a line of headings and lines of cells; skip blank lines and comments."""
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
     lines: dict[int, str] = {}
     comments: list[tuple[int, str]] = []
-    start = 0  # of a cell in quotes that goes on over several lines
+    start = 0  # first line of a quoted cell that spans several lines
     for number, line in enumerate(text.splitlines(), 1):
         if start:
             lines[start] += f"\n{line}"
@@ -327,13 +332,13 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     for line in list(lines.values())[:2]:
         if _CORNER in line:
             return _read_matrix(path, lines, _find_separator([line]))
-    if any(map(_NUMBER.fullmatch, cells)):  # heads in a comment, as of Dakota and numpy
+    if any(map(_NUMBER.fullmatch, cells)):  # Dakota and numpy write headings in a comment.
         for number, line in reversed(comments):
             if number < next(iter(lines)) and len(split_line(line, separator)) == len(cells):
                 lines = {number: line, **lines}
                 break
     if len(lines) < 2:
-        raise InputError(path, "no rows", "a header and rows of numbers", 1)
+        raise InputError(path, "no rows", "a line of headings and rows of numbers", 1)
     (head, *texts), (head_line, *numbers) = lines.values(), lines
     heads = tuple(split_line(head, separator))
     units = [unit.strip("[](){} ") for unit in split_line(texts[0], separator)]
@@ -347,7 +352,9 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         if '"' in line or separator == _BLANKS:
             count = len(split_line(line, separator))
         if count != len(heads):
-            raise InputError(path, f"{count} cells", f"{len(heads)}, as in the header", number)
+            raise InputError(
+                path, f"{count} cells", f"{len(heads)} cells, as in the heading", number
+            )
     body, delimiter = "\n".join(texts), separator
     if '"' in text or separator == _BLANKS:
         lines_with_tabs, delimiter = io.StringIO(), "\t"
@@ -376,10 +383,10 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
 
 
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
-    """Read matrices as a table with a row per cell.
+    """Read matrices as a table with one row per cell.
 
-    The corner names the heads of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third axis
-    begin with a line such as 'altitude_m = 1000'.
+    The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third
+    axis begin with a line such as 'altitude_m = 1000'.
     """
     import pyarrow as pa
 
@@ -399,24 +406,26 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
             outer = tuple(cells)
         elif len(cells) != len(heads) + 1:
             raise InputError(
-                path, f"{len(cells)} cells", f"{len(heads) + 1}, as in the header", number
+                path, f"{len(cells)} cells", f"{len(heads) + 1} cells, as in the heading", number
             )
         else:
             rows += [(*outer[1:], cells[0], *own) for own in zip(heads, cells[1:], strict=True)]
             numbers += [number] * len(heads)
         if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
-            expected = "'name\\name' and the column headings, below 'name = number' of a third axis"
+            expected = (
+                "'name\\name' and the column headings, below 'name = number' for a third axis"
+            )
             raise InputError(path, f"'{line.strip()}'", expected, number)
     columns = [pa.array(column, pa.string()) for column in zip(*rows, strict=True)]
     if not columns:
-        raise InputError(path, "a matrix without rows", "a head and numbers in each", 1)
+        raise InputError(path, "a matrix without rows", "a row heading and numbers in each row", 1)
     units = ("",) * len(names)
     data = pa.table(columns, names=list(names))
     return ForeignTable(path, names, units, data, numbers, separator=separator)
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Return whether a row below the heads holds units: no number, and a unit that is known."""
+    """Return whether a row is a row of units: no number and at least one known unit."""
     if any(
         _NUMBER.fullmatch(cell.replace(",", ".")) or cell.lower() in _WORDS
         for cell in cells
@@ -432,7 +441,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """Return the first separator that splits head and next line into as many cells."""
+    """Return the first separator that splits the first two lines into equally many cells."""
     counts = {
         separator: [len(split_line(line, separator)) for line in lines]
         for separator in (";", "\t", ",", _BLANKS)
@@ -446,7 +455,7 @@ def _find_separator(lines: Sequence[str]) -> str:
 
 
 def split_line(line: str, separator: str) -> list[str]:
-    """Return the cells of a line without blanks around."""
+    """Split a line into cells without surrounding blanks."""
     if '"' not in line:
         return line.split() if separator == _BLANKS else [c.strip() for c in line.split(separator)]
     plain = line.strip() if separator == _BLANKS else line
@@ -457,7 +466,7 @@ def split_line(line: str, separator: str) -> list[str]:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Columns of a file as numbers, all finite."""
+    """Columns of a file as finite numbers."""
 
     table: ForeignTable
     columns: Mapping[str, Column]
@@ -468,11 +477,11 @@ class NumberTable:
         return tuple(self.columns)
 
     def error(self, row: int, name: str, problem: str, expected: str) -> InputError:
-        """Return the error of the number in a row under a name, at its location in the file."""
+        """Return the InputError for the number in a row of the column ``name``."""
         return self.table.error(row, self.columns[name].position, problem, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
-        """Raise InputError at the first number under a name that is not above the one before."""
+        """Raise InputError at the first number of a column that is not above the previous one."""
         values = self.values[:, self.names.index(name)]
         falls = or_falling and values[0] > values[-1]
         for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:
@@ -481,7 +490,7 @@ class NumberTable:
 
 
 def read_numbers(path: Path, dimensions: Mapping[str, Dimension]) -> NumberTable:
-    """Read columns as finite numbers in SI and radians. Raise InputError."""
+    """Read columns as finite numbers, SI and radians. Raise InputError if invalid."""
     table = read_foreign_table(path)
     return take_numbers(table, table.find(dimensions), dimensions)
 
@@ -489,11 +498,11 @@ def read_numbers(path: Path, dimensions: Mapping[str, Dimension]) -> NumberTable
 def take_numbers(
     table: ForeignTable, columns: Mapping[str, Column], dimensions: Mapping[str, Dimension]
 ) -> NumberTable:
-    """Return columns as finite numbers in SI and radians. Raise InputError."""
+    """Convert columns to finite numbers, SI and radians. Raise InputError if invalid."""
     factors = []
     for name, dimension in dimensions.items():
         if name not in columns:
-            expected = f"the columns {', '.join(dimensions)}, each once"
+            expected = f"one column for each of {', '.join(dimensions)}"
             raise table.error(None, None, f"no column {name}", expected)
         column = columns[name]
         if dimension.unit != "-" and not column.unit:

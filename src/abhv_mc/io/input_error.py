@@ -1,6 +1,6 @@
-"""Errors of bad input.
+"""Errors for invalid input.
 
-This module is separate from :mod:`abhv_mc.io.documents` because the command line imports it at
+The module is separate from :mod:`abhv_mc.io.documents` because the command line imports it at every
 start.
 """
 
@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-# Terms of other programs and the names used here.
+# Synonyms used by other programs, with the names used by abhv-mc.
 _SYNONYMS = {
     **dict.fromkeys(("gauss", "gaussian"), "normal"),
     **dict.fromkeys(("std", "stddev", "sd", "standard_deviation"), "sigma"),
@@ -20,9 +20,9 @@ _SYNONYMS = {
 
 
 class InputError(Exception):
-    """Invalid input with its source location, the value found and the value expected.
+    """Error: invalid input, with source location, value found and value expected.
 
-    The command line prints it and exits with code 2.
+    The command line prints the error and exits with code 2.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class InputError(Exception):
 
 
 class InputErrors(InputError):
-    """All problems of one input, sorted by file and location.
+    """Error with all problems of one input, sorted by file and location.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class InputErrors(InputError):
 
 
 class Refusal(ValueError):
-    """Problem with one value, raised by a check that does not know the value's location.
+    """Error raised by a check of a value that does not know the value's source location.
 
     The caller adds the location. ``keys`` lead from the checked value to the wrong item.
     """
@@ -114,25 +114,25 @@ def _sentence(problem: str, expected: str) -> str:
 
 
 def is_exhausted(error: BaseException) -> bool:
-    """Return whether the system has no more open files, processes or memory."""
+    """Return whether the error means that files, processes or memory are exhausted."""
     kinds = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
     return isinstance(error, OSError) and error.errno in kinds
 
 
 def printable(text: str) -> str:
-    """Return text from a file for a terminal, with control characters escaped."""
+    """Return text with control characters escaped, for printing to a terminal."""
     return "".join(
         char if is_printable(char) or char == "\n" else ascii(char)[1:-1] for char in text
     )
 
 
 def is_printable(text: str) -> bool:
-    """Return whether a terminal displays the text unchanged; spaces of all scripts count."""
+    """Return whether a terminal displays the text unchanged, including all kinds of spaces."""
     return all(char.isprintable() or unicodedata.category(char) == "Zs" for char in text)
 
 
 def one_of(names: Iterable[object], misspelt: object = None) -> str:
-    """Return the choices as text, with the one most similar to a misspelt name."""
+    """Return the choices as text, with a suggestion for a misspelt name."""
     options = [str(name) for name in names]
     near = [word for word in (_SYNONYMS.get(str(misspelt).lower()),) if word in options]
     if misspelt is not None and not near:

@@ -1,7 +1,7 @@
-"""The input files of a command; each is read once.
+"""Input files of a command, each of which is read once.
 
-Checks, simulation, hashing and copies therefore use the same bytes, even if a file is edited
-meanwhile.
+Checks, simulation, hashing and copies therefore use the same bytes, even if a file is edited during
+the command.
 """
 
 import functools
@@ -12,15 +12,13 @@ from typing import Any, TypeVar, cast
 
 A = TypeVar("A")
 T = TypeVar("T")
-_held: list[
-    dict[Any, Any]
-] = []  # by function and file: bytes of the files read so far, and what was made of them
+_held: list[dict[Any, Any]] = []  # cached file contents and results of functions
 
 
 @contextmanager
 def reading_once() -> Iterator[None]:
-    """Read every input file at most once inside the context, in all modules and threads."""
-    if _held:  # a nested command
+    """Read each input file at most once during the context, in all modules and threads."""
+    if _held:  # a nested context
         yield
         return
     _held.append({})
@@ -31,9 +29,9 @@ def reading_once() -> Iterator[None]:
 
 
 def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
-    """Return a function of a path that is called once per file in :func:`reading_once`.
+    """Decorate a function of a path so that :func:`reading_once` calls it once per file.
 
-    A document in place of the path is processed each time.
+    If the argument is a document instead of a path, the function is always called.
     """
 
     @functools.wraps(make)
@@ -50,5 +48,5 @@ def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
 
 @made_once
 def read_input(path: Path) -> bytes:
-    """Return a file's bytes, cached in :func:`reading_once`. Raise OSError."""
+    """Return the bytes of a file, cached in :func:`reading_once`."""
     return path.read_bytes()

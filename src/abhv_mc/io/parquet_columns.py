@@ -1,6 +1,6 @@
-"""Conversion of Parquet columns from and to arrays without importing pandas.
+"""Conversion between Parquet columns and arrays without importing pandas.
 
-pyarrow's own functions import pandas, which takes a third of a second.
+The functions of pyarrow import pandas, which takes a third of a second.
 """
 
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 
 def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
-    """Return the numbers of a column as a copy; nulls are NaN."""
+    """Return the numbers of a column as a copy, with NaN for nulls."""
     if column.null_count or not column.num_chunks:
         return np.asarray(column.to_numpy())
     return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
 
 
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
-    """Return the distinct texts of a column, ascending, and the index of each row's [row]."""
+    """Return the sorted distinct texts of a column and the index of the text [row]."""
     encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
     texts, inverse = np.unique(
         np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True
@@ -28,13 +28,13 @@ def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]
 
 
 def number_column(values: NDArray[Any]) -> pa.Array:
-    """Return a column of numbers [row]."""
+    """Convert numbers [row] to a column."""
     buffers = [None, pa.py_buffer(np.ascontiguousarray(values))]
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), buffers)
 
 
 def text_column(texts: Sequence[str]) -> pa.Array:
-    """Return a column of texts [row]."""
+    """Convert texts [row] to a column."""
     encoded = [text.encode() for text in texts]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.Array.from_buffers(

@@ -1,8 +1,8 @@
 """Quantities with units: conversion of text such as '20 km' to SI and radians.
 
 A unit is a product of symbols with integer powers ('kg m2', 'slug ft2', 'ft/s', '1/s'); '/' divides
-by the symbol after it. In files a quantity with a dimension needs a unit; the command line may
-allow a bare number.
+by the symbol after it. In files a quantity with a dimension needs a unit; on the command line some
+options allow a bare number.
 
 Conversion factors are from NIST SP 811 (2008), appendix B. They are exact except those of the slug
 and the pound-force per foot.
@@ -18,9 +18,9 @@ from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from abhv_mc.io.input_error import Refusal, describe, one_of
 
-# a plain decimal one; \d knows all scripts
+# decimal number; \d would match digits of all scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-Exponents = tuple[int, int, int, int]  # of metre, kilogram, second, radian
+Exponents = tuple[int, int, int, int]  # exponents of metre, kilogram, second and radian
 
 _NONE: Exponents = (0, 0, 0, 0)
 _FOOT = 0.3048
@@ -69,17 +69,17 @@ _FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?[0-9]{1,2})(?![0-9]))?")
 
 @dataclass(frozen=True)
 class Dimension:
-    """Physical dimension: its name in a sentence, SI unit and an example."""
+    """Physical dimension: name as used in a sentence, SI unit and example."""
 
     name: str
     unit: str
     example: str
     exponents: Exponents
-    largest: float = math.inf  # SI; rejects implausible input
+    largest: float = math.inf  # largest plausible value, SI
 
     @property
     def expected(self) -> str:
-        """Expected value, for error messages."""
+        """Description of the expected value for error messages."""
         return f"{self.name} such as '{self.example}'"
 
 
@@ -111,7 +111,7 @@ _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
 
 def parse_unit(text: str) -> tuple[float, Exponents]:
-    """Return factor to SI and exponents of a unit. Raise Refusal."""
+    """Return the factor to SI and the exponents of a unit. Raise Refusal if it is unknown."""
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)
     text = text.strip().replace("**", "^")
@@ -142,7 +142,7 @@ def dimension_of(unit: str) -> Dimension:
 
 
 def si_unit_of(unit: str) -> str:
-    """Return the SI unit of what a unit measures. Raise Refusal for an unknown unit."""
+    """Return the SI unit of the same dimension. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
     if exponents in _BY_EXPONENTS:
         return _BY_EXPONENTS[exponents].unit
@@ -160,13 +160,13 @@ def si_unit_of(unit: str) -> str:
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
-    """Return a quantity in SI. Raise Refusal (a ValueError).
+    """Convert text to a quantity in SI. Raise Refusal if it is invalid.
 
-    A number without a unit is in ``bare_unit``.
+    A number without unit is interpreted in ``bare_unit``.
     """
     if dimension is FRACTION:
         bare_unit = "-"
-    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # numpy numbers are Real
+    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # Numbers of numpy are Real.
         raise Refusal(describe(text), dimension.expected)
     match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
@@ -189,7 +189,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         raise Refusal(
             f"{describe(text)}, {actual.name if actual else 'something else'}", dimension.expected
         )
-    inverse = 1.0 / factor  # dividing by 100 rounds once, where multiplying by 0.01 rounds twice
+    inverse = 1.0 / factor  # Division by 100 rounds once, multiplication by 0.01 twice.
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
         raise Refusal(describe(text), f"a finite number ({dimension.expected})")
@@ -197,29 +197,29 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
 
 
 def parse_any(text: str | float) -> float:
-    """Return a quantity of any dimension in SI, or a plain number. Raise Refusal."""
+    """Convert text to a quantity of any dimension in SI. Raise Refusal if it is invalid."""
     unit = unit_of(text)
     return parse_quantity(text, dimension_of(unit) if unit else FRACTION)
 
 
 def unit_of(text: str | float) -> str:
-    """Return the unit of a quantity, empty for a plain number."""
+    """Return the unit in the text of a quantity, or '' for a plain number."""
     match = _QUANTITY.fullmatch(str(text).strip()) if isinstance(text, str) else None
     return match.group(2).strip() if match else ""
 
 
 def parse_in_unit(value: str | float, unit: str) -> float:
-    """Return a quantity in the SI unit ``unit``. Raise Refusal.
+    """Convert a quantity to the SI unit ``unit``. Raise Refusal if it is incompatible.
 
-    '-' accepts a plain number or a percentage.
+    For the unit '-', the value may be a plain number or a percentage.
     """
     return parse_quantity(value, dimension_of(unit))
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """Return a quantity in ``unit``, which may be any text. Raise Refusal.
+    """Convert a quantity to ``unit``, which may be any text. Raise Refusal if impossible.
 
-    A plain number is in ``unit``; other units are converted if both are known.
+    A plain number is in ``unit``; other units are converted if both units are known.
     """
     written_unit = unit_of(value)
     if written_unit in ("", unit):
@@ -237,9 +237,9 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
 
 
 def format_quantity(value: float, dimension: Dimension) -> str | float:
-    """Return text that :func:`parse_quantity` converts to the same float.
+    """Return text that :func:`parse_quantity` converts back to the same float.
 
-    Without a unit it is a plain number.
+    A quantity without dimension becomes a plain number.
     """
     return value if dimension is FRACTION else f"{value!r} {dimension.unit}"
 
@@ -264,14 +264,14 @@ def _writer(dimension: Dimension) -> PlainSerializer:
 def _schema(dimension: Dimension) -> WithJsonSchema:
     text = {"type": "string", "description": dimension.expected, "examples": [dimension.example]}
     text["pattern"] = (
-        # with a unit, whatever it is
+        # number followed by any unit
         rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"
     )
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 
-# Fields of a model: text with a unit in the file, a float in SI in the model, text again in
-# model_dump(mode="json"). A limit is in SI: Annotated[Length, Gt(0.0)].
+# Field types: text with a unit in files and in model_dump(mode="json"), a float in SI in models.
+# Limits are in SI, as in Annotated[Length, Gt(0.0)].
 Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
 Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]
 Speed = Annotated[float, _parser(SPEED), _writer(SPEED), _schema(SPEED)]

@@ -1,4 +1,4 @@
-"""Reader of XML files as nodes with line numbers. It resolves nothing outside the file.
+"""Reader of XML files as nodes with line numbers, without external references.
 
 Document types are skipped. Entity declarations, entity references and inclusions are rejected. Text
 is folded so that it cannot end the comment, docstring or YAML line that contains it.
@@ -14,57 +14,57 @@ from xml.parsers import expat
 from abhv_mc.io.input_error import InputError
 
 _INCLUDE = "http://www.w3.org/2001/XInclude"
-_DEEPEST = 200  # elements within elements
-_SEPARATOR = "\n"  # between a name space and a name: no name holds it
+_DEEPEST = 200  # maximum depth of nested elements
+_SEPARATOR = "\n"  # separator of namespace and name, which no name contains
 _QUOTES = str.maketrans('"\\', "'/")
 
 
 def fold(text: str) -> str:
-    """Return text on one line without quotes and control characters."""
+    """Return the text on one line, without quotes and control characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in text.translate(_QUOTES)).split())
 
 
 @dataclass
 class Node:
-    """Element: name without namespace, attributes, children and its own text."""
+    """XML element: name without namespace, attributes, children and text."""
 
-    path: Path  # of the file
+    path: Path  # path of the file
     name: str
     attributes: dict[str, str]
     line: int
     column: int
     children: list["Node"] = field(default_factory=list)
-    raw: str = ""  # text as in the file
+    raw: str = ""  # unfolded text
 
     @cached_property
     def text(self) -> str:
-        """The folded text."""
+        """Folded text of the element."""
         return fold(self.raw)
 
     @property
     def lines(self) -> list[str]:
-        """The lines of the text that are not blank, each folded."""
+        """Nonblank lines of the text, each folded."""
         return [line for line in map(fold, self.raw.splitlines()) if line]
 
     def first(self, name: str) -> "Node | None":
-        """Return the first child with a name, or None."""
+        """Return the first child with the given name, or None."""
         return next((child for child in self.children if child.name == name), None)
 
     def all(self, *names: str) -> list["Node"]:
-        """Return the children with these names, in document order."""
+        """Return the children with the given names, in document order."""
         return [child for child in self.children if child.name in names]
 
     def words(self, name: str) -> str:
-        """Return the text of a child, empty if there is none."""
+        """Return the text of a child, or '' if there is no such child."""
         child = self.first(name)
         return child.text if child else ""
 
     def refuse(self, problem: str, expected: str) -> InputError:
-        """Return an error located at this element."""
+        """Return an InputError located at the element."""
         return InputError(self.path, problem, expected, self.line, self.column)
 
     def number(self, text: str) -> float:
-        """Return text of the element as a number. Raise InputError."""
+        """Return the text of the element as a number. Raise InputError if it is not a number."""
         try:
             value = float(text)
         except ValueError:
@@ -74,16 +74,16 @@ class Node:
         return value
 
     def bound(self, name: str) -> float | None:
-        """Return an attribute as a number, or None without it."""
+        """Return an attribute as a number, or None if it is missing."""
         return self.number(self.attributes[name]) if name in self.attributes else None
 
 
 def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
-    """Return the root element and the bytes of a file. Raise InputError with its location."""
+    """Return the root element and the bytes of a file. Raise InputError if invalid."""
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InputError(path, f"a file that cannot be read ({error.strerror})", kind) from None
+        raise InputError(path, f"the file cannot be read ({error.strerror})", kind) from None
     return _Reader(path, kind).read(content), content
 
 
@@ -101,14 +101,14 @@ class _Reader:
             f"the entity declaration '{name}'"
         )
         self._parser.SkippedEntityHandler = lambda name, _: self._refuse(
-            f"the entity '{name}', nowhere declared"
+            f"the undeclared entity '{name}'"
         )
 
     def read(self, content: bytes) -> Node:
         try:
             self._parser.Parse(content, True)
         except expat.ExpatError as error:
-            problem = f"what is no XML ({expat.ErrorString(error.code)})"
+            problem = f"invalid XML ({expat.ErrorString(error.code)})"
             raise InputError(
                 self._path, problem, self._kind, error.lineno, error.offset + 1
             ) from None
@@ -119,13 +119,13 @@ class _Reader:
         if space == _INCLUDE:
             self._refuse("an inclusion of another file")
         if len(self._open) >= _DEEPEST:
-            self._refuse(f"more than {_DEEPEST} elements within each other")
+            self._refuse(f"more than {_DEEPEST} nested elements")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
         location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
         node = Node(self._path, plain, bare, *location)
         if self._open:
             self._open[-1].children.append(node)
-            self._open[-1].raw += " "  # 1<sep/>3 is two numbers
+            self._open[-1].raw += " "  # The text 1<sep/>3 contains two numbers.
         else:
             self._root = node
         self._open.append(node)
@@ -139,4 +139,6 @@ class _Reader:
 
     def _refuse(self, problem: str) -> NoReturn:
         location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        raise InputError(self._path, problem, f"{self._kind} that stands alone", *location)
+        raise InputError(
+            self._path, problem, f"{self._kind} without external references", *location
+        )

@@ -20,7 +20,7 @@ _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 def source_hash() -> str:
-    """Return the hash of the kernel's source and of numba's version, equal on every machine."""
+    """Return the hash of the kernel's source and numba's version, equal on every machine."""
     digest = hashlib.sha256(f"numba {version('numba')} llvmlite {version('llvmlite')}".encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode())
@@ -28,7 +28,7 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-# Source of this process; later edits apply to the next process.
+# The hash is that of this process; later edits apply to the next process.
 _SOURCE = source_hash()
 
 
@@ -38,10 +38,10 @@ def source_unchanged() -> bool:
 
 
 def cache_root() -> Path:
-    """Return the writable folder of all caches of the program, and create it.
+    """Return the writable folder of all caches of the program, creating it if necessary.
 
-    It is in the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache; otherwise in a
-    temporary folder, with a warning. Child processes use the same one.
+    The folder is in the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache;
+    otherwise in a temporary folder, with a warning. Child processes use the same folder.
     """
     names = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME", "TMPDIR")
     return _find_root(tuple(map(os.environ.get, names)))
@@ -61,7 +61,8 @@ def _find_root(_environment: tuple[str | None, ...]) -> Path:
         base = Path(tempfile.mkdtemp(prefix="abhv-mc-"))
         atexit.register(shutil.rmtree, base, ignore_errors=True)
     os.environ["XDG_CACHE_HOME"] = str(base)
-    os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))  # else it warns, too
+    # Otherwise matplotlib would also warn.
+    os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))
     until = "" if is_lasting else " until this command ends"
     message = f"No cache folder is writable; compiled code is stored in {base}{until}."
     warnings.warn(
@@ -76,7 +77,7 @@ def _bases() -> Iterator[Path]:
     for name in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
         if os.environ.get(name):
             yield Path(os.environ[name])
-    with contextlib.suppress(RuntimeError):  # no HOME, and the system does not know the user
+    with contextlib.suppress(RuntimeError):  # HOME may be unset and the user unknown to the system.
         yield Path.home() / ".cache"
 
 
@@ -93,9 +94,9 @@ def _is_private(folder: Path) -> bool:
 
 
 def cache_folder(compiler: str) -> Path:
-    """Return the folder of the code that ``compiler`` makes from this source.
+    """Return the folder of the code compiled from this source by ``compiler``.
 
-    ``compiler`` is a text with its version and settings.
+    ``compiler`` is a text with the compiler's version and settings.
     """
     name = hashlib.sha256(f"{_SOURCE} {compiler}".encode()).hexdigest()[:16]
     folder = cache_root() / name
@@ -111,10 +112,11 @@ def compilation_lock(
 ) -> Iterator[None]:
     """Lock the compilation of ``name``, or its loading from ``folder``, inside the context.
 
-    ``folder`` may be above numba's; None means no cache. Of the processes that find no compiled
-    code there, one is inside at a time, so that the others find the code that it compiles; the lock
-    ends with its process. ``waiting`` is entered while another process is inside. Files that have
-    changed since their hashes were noted are deleted first, as numba would execute them.
+    ``folder`` may be a parent of numba's folder; None means no cache. If several processes find no
+    compiled code there, only one at a time is inside the context, so that the others find the code
+    it compiles; the lock ends with the process. ``waiting`` is entered while another process is
+    inside. Files that have changed since their hashes were stored are deleted first, because numba
+    would execute them.
 
     On a file system without locks, several processes may compile the same function: numba writes
     each file under another name and renames it, and no two processes give two kernels the same name
@@ -143,7 +145,7 @@ def compilation_lock(
 
 
 def _files_of(folder: Path, name: str) -> list[Path]:
-    """Return numba's files of a function: [MODULE.]NAME-LINE... with the endings nbi and nbc."""
+    """Return numba's files of a function: [MODULE.]NAME-LINE... with suffix nbi or nbc."""
     return sorted(file for file in folder.rglob("*.nb[ic]") if f".{name}-" in f".{file.name}")
 
 
@@ -159,8 +161,8 @@ def _digest(folder: Path, name: str) -> str:
 
 
 def is_noted(folder: Path, name: str) -> bool:
-    """Return whether the folder has numba's files of a function with their noted hashes."""
+    """Return whether the folder has numba's files of a function with their stored hashes."""
     try:
         return bool(noted := _note(folder, name).read_text()) and noted == _digest(folder, name)
-    except OSError:  # no note, or files that another process is deleting
+    except OSError:  # There is no stored hash, or another process is deleting the files.
         return False

@@ -1,6 +1,6 @@
-"""Target of numba's compilation: LLVM's optimization level, processor and vector width.
+"""Compilation target of numba: LLVM's optimization level, processor and vector width.
 
-Settings that the user gives to numba, by the environment or a file in the working folder, take
+Settings that the user gives to numba, in the environment or in a file in the working folder, take
 precedence.
 """
 
@@ -14,7 +14,7 @@ from abhv_mc.kernel.prebuilt import Level, choose_level
 
 PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
-# Settings of numba that change the code but that its own cache ignores.
+# settings of numba that change the code but are ignored by numba's own cache
 _SETTINGS = (
     "BOUNDSCHECK",
     "CPU_FEATURES",
@@ -29,7 +29,7 @@ _SETTINGS = (
 
 
 def code_folder(interface: str) -> Path:
-    """Return the folder of code compiled by one of numba's interfaces with its settings."""
+    """Return the folder of code compiled through one of numba's interfaces."""
     import numba
 
     return cache_folder(
@@ -40,7 +40,7 @@ def code_folder(interface: str) -> Path:
 
 
 def choose_interface() -> str:
-    """Return the interface of numba to compile with: ``private`` or ``public``."""
+    """Return the interface of numba used for compilation: ``private`` or ``public``."""
     import numba
 
     chosen = os.environ.get(PUBLIC, "0") not in ("", "0")
@@ -49,7 +49,7 @@ def choose_interface() -> str:
 
 @functools.cache
 def find_level(interface: str) -> tuple[Level | None, str]:
-    """Return the level of the wheel's usable precompiled kernels, or None, and an explanation."""
+    """Return the level of the wheel's usable precompiled kernels or None, with an explanation."""
     origin = "compiled on this machine"
     if interface == "public":
         return None, f"{origin}, by numba's public interface"
@@ -67,7 +67,7 @@ def choose_target(interface: str) -> Level | None:
     """Set numba's target; return the level of the wheel's kernels if they are used."""
     import numba
 
-    # LLVM's level 2: an eighth less to compile than level 3, and flights as fast.
+    # Level 2 of LLVM compiles an eighth faster than level 3, and flights are as fast.
     numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
     numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may mean nothing
     level, _ = find_level(interface)
@@ -82,7 +82,7 @@ def choose_target(interface: str) -> Level | None:
 
 
 def _is_chosen() -> bool:
-    """Return whether the user has chosen numba's target."""
+    """Return whether the user has selected numba's target."""
     import numba
 
     config: Any = numba.config
@@ -92,10 +92,10 @@ def _is_chosen() -> bool:
 def find_features() -> str | None:
     """Return this processor's features in LLVM's format, with 512-bit vectors if available.
 
-    For Intel's processors LLVM uses half of that width, as wide vectors reduce the clock rate. A
-    flight consists mostly of vector code: with the full width it takes a fifth less time
-    (``docs/explanation/performance.md``) with the same bits. Return None if the processor is
-    unknown, or if the user has set ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES``.
+    By default LLVM uses only half of that width for Intel processors, because wide vectors reduce
+    the clock rate. A flight consists mostly of vector code: with the full width it takes a fifth
+    less time (``docs/explanation/performance.md``), with the same bits. Return None if the
+    processor is unknown, or if the user has set ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES``.
     """
     if _is_chosen():
         return None
@@ -103,6 +103,6 @@ def find_features() -> str | None:
 
     try:
         features = llvm.get_host_cpu_features()
-    except RuntimeError:  # LLVM does not know this kind of processor
+    except RuntimeError:  # LLVM does not know this kind of processor.
         return None
     return f"{features.flatten()},-prefer-256-bit" if features.get("avx512f") else None

@@ -1,4 +1,4 @@
-"""Decorators of compiled code; no other module uses those of numba.
+"""Decorators of compiled code; no other module uses numba's decorators.
 
 Rules for compiled functions (measured; ``make bench`` checks the result):
 
@@ -9,9 +9,9 @@ Rules for compiled functions (measured; ``make bench`` checks the result):
 - no libm call inside a lane loop: use :mod:`abhv_mc.kernel.numerics.lane_math`;
 - data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
 
-numba's passes compile, and its disk cache stores kernels. Subclasses of its private classes inline
-all functions into a few kernels (``docs/explanation/performance.md``); its public interface gives
-the same bits, slower.
+Functions are compiled by numba's passes, and kernels are stored in its disk cache. Subclasses of
+its private classes inline all functions into a few kernels (``docs/explanation/performance.md``);
+its public interface gives the same bits, slower.
 """
 
 import contextlib
@@ -37,7 +37,8 @@ from abhv_mc.kernel.compiler_target import PUBLIC, choose_interface, choose_targ
 from abhv_mc.kernel.prebuilt import unpack
 
 F = TypeVar("F", bound=Callable[..., Any])
-_MOST_ARRAYS = 40  # arrays in a function's arguments: more than a vehicle's, fewer than a plan's
+# maximum number of array arguments for noalias: above a vehicle's, below a plan's
+_MOST_ARRAYS = 40
 
 # True if numba compiles nothing and all functions are plain Python, to count operations.
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
@@ -48,7 +49,7 @@ def scalar(function: F) -> F:
     return _decorate("inlined", function, error_model="numpy", forceinline=True)
 
 
-# For functions that loop over lanes; inlined, so that the compiler knows where their blocks are.
+# Functions that loop over lanes are inlined, so that the compiler knows their blocks.
 lanes = scalar
 
 
@@ -60,14 +61,14 @@ def routine(function: F) -> F:
 def kernel(function: F) -> F:
     """Compile an entry point called from Python, cached on disk, without the GIL.
 
-    If defined inside a function, it may use numbers of that function but no functions: numba's
-    cache would never find it again.
+    If it is defined inside a function, it may use numbers of that function but no functions,
+    because numba would never find its cached code again.
     """
     return _decorate("kernel", function, error_model="numpy", nogil=True)
 
 
 def intrinsic(function: F) -> F:
-    """Make a numba intrinsic of a function that returns a signature and a code generator."""
+    """Make a numba intrinsic from a function that returns a signature and a code generator."""
     return _decorate("intrinsic", function)
 
 
@@ -81,8 +82,8 @@ def _decorate(kind: str, function: Any, **options: Any) -> Any:
 class _Deferred:
     """Function that numba decorates when it is first called or compiled into another.
 
-    Reports and custom simulators import the package but compile nothing; importing numba takes 0.3
-    s.
+    Reports and custom simulators import the package but compile nothing, and importing numba takes
+    0.3 s.
     """
 
     def __init__(self, kind: str, function: Any, options: dict[str, Any]) -> None:
@@ -92,7 +93,7 @@ class _Deferred:
 
     @property
     def decorated(self) -> Any:
-        """Function as decorated by numba."""
+        """Function decorated by numba."""
         if self._made is None:
             with _lock:
                 if self._made is None:
@@ -103,7 +104,7 @@ class _Deferred:
         return self.decorated(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # copying and unpickling read attributes before any is set
+        if name.startswith("__"):  # Copying and unpickling read attributes before any is set.
             raise AttributeError(name)
         return getattr(self.decorated, name)
 
@@ -120,31 +121,31 @@ def when_loaded(register: Callable[[], None]) -> Callable[[], None]:
 
 
 def compiler() -> str:
-    """Return the interface of numba that compiles: ``private`` or ``public``."""
+    """Return the interface of numba used for compilation: ``private`` or ``public``."""
     return load_compiler().interface
 
 
 def is_cached(function: Any) -> bool:
-    """Return whether the cache has a kernel."""
+    """Return whether the cache contains a kernel."""
     folder = None if PLAIN else function.stats.cache_path
     return folder is not None and is_noted(Path(folder), function.py_func.__name__)
 
 
 class _Kernels:
-    """Listener of numba's events, with the contexts of the kernels that are being compiled."""
+    """Listener to numba's events, with the contexts of kernels that are being compiled."""
 
     def __init__(self) -> None:
         self._open = contextlib.ExitStack()
 
     def notify(self, event: Any) -> None:
-        if event.data["dispatcher"].targetoptions.get("nogil"):  # which only kernels have
+        if event.data["dispatcher"].targetoptions.get("nogil"):  # Only kernels have this option.
             if event.is_start:
                 self._open.enter_context(_tell(event.data["dispatcher"].py_func, False))
             else:
                 self.end()
 
     def end(self) -> None:
-        """Close the contexts; called explicitly, as numba may report nothing after an interrupt."""
+        """Close the contexts, because numba may report nothing after an interrupt."""
         self._open.close()
 
 
@@ -162,7 +163,7 @@ _tell: Callable[[Any, bool], AbstractContextManager[None]] = _say_nothing
 def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
     """Set the context entered while a kernel is compiled or its compilation is awaited.
 
-    ``listener`` takes its function, and whether another process compiles it.
+    ``listener`` receives the kernel's function, and whether another process compiles it.
     """
     global _tell  # noqa: PLW0603  one listener for all kernels
     _tell = listener
@@ -172,7 +173,7 @@ def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[
 def _deferred_interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt at the end of the context if an interrupt occurred inside.
 
-    numba and LLVM may lose it in a callback, or end with another error.
+    Otherwise numba or LLVM may lose it in a callback, or end with another error.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -204,7 +205,7 @@ def _deferred_interrupts() -> Iterator[None]:
 
 
 def _make_private() -> tuple[Any, Any]:
-    """Return the classes of inlined functions and kernels, based on numba's private ones."""
+    """Return the classes of inlined functions and kernels, based on numba's private classes."""
     from llvmlite.binding import parse_assembly
     from numba.core import config, types
     from numba.core.caching import (
@@ -233,13 +234,13 @@ def _make_private() -> tuple[Any, Any]:
 
         def _get_module_for_linking(
             self,
-        ) -> Any:  # for numba's own functions: with all that it calls
+        ) -> Any:  # numba's own functions are added with all functions that they call.
             return link(self.part().clone(), self)
 
     def link(module: Any, caller: Any) -> Any:
         """Link the module with all functions that ``caller`` calls at any depth, each once.
 
-        A function follows all its callers, as LLVM omits functions without a caller so far.
+        A function is linked after all its callers, because LLVM omits functions without a caller.
         """
         order: dict[Any, None] = {}
 
@@ -268,21 +269,19 @@ def _make_private() -> tuple[Any, Any]:
             library = InlinedLibrary(self.state.targetctx.codegen(), function.__qualname__)
             self.state["library"] = library
             self.state.flags.no_compile = True
-            # No checks for overlap before a loop over lanes is vectorized. But each inlined load
-            # and store lists all arrays that it does not access: those of a complete plan would
-            # dominate LLVM's work.
+            # Without noalias, LLVM checks for overlap before a vectorized loop over lanes.
+            # With noalias for all arrays of a plan, lists of arrays would dominate LLVM's work.
             self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
             result = super().compile_extra(function)
             entry = set[
                 Any
-            ]().remove  # never called: numba knows a function by a builtin of its own
+            ]().remove  # This is never called: numba identifies a function by a builtin.
             result.target_context.insert_user_function(entry, result.fndesc, [library])
             return result._replace(entry_point=entry)
 
     class Inlined(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
-            # No reference counting (_nrt): an atomic count of each array in each lane takes three
-            # times as long as the physics.
+            # Reference counting (_nrt) of arrays in each lane would take longer than the physics.
             options |= {
                 "nopython": True,
                 "_nrt": False,
@@ -293,7 +292,7 @@ def _make_private() -> tuple[Any, Any]:
 
         def get_call_template(
             self, args: Any, kws: Any
-        ) -> Any:  # once for all constants, each a type to numba
+        ) -> Any:  # The code is shared by all constants, each of which is a type to numba.
             return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
         @functools.cached_property
@@ -304,7 +303,7 @@ def _make_private() -> tuple[Any, Any]:
             return self.kernel(*arguments)
 
     class KernelLibrary(JITCodeLibrary):
-        """Machine code that is not linked further, stored with names only, without LLVM's code."""
+        """Machine code that is not linked further, stored with names but without LLVM's code."""
 
         def finalize(self) -> None:
             link(self._final_module, self)
@@ -317,9 +316,9 @@ def _make_private() -> tuple[Any, Any]:
             return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
 
     class ContentLocator(UserProvidedCacheLocator):
-        """Cache location by a module's name and content instead of its path and modification time.
+        """Cache location by a module's name and content instead of path and modification time.
 
-        Another clone, environment or container of the same source loads the code of the first one.
+        Another clone, environment or container with the same source loads the same code.
         """
 
         def __init__(self, function: Any, file: str) -> None:
@@ -333,13 +332,13 @@ def _make_private() -> tuple[Any, Any]:
         _locator_classes = [ContentLocator, *CompileResultCacheImpl._locator_classes]
 
     class KernelCache(FunctionCache):
-        """Cache that loads a kernel without numpy's typing rules, which only compiling needs."""
+        """Cache that loads a kernel without numpy's typing rules, which only compilation needs."""
 
         _impl_class = KernelCacheImpl
 
         def __init__(self, function: Any) -> None:
             super().__init__(function)
-            # Without a lock on the folder two processes would give two kernels the same number.
+            # Without a folder lock, two processes could give two kernels the same number.
             number = f"{{number:d}}-{secrets.token_hex(4)}"
             pattern = self._cache_file._data_name_pattern.replace("{number:d}", number)
             self._cache_file._data_name_pattern = pattern
@@ -365,7 +364,7 @@ def _make_private() -> tuple[Any, Any]:
         def compile(self, sig: Any) -> Any:
             if (
                 not source_unchanged()
-            ):  # keep nothing under the name of a source that was edited meanwhile
+            ):  # Do not store code under the hash of a source that was edited in the meantime.
                 self._cache = NullCache()
             with contextlib.ExitStack() as stack:
                 stack.enter_context(_deferred_interrupts())
@@ -383,7 +382,7 @@ def _make_private() -> tuple[Any, Any]:
                     OSError,
                     EOFError,
                     UnpicklingError,
-                ):  # a full disk, or a damaged file of the cache
+                ):  # The disk may be full, or a file of the cache damaged.
                     with contextlib.suppress(OSError):
                         self._cache.flush()
                     return super().compile(sig)
@@ -393,13 +392,13 @@ def _make_private() -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class _Compiler:
-    interface: str  # of numba: private or public
-    makers: dict[str, Callable[..., Any]]  # decorators that take numba's options, by kind
+    interface: str  # interface of numba: private or public
+    makers: dict[str, Callable[..., Any]]  # decorators that accept numba's options, by kind
 
 
 @functools.cache
 def load_compiler() -> _Compiler:
-    """Import numba and set its target and cache folder, once."""
+    """Import numba and set its target and cache folder, only once."""
     import numba
     from numba.core import event, registry
     from numba.core.typing.typeof import typeof_impl
@@ -408,7 +407,7 @@ def load_compiler() -> _Compiler:
     config: Any = numba.config
     interface = choose_interface()
     level = choose_target(interface)
-    # numba reads the cache folder when it decorates, so it is set before any function is decorated.
+    # numba reads the cache folder when it decorates a function.
     config.CACHE_DIR = str(code_folder(interface))
     if level is not None:
         unpack(level, code_folder(interface))
@@ -427,14 +426,14 @@ def load_compiler() -> _Compiler:
                 RuntimeWarning,
                 stacklevel=2,
             )
-            # Child processes need not try again.
+            # Child processes use the public interface without another attempt.
             os.environ[PUBLIC], interface = "1", "public"
             config.CACHE_DIR = str(code_folder(interface))
 
     @typeof_impl.register(_Deferred)
     def _(deferred: Any, context: Any) -> Any:
         decorated, typing_context = deferred.decorated, registry.cpu_target.typing_context
-        typing_context.refresh()  # numba learns of an intrinsic there
+        typing_context.refresh()  # This registers intrinsics with numba.
         return typing_context.resolve_value_type(decorated)
 
     event.Listener.register(_Kernels)
@@ -445,7 +444,7 @@ def load_compiler() -> _Compiler:
 
 
 def _try_once(folder: Path, inlined: Any, kernel: Any) -> None:
-    """Compile two functions as a test, once per folder and version of numba; 0.5 s."""
+    """Compile two functions as a test, once per folder and numba version; takes 0.5 s."""
     global _twice  # noqa: PLW0603  a name of the module, as those that kernels call
     tried = folder / "tried"
     if not tried.exists():

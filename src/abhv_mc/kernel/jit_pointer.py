@@ -1,4 +1,4 @@
-"""Functions that compiled code calls by address, so that a custom law needs no new kernel."""
+"""Functions that compiled code calls by address, so that custom laws need no new kernel."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from abhv_mc.kernel.jit import PLAIN, intrinsic, load_compiler
 
 
 class Uncompilable(Exception):
-    """Custom function that numba cannot compile, with location and numba's message."""
+    """Custom function that numba cannot compile, with its location and numba's message."""
 
     def __init__(self, file: str | None, line: int | None, message: str) -> None:
         super().__init__(file, line, message)
@@ -24,9 +24,9 @@ def _call_address(
     tick: Any,
     dt: Any,
 ) -> Any:
-    """Call a function compiled by :func:`compile_pointer` by its address.
+    """Call a function compiled by :func:`compile_pointer` at its address.
 
-    ``context_address`` is the address of data that the function works on, 0 for none.
+    ``context_address`` is the address of data used by the function, 0 for none.
     """
     from numba import types
 
@@ -53,9 +53,9 @@ call_address: Any = intrinsic(_call_address)
 
 @intrinsic
 def call_c(typing_context: Any, address: Any, arguments: Any) -> Any:
-    """Call a C function at an address with a tuple of int64 (also pointers), int32 or float64.
+    """Call a C function at an address with a tuple of int64 (or pointers), int32 or float64.
 
-    It returns an ``int``.
+    The C function returns an ``int``.
     """
     from llvmlite import ir
     from numba import types
@@ -70,7 +70,7 @@ def call_c(typing_context: Any, address: Any, arguments: Any) -> Any:
 
 @intrinsic
 def address_of(typing_context: Any, pointer: Any) -> Any:
-    """Return the address in a pointer."""
+    """Return the address stored in a pointer."""
     from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, operands: Any) -> Any:
@@ -95,8 +95,8 @@ def floats_at(typing_context: Any, address: Any) -> Any:
 def compile_pointer(function: Any) -> Any:
     """Compile a loop over lanes that flights call by address, see :func:`call_address`.
 
-    Its file must exist, as numba caches the machine code under its name. Raise Uncompilable if
-    numba cannot compile it.
+    The function's file must exist, because numba caches the machine code under its name. Raise
+    Uncompilable if numba cannot compile it.
     """
     if PLAIN:
         raise Uncompilable(None, None, "NUMBA_DISABLE_JIT is set, so nothing is compiled")

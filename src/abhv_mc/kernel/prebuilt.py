@@ -1,6 +1,6 @@
-"""Precompiled kernels in the wheel, for interpreters and levels of x86-64.
+"""Precompiled kernels in the wheel, for several interpreters and levels of x86-64.
 
-A build is an archive of numba's cache and a manifest. It is as trusted as the package's code; the
+A build is an archive of numba's cache with a manifest. It is as trusted as the package's code; the
 SHA-256 in the manifest reveals damage.
 """
 
@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.cache import source_hash
 
-FOLDER = Path(__file__).parents[1] / "prebuilt"  # in the wheel; a checkout has no builds
+# folder of builds in the wheel; a checkout has no builds
+FOLDER = Path(__file__).parents[1] / "prebuilt"
 _COMPILERS = ("numba", "llvmlite")
 _AVX2 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 
@@ -35,7 +36,7 @@ class Level(NamedTuple):
         return [name for name in self.needed if not processor.get(name)]
 
 
-LEVELS = (  # the best one first
+LEVELS = (  # levels, best first
     Level(
         "x86-64-v4",
         "-prefer-256-bit",
@@ -51,7 +52,7 @@ def name_interpreter() -> str:
 
 
 def choose_level(processor: Mapping[str, bool]) -> tuple[Level | None, str]:
-    """Return the best level with a usable build, or None, and an explanation."""
+    """Return the best level with a usable build or None, with an explanation."""
     reason = f"this installation has no kernels for {name_interpreter()}"
     for level in LEVELS:
         archive = _archive(level)
@@ -71,7 +72,7 @@ def _archive(level: Level) -> Path:
 
 
 def _find_misfit(archive: Path) -> str:
-    """Return why a build cannot be used, '' if it can."""
+    """Return the reason why a build cannot be used; '' if it can."""
     try:
         manifest = json.loads(archive.with_suffix(".json").read_text(encoding="utf-8"))
         for name in _COMPILERS:
@@ -87,7 +88,7 @@ def _find_misfit(archive: Path) -> str:
 
 
 def unpack(level: Level, folder: Path) -> None:
-    """Move the kernels of a level into an empty cache folder; keep a folder in use."""
+    """Move the kernels of a level into an empty cache folder, unless the folder is in use."""
     if any(folder.iterdir()):
         return
     fresh = Path(tempfile.mkdtemp(prefix="unpacked-", dir=folder.parent))
@@ -95,7 +96,7 @@ def unpack(level: Level, folder: Path) -> None:
         with zipfile.ZipFile(_archive(level)) as archive:
             archive.extractall(fresh)
         fresh.rename(folder)
-    except OSError:  # another process was first, or the disk is full
+    except OSError:  # Another process was first, or the disk is full.
         shutil.rmtree(fresh, ignore_errors=True)
 
 

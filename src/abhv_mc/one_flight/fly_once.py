@@ -1,4 +1,4 @@
-"""Simulation of one flight, with its outcome and metrics."""
+"""Simulation of a single flight, with outcome and metrics."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class OneFlight(NamedTuple):
-    """Simulated flight with its plan."""
+    """Single simulated flight with its plan."""
 
     plan: "FlightPlan"
-    block: "FlightBlock"  # of one flight
-    outcome: str  # the code of its end
-    end_time: float  # s
+    block: "FlightBlock"  # block with one flight
+    outcome: str  # code of the outcome
+    end_time: float  # end time, s
     metrics: dict[str, float]
-    sentence: str  # how it ended
+    sentence: str  # sentence on the end of the flight
 
 
 def fly_once(
@@ -34,9 +34,9 @@ def fly_once(
     dispersions: Mapping[str, Quantity] | None = None,
     every: int = 1,
 ) -> OneFlight:
-    """Simulate one flight, recorded every `every` control ticks. Raise InputError.
+    """Simulate one flight. Raise InputError if an input is invalid.
 
-    See :func:`abhv_mc.fly`.
+    Channels are recorded every `every` control ticks; see :func:`abhv_mc.fly`.
     """
     from abhv_mc.flight.fly import fly
     from abhv_mc.vehicle_simulator.end_sentence import describe_end
@@ -68,22 +68,22 @@ def fly(
     Parameters
     ----------
     mission, vehicle, controller
-        Shipped name, path or mapping. A mapping is the content of a file, or ``base`` and the
-        entries that differ, nested ones by dotted keys, as in
-        ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller may be the function of a law.
+        Shipped name, path or mapping. A mapping is the content of a file, or ``base`` and changed
+        entries with dotted keys, as in ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller
+        may also be a control-law function.
     dispersions
-        Parameters of this flight that are not nominal (``abhv-mc list parameters`` lists them). A
-        number is a factor or in SI, a text has a unit, as in
-        ``{"aero.drag": "110 %", "wind.north": 12.0}``. A parameter without effect is an error.
+        Parameters that are not nominal (``abhv-mc list parameters`` lists all). A number is a
+        factor or in SI, a text has a unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. A
+        parameter without effect is an error.
     every
-        Control ticks between rows.
+        Control ticks between rows of the result.
 
     Returns
     -------
     pandas.DataFrame
-        ``time`` (s) and every recorded channel, up to the end of the flight. ``attrs`` has
-        ``units`` by column, ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and
-        ``metric_units`` by name, and ``warnings``.
+        ``time`` (s) and all recorded channels, up to the end of the flight. ``attrs`` has ``units``
+        by column, ``outcome``, ``sentence``, ``end_time_s``, ``metrics`` and ``metric_units`` by
+        name, and ``warnings``.
 
     Raises
     ------
@@ -119,9 +119,9 @@ def fly(
 
 
 def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) -> None:
-    """Raise InputError for a dispersion that does not change the flight at all.
+    """Raise InputError for a dispersion that has no effect on the flight.
 
-    The flight is compared bit by bit with the nominal value and with a larger value.
+    Flights with the nominal and with a larger value are compared bit by bit.
     """
     import numpy as np
 
@@ -149,6 +149,6 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
         named = ", ".join(f"'{table.records[i].name}'" for i in indices)
         raise InputError(
             "dispersions",
-            f"{named}, without effect on this flight",
-            "what this vehicle feels in it",
+            f"{named}without effect on this flight",
+            "a parameter that affects this vehicle and flight",
         )

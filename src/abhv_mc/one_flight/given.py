@@ -1,6 +1,6 @@
 """Inputs of one flight: shipped names, paths or mappings, and dispersions.
 
-A mapping is the content of a file, or ``base`` and the entries that differ: ``{"base": "tlc",
+A mapping is the content of a file, or ``base`` and changed entries, as in ``{"base": "tlc",
 "limits.bank": "60 deg"}``.
 """
 
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from abhv_mc.kernel.plant.vehicle import Vehicle
 
 Input = str | Path | Mapping[str, Any] | Callable[..., Any]
-Quantity = float | str  # a number in SI (angles in rad), or text with a unit
+Quantity = float | str  # number in SI (angles in rad), or text with a unit
 
 
 def make_document(kind: str, source: Input) -> Document:
-    """Return an input (``vehicle``, ``mission``, ``control``) as a document. Raise InputError."""
+    """Return a vehicle, mission or control input as a document. Raise InputError if invalid."""
     if callable(source):
         return _make_law_document(kind, source)
     if not isinstance(source, Mapping):
@@ -68,7 +68,7 @@ def make_document(kind: str, source: Input) -> Document:
 
 
 def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
-    """Return a controller document of a Python function, with its present source text."""
+    """Return a controller document for a Python function, with its current source text."""
     from abhv_mc.user_code.from_function import make_law_text
 
     if kind != "control":
@@ -94,10 +94,10 @@ def _temporary_folder() -> Path:
 def make_flight_plan(
     mission: Input, vehicle: Input = DEFAULT_VEHICLE, controller: Input = "tlc"
 ) -> "FlightPlan":
-    """Return the plan of a flight: reference, gains, start. Raise InputError."""
+    """Return the plan of a flight. Raise InputError if an input is invalid."""
     from abhv_mc.flight.prepare import prepare
 
-    craft: Any = make_document("vehicle", vehicle)  # read as the files that they stand for
+    craft: Any = make_document("vehicle", vehicle)  # Documents are accepted in place of paths.
     mission_document: Any = make_document("mission", mission)
     law: Any = make_document("control", controller)
     return prepare(craft, mission_document, law, law.path.stem)
@@ -106,7 +106,7 @@ def make_flight_plan(
 def make_parameters(
     dispersions: Mapping[str, Quantity] | None, vehicle: "Vehicle"
 ) -> "NDArray[np.float64]":
-    """Return a row [1, parameter] of nominal parameters with dispersions.
+    """Return a row [1, parameter] of nominal parameters with dispersions applied.
 
     Raise InputError for an unknown parameter.
     """
@@ -131,14 +131,14 @@ def make_parameters(
 
 
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return the value. Raise InputError, with `name`, if it is not a mapping."""
+    """Return the value. Raise InputError if it is not a mapping."""
     if not isinstance(value, Mapping):
         raise InputError(name, describe(value), "a mapping")
     return value
 
 
 def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
-    """Return a number in SI units, or text converted by its unit. Raise InputError."""
+    """Convert a number or text with unit to SI. Raise InputError if it is invalid."""
     try:
         return parse_quantity(value, dimension, dimension.unit)
     except Refusal as refusal:
@@ -146,7 +146,7 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
 
 
 def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
-    """Write a campaign and its input files into a folder; return its path. Raise InputError."""
+    """Write a campaign with its input files to a folder, and return the path of the file."""
     content = dict(data)
     for key, kind in (("vehicle", "vehicle"), ("mission", "mission")):
         if key in content:
@@ -165,7 +165,7 @@ def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
 
 
 def _write_input(kind: str, source: Any, folder: Path, location: str) -> str:
-    """Write an input and the files it refers to; return its path relative to the folder."""
+    """Write an input with the files to which it refers, and return its relative path."""
     from abhv_mc.campaign.file.kinds import find_references
 
     document = make_document(kind, source)

@@ -1,4 +1,4 @@
-"""Linear models and stability margins of one flight, as tables."""
+"""Linear models and stability margins of a single flight, as tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,22 +35,22 @@ _MARGIN_UNITS = {
     "disk_gain_db": "dB",
     "disk_phase_deg": "deg",
 }
-_MOST_BANK = 1.4  # rad
+_MOST_BANK = 1.4  # maximum bank angle, rad
 _FREQUENCIES = 1000
-_SLOW = 0.1  # 1/s: faster poles are of the attitude
+_SLOW = 0.1  # Faster poles (1/s) belong to the attitude motion.
 HELD = ("altitude", "speed", "heading")
 
 
 class Place(NamedTuple):
-    """Point at which a flight is linearized."""
+    """Linearization point of a flight."""
 
-    plan: "FlightPlan"  # with the reference and gains of the point
-    points: "Points"  # a single point
+    plan: "FlightPlan"  # plan with the reference and gains at the point
+    points: "Points"  # arrays with a single point
     warnings: list[str]
 
 
 class StateSpace(NamedTuple):
-    """Linear system as tables with named rows and columns; ``attrs["units"]``: their units.
+    """Linear system as tables with named rows and columns; ``attrs["units"]`` has units.
 
     Attributes
     ----------
@@ -72,29 +72,29 @@ class StateSpace(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Closed loop about a point, in SI units and radians.
+    """Linear models of plant, law and loops about a point, in SI units and radians.
 
-    ``control.ss(*model.loop, model.period_s)`` accepts each system. All but ``plant_continuous``
-    are sampled: ``x+ = A x + B u``, ``y = C x + D u`` once a control period.
+    ``control.ss(*model.loop, model.period_s)`` accepts each system. All systems except
+    ``plant_continuous`` are sampled once per control period: ``x+ = A x + B u``, ``y = C x + D u``.
 
     Attributes
     ----------
     plant_continuous
-        Path coordinates and actuators, from commands to path coordinates.
+        Continuous plant with path coordinates and actuators, from commands to path coordinates.
     plant
-        The same under held commands.
+        Sampled plant under held commands.
     law
         Controller, from measurements to commands.
     loop
-        All loops cut at the actuators, from actuator inputs to minus the commands.
+        Open loop, cut at the actuators, from actuator inputs to minus the commands.
     closed
         Closed loop, from disturbances of the commands to path coordinates and commands.
     period_s, measurement_delay_periods
         Control period, s, and delay of the measurements.
     point
-        States at the point.
+        Values of the states at the point.
     warnings
-        Remarks, such as a table's node near the point.
+        Warnings, for example about a table node near the point.
 
     Examples
     --------
@@ -103,17 +103,15 @@ class LinearModel:
     ((18, 18), 0)
     """
 
-    plant_continuous: (
-        StateSpace  # path coordinates and actuators; from commands to the path coordinates
-    )
-    plant: StateSpace  # the same under held commands
-    law: StateSpace  # its memory; from the measurement to the commands
-    loop: StateSpace  # all loops cut at the actuators: from actuator inputs to minus the commands
-    closed: StateSpace  # from disturbances of the commands to path coordinates and commands
-    period_s: float  # of the control
+    plant_continuous: StateSpace  # continuous plant, from commands to path coordinates
+    plant: StateSpace  # sampled plant under held commands
+    law: StateSpace  # memory of the law, from measurements to commands
+    loop: StateSpace  # open loop, from actuator inputs to minus the commands
+    closed: StateSpace  # closed loop, from command disturbances to coordinates and commands
+    period_s: float  # control period, s
     measurement_delay_periods: int
-    point: "pd.Series"  # states at the point; ``attrs["units"]``
-    warnings: tuple[str, ...]  # such as that a table's node is near
+    point: "pd.Series"  # states at the point, with ``attrs["units"]``
+    warnings: tuple[str, ...]  # for example about a nearby table node
 
 
 def take_point(
@@ -125,9 +123,9 @@ def take_point(
     *,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> Place:
-    """Return the linearization point: a steady turn, or a time of a flight.
+    """Return a linearization point: a steady turn, or a time of a flight.
 
-    See :func:`abhv_mc.linearize`. Raise InputError.
+    See :func:`abhv_mc.linearize`. Raise InputError if the point does not exist.
     """
     import numpy as np
 
@@ -143,16 +141,18 @@ def take_point(
     time: Time = "trim" if isinstance(at, str) and at == "trim" else to_si(at, TIME, "at")
     angle = to_si(bank, ANGLE, "bank")
     if angle and time != "trim":
-        raise InputError("bank", "a bank", "the point 'trim', to which alone it belongs")
+        raise InputError(
+            "bank", "a bank", "the point 'trim', the only point with a bank angle to choose"
+        )
     if abs(angle) > _MOST_BANK:
         raise InputError("bank", f"{angle:g} rad", "-80 to 80 deg")
-    law: Any = make_document("control", controller)  # read as the files that they stand for
+    law: Any = make_document("control", controller)  # Documents are accepted in place of paths.
     craft: Any = make_document("vehicle", vehicle)
     mission_document: Any = make_document("mission", mission)
     name, packed = law.path.stem, load_vehicle(craft)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         problem = "a vehicle without control surfaces or engine"
-        raise InputError(craft.path, problem, "one with both, to fly it with a controller")
+        raise InputError(craft.path, problem, "a vehicle with both, as controllers require")
     parameters = make_parameters(dispersions, packed)
     warnings = slack_warnings(packed)
     if time == "trim":
@@ -164,17 +164,14 @@ def take_point(
             plan = plan.lean_for(dispersions or ())
             taken = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
-            message = (
-                f"a vehicle that its controls do not rule in steady flight ({str(error).lower()})"
-            )
-            expected = "surfaces with moments of their own, and a weight that they can hold"
+            message = f"the vehicle is not controllable in steady flight ({str(error).lower()})"
+            expected = "surfaces with independent moments, and a weight that can be trimmed"
             raise InputError(craft.path, message, expected) from None
         if taken.faults[0]:
             expected = (
-                "a start that this vehicle can be trimmed at, or a time of the flight instead of "
-                "the trim"
+                "an initial condition with a trim, or a time of the flight instead of the trim"
             )
-            raise InputError(mission_document.path, f"a start at which {taken.faults[0]}", expected)
+            raise InputError(mission_document.path, f"at the start {taken.faults[0]}", expected)
     else:
         plan = prepare(craft, mission_document, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
@@ -183,16 +180,16 @@ def take_point(
             )
         taken = flown_points(plan, parameters, time)
         if taken.faults[0] not in ("", AT_LIMIT):
-            expected = f"a time at which {name} still flies, and has slopes"
+            expected = f"a time before the end of the flight of {name}, with derivatives"
             raise InputError("at", f"{time:g} s: {taken.faults[0]}", expected)
         if taken.faults[0]:
             warnings.append(
-                f"{name} at {time:g} s: {taken.faults[0]}; what is linearized knows no limits"
+                f"{name} at {time:g} s: {taken.faults[0]}; the linear model neglects limits"
             )
     check_rows(plan, parameters)
     warnings += [f"{name}: {message}" for message in near_nodes(plan, taken.points)]
     warnings += [
-        f"{name}: linearized with {mode}, as small changes leave it"
+        f"{name}: linearized with {mode}, which small changes do not affect"
         for mode in find_period(plan).modes
     ]
     return Place(plan, taken.points, warnings)
@@ -201,10 +198,10 @@ def take_point(
 def analyse_place(
     location: Place, hold: Sequence[str] = ()
 ) -> "tuple[Linear, Stability, list[str]]":
-    """Return the linear model at a point, its margins, and notes.
+    """Return the linear model at a point, the stability margins, and notes.
 
-    `hold` names slow states that stay as they are; the notes give the poles that this removes.
-    Raise InputError for other names.
+    `hold` names slow states that are held constant; the notes give the removed poles. Raise
+    InputError for other names.
     """
     import numpy as np
 
@@ -222,7 +219,7 @@ def analyse_place(
         free = closed_poles(linearize(location.plan, location.points))[0]
         left = list(stability.poles[0])
         removed = []
-        for pole in free:  # those that remain have moved a little
+        for pole in free:  # The remaining poles have moved slightly.
             nearest = int(np.argmin(np.abs(np.array(left) - pole))) if left else -1
             if left and abs(left[nearest] - pole) < 0.2 * abs(pole) + GROWTH:
                 left.pop(nearest)
@@ -233,12 +230,19 @@ def analyse_place(
         return (
             linear,
             stability,
-            [f"{text}, without which it has poles at {', '.join(removed)} 1/s"],
+            [f"{text}, which removes the poles at {', '.join(removed)} 1/s"],
         )
     growing = stability.poles[0][stability.poles[0].real >= GROWTH]
     if growing.size and np.abs(growing).max() < _SLOW:
-        slow = f"{name}: its growing poles are slow, of states that it may leave open"
-        return linear, stability, [f"{slow}: hold {', '.join(HELD)} to see the others' margins"]
+        slow = (
+            f"{name}: the unstable poles are slow and belong to states that the controller may "
+            "not control"
+        )
+        return (
+            linear,
+            stability,
+            [f"{slow}: hold {', '.join(HELD)} to compute the margins of the remaining dynamics"],
+        )
     return linear, stability, []
 
 
@@ -251,19 +255,19 @@ def linearize(
     bank: Quantity = 0.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> LinearModel:
-    """Return plant, law, open and closed loop about the trim or a time of a flight.
+    """Return linear models of plant, law and loops about the trim or a time of a flight.
 
-    ``abhv-mc linearize`` writes the same.
+    ``abhv-mc linearize`` writes the same models.
 
     Parameters
     ----------
     mission, vehicle, controller, dispersions
         See :func:`abhv_mc.fly`; custom controllers are run.
     at
-        ``trim``, the trim of the true plant at the mission's start, or a time of the flight (s, or
-        text with a unit).
+        ``trim``, the trim of the true plant at the start of the mission, or a time of the flight
+        (s, or text with a unit).
     bank
-        Bank of the steady turn to trim for (rad, or text with a unit).
+        Bank angle of the trimmed steady turn (rad, or text with a unit).
 
     Returns
     -------
@@ -322,18 +326,19 @@ def margins(
         See :func:`abhv_mc.linearize`.
     hold
         States among ``altitude``, ``speed`` and ``heading`` that are held constant, for a
-        controller that leaves them open, such as an attitude hold. A warning gives the poles that
-        this removes.
+        controller that leaves them open, such as an attitude hold. A warning gives the removed
+        poles.
 
     Returns
     -------
     pandas.DataFrame
         One row for each loop (``aileron``, ``rudder``, ``elevator``, ``equivalence_ratio``), broken
-        at its actuator with the others closed, and the row ``all`` for a simultaneous perturbation
-        of all loops, which has the disk margin. Unlimited margins are infinite. Margins are NaN if
-        the closed loop is unstable or the loop does not exist; ``attrs["reasons"]`` is then
-        ``stuck`` or ``no effect``. ``attrs`` also has ``units`` by column, ``stable``, the
-        ``poles`` of the closed loop (1/s, fastest growing first) and ``warnings``.
+        at its actuator with all other loops closed, and the row ``all`` for simultaneous
+        perturbations of all loops, which has the disk margin. Unlimited margins are infinite.
+        Margins are NaN if the closed loop is unstable or the loop does not exist;
+        ``attrs["reasons"]`` is then ``stuck`` or ``no effect``. ``attrs`` also has ``units`` by
+        column, ``stable``, the ``poles`` of the closed loop (1/s, fastest growing first) and
+        ``warnings``.
 
     Raises
     ------
@@ -376,7 +381,7 @@ def fly_on(
     duration: Quantity = 1.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
-    """Continue a flight from a time with a disturbance, as a linear model approximates it.
+    """Continue a flight from a time with a disturbance, to compare with a linear model.
 
     Parameters
     ----------
@@ -434,7 +439,7 @@ def fly_on(
 
 
 def _make_tables(system: dict[str, Any]) -> StateSpace:
-    """Return tables of a system of :func:`abhv_mc.stability.model_file.make_model`."""
+    """Convert a system of :func:`abhv_mc.stability.model_file.make_model` to tables."""
     import pandas as pd
 
     kinds = ("state", "input", "output")

@@ -1,4 +1,4 @@
-"""Table of controls, forces and flying qualities of steady flight over bank angles."""
+"""Table of controls, forces and flying qualities in trim at several bank angles."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from abhv_mc.kernel.plant.vehicle import Vehicle
     from abhv_mc.plant.trim import TrimPoint
 
-COLUMNS = {  # unit, after the bank
+COLUMNS = {  # units by column, except the bank
     "flight_path_angle_deg": "deg",
     "angle_of_attack_deg": "deg",
     "elevator_deg": "deg",
@@ -45,7 +45,7 @@ COLUMNS = {  # unit, after the bank
     "rudder_power_1ps2": "1/s2",
     "elevator_power_1ps2": "1/s2",
 }
-_LIMITS = {  # in SI
+_LIMITS = {  # limits of the arguments, SI
     "altitude": (LENGTH, -500.0, 86e3),
     "speed": (SPEED, 1.0, 1e4),
     "bank": (ANGLE, -1.56, 1.56),
@@ -68,7 +68,7 @@ def trim(
     mass: Quantity | None = None,
     rotating: bool = False,
 ) -> "pd.DataFrame":
-    """Return controls, forces and flying qualities of steady flight.
+    """Return controls, forces and flying qualities of trimmed steady flight.
 
     A vehicle without an engine glides.
 
@@ -79,9 +79,9 @@ def trim(
     altitude, speed, flight_path_angle, latitude, heading
         Flight condition: SI and radians, or text with a unit.
     bank
-        One angle or several.
+        Bank angle, or several bank angles.
     mass
-        Mass; by default that at the start.
+        Mass; by default the initial mass.
     rotating
         Whether the Earth rotates.
 
@@ -90,12 +90,12 @@ def trim(
     pandas.DataFrame
         One row for each bank angle, indexed by ``bank_deg``. ``attrs`` has ``units`` by column,
         ``mass_kg`` and ``warnings`` about implausible properties of the vehicle and points outside
-        its tables. ``trimmed`` is
-        False if the vehicle's limits allow no balance, and ``fault`` is the reason. The static
-        margin is aerodynamic, about the centre of gravity with fixed elevator. Frequencies,
-        dampings, times to double (infinite if the motion decays) and control powers (angular
-        acceleration per deflection) belong to small motions of the attitude with fixed controls,
-        speed and flight path. Values of modes that do not exist are NaN.
+        the tables. ``trimmed`` is False if no trim exists within the vehicle's limits, and
+        ``fault`` gives the reason. The static margin is aerodynamic, about the centre of gravity
+        with fixed elevator. Frequencies, dampings, times to double (infinite if the motion decays)
+        and control powers (angular acceleration per deflection) belong to small motions of the
+        attitude with fixed controls, speed and flight path. Values of modes that do not exist are
+        NaN.
 
     Raises
     ------
@@ -136,7 +136,9 @@ def trim(
     kilograms = None if mass is None else _quantity("mass", mass)
     craft = load_vehicle(document)
     if craft.constants.surface_limit == 0.0:
-        raise InputError(document.path, "a vehicle without surfaces", "one with them, to trim it")
+        raise InputError(
+            document.path, "a vehicle without surfaces", "a vehicle with surfaces, for trimming"
+        )
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     weighed = craft.constants.mass_start if kilograms is None else kilograms
     rows, faults, trims = [], [], []
@@ -149,7 +151,9 @@ def trim(
         trims.append(balanced)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     table["trimmed"] = [not fault for fault in faults]
-    table["fault"] = pd.Series([fault or None for fault in faults], dtype=object)  # None stays None
+    table["fault"] = pd.Series(
+        [fault or None for fault in faults], dtype=object
+    )  # pd.Series keeps None.
     table.index = pd.Index(map(math.degrees, angles), name="bank_deg")
     table.attrs = {
         "units": {"bank_deg": "deg"} | COLUMNS,
@@ -163,7 +167,7 @@ def trim(
 def _find_range_warnings(
     vehicle: "Vehicle", trims: "list[TrimPoint]", altitude: float, mass: float
 ) -> list[str]:
-    """Return one sentence if a trimmed point lies outside the tables' ranges."""
+    """Return a sentence if a trimmed point lies outside the ranges of the tables."""
     from abhv_mc.vehicle.pack import table_range
 
     outside = []
@@ -177,15 +181,15 @@ def _find_range_warnings(
     if not outside:
         return []
     return [
-        f"a trimmed point lies outside the vehicle's tables in {', '.join(outside)}: values at the "
-        "edge are used there"
+        f"a trimmed point lies outside the vehicle's tables in {', '.join(outside)}; values at "
+        "the edge are used"
     ]
 
 
 def _make_row(
     trim: "TrimPoint", qualities: "FlyingQualities", area: float, mass: float
 ) -> tuple[float, ...]:
-    """Return the values of COLUMNS."""
+    """Return a row of the table as the values of COLUMNS."""
     from abhv_mc.plant.trim import GRAVITY
 
     pressure_area = trim.dynamic_pressure * area
@@ -220,7 +224,7 @@ def _make_row(
 
 
 def _quantity(name: str, value: Quantity) -> float:
-    """Return a quantity of _LIMITS in SI units. Raise InputError outside its limits."""
+    """Convert an argument to SI. Raise InputError if it is outside its limits."""
     dimension, low, high = _LIMITS[name]
     number = to_si(value, dimension, name)
     if not low <= number <= high:

@@ -1,1 +1,1 @@
-"""Dispersible parameters, control effectiveness and trim of the plant."""
+"""Dispersed parameters, control effectiveness and trim of the plant."""

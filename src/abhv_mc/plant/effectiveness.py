@@ -1,7 +1,7 @@
-"""Slopes of the coefficients over deflections and sideslip, for control allocation.
+"""Derivatives of the aerodynamic coefficients, for control allocation.
 
 A term ``table * variable`` depends on a deflection through its variable and through a table axis;
-both are linear inside a cell, so the slopes are exact. The list of slopes of each term is computed
+both are linear inside a cell, so the derivatives are exact. Each term's list of slopes is computed
 once per vehicle.
 """
 
@@ -24,7 +24,7 @@ def _input_weights(vehicle: Vehicle) -> Floats:
 
 
 def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int], int], int]:
-    """Return the first slope row of each (group, axis) that an input moves, and the row count."""
+    """Return the first slope row of each moved (group, axis), and the number of rows."""
     tables = vehicle.tables
     rows: dict[tuple[int, int], int] = {}
     end = int(tables.n_rows)
@@ -43,7 +43,7 @@ def count_rows(vehicle: Vehicle) -> int:
 
 
 def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
-    """Return the slopes of a vehicle that fits the lane memory (:func:`count_rows`)."""
+    """Return the slopes of a vehicle that fits the lane memory (see :func:`count_rows`)."""
     weights = _input_weights(vehicle)
     tables, terms = vehicle.tables, vehicle.build_up
     entries: list[tuple[int, int, int, int, float]] = []

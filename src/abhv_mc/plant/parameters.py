@@ -1,8 +1,8 @@
-"""Dispersible parameters: unit, nominal value and description of the kernel's parameters.
+"""Dispersible parameters: units, nominal values and descriptions.
 
-To add one, append its name in :mod:`abhv_mc.kernel.plant.parameter_names` (whose order PARAMETERS
-has, not that of the table below), add a line here and use it in the plant. Nominal values leave the
-flight unchanged.
+To add a parameter, append its name in :mod:`abhv_mc.kernel.plant.parameter_names` (which determines
+the order), add a line to the table below and use it in the plant. Nominal values leave the flight
+unchanged.
 """
 
 from collections.abc import Iterable, Mapping
@@ -35,23 +35,23 @@ class Parameter:
     """Dispersible quantity."""
 
     name: str
-    unit: str  # SI, or what a user's simulator has; "-" for a factor (1.0 = nominal)
+    unit: str  # SI unit, or the unit of a user's simulator; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
     of_user: bool = (
-        False  # whether a user defines it, as a simulator's input or a vehicle's setting
+        False  # whether a user defines it, as an input of a simulator or a setting of a vehicle
     )
-    seed: bool = False  # whether it selects a noise realization
+    seed: bool = False  # whether the parameter selects a noise realization
 
     @property
     def is_factor(self) -> bool:
-        """True if it multiplies (1 = nominal) rather than adds."""
+        """True if the parameter is a factor (1 = nominal) rather than an increment."""
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
     def read(self, value: float | str, of_nominal: bool = False) -> float:
-        """Return a quantity in its unit. Raise Refusal.
+        """Convert a quantity to the parameter's unit. Raise Refusal if that fails.
 
-        With `of_nominal` a percentage refers to the nominal value.
+        With `of_nominal`, a percentage refers to the nominal value.
         """
         if not self.of_user:
             return parse_in_unit(value, self.unit)
@@ -86,7 +86,7 @@ _DERIVATIVES = {
 _UNITS = {
     **dict.fromkeys(("altitude", "north", "east", "cross_track"), "m"),
     **dict.fromkeys(("speed", "airspeed", "equivalent_airspeed"), "m/s"),
-    **dict.fromkeys(("mach", "load_factor"), "-"),  # load factor: g
+    **dict.fromkeys(("mach", "load_factor"), "-"),  # The load factor is in g.
     **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), "rad/s"),
     **dict.fromkeys(ACCELERATIONS, "m/s2"),
 }
@@ -97,7 +97,7 @@ _GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down i
 
 
 def _failing(name: str, noun: str) -> tuple[Parameter, ...]:
-    """Return the failures of a surface, an axis deflection or an effector."""
+    """Return the failure parameters of a surface, an axis deflection or an effector."""
     return (
         Parameter(f"failure.{name}.stuck_time", "s", NEVER, f"time at which {noun} sticks"),
         Parameter(
@@ -108,11 +108,14 @@ def _failing(name: str, noun: str) -> tuple[Parameter, ...]:
             f"failure.{name}.stuck_at",
             "rad",
             NEVER,
-            f"deflection that {noun} sticks at; inf: where it is",
+            f"deflection at which {noun} sticks; inf: at its present position",
         ),
         _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {noun} after its loss"),
         Parameter(
-            f"failure.{name}.rate_limit", "-", 0.1, f"factor on the rate limit of {noun} once slow"
+            f"failure.{name}.rate_limit",
+            "-",
+            0.1,
+            f"factor on the rate limit of slow {noun}",
         ),
     )
 
@@ -121,9 +124,12 @@ def _failing_engine(name: str, noun: str) -> tuple[Parameter, ...]:
     return (
         Parameter(f"failure.{name}.time", "s", NEVER, f"time at which {noun} fails"),
         Parameter(
-            f"failure.{name}.duration", "s", NEVER, f"how long {noun} has failed; inf: for good"
+            f"failure.{name}.duration",
+            "s",
+            NEVER,
+            f"duration of {noun} failure; inf: permanent",
         ),
-        _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {noun} failed"),
+        _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {noun} after its failure"),
     )
 
 
@@ -136,18 +142,18 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
         _error(
             f"failure.sensor.{name}.bias",
             unit,
-            f"error of the failed measured {noun}; 0: it stays what it was",
+            f"error of the measured {noun} after its failure; 0: frozen",
         ),
     )
 
 
 _TABLE: tuple[Parameter, ...] = (
-    _factor("one", "not dispersible: the factor of a term that no parameter touches"),
+    _factor("one", "not dispersible: factor of terms without a parameter"),
     _factor("atmosphere.density", "air density, at every altitude"),
     _error(
         "atmosphere.temperature",
         "K",
-        "air warmer at every altitude, at the same pressure: density and Mach number follow",
+        "air temperature at every altitude, at unchanged pressure",
     ),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
     _error("wind.east", "m/s", "steady wind blowing towards the east"),
@@ -178,8 +184,8 @@ _TABLE: tuple[Parameter, ...] = (
     _factor(
         "propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"
     ),
-    _error("thrust.inclination", "rad", "thrust turned upward about the point where it acts"),
-    _error("thrust.azimuth", "rad", "thrust turned to the right about the point where it acts"),
+    _error("thrust.inclination", "rad", "thrust turned upward about its point of application"),
+    _error("thrust.azimuth", "rad", "thrust turned to the right about its point of application"),
     _factor("mass.total", "mass at the start"),
     *(
         _factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}")
@@ -231,9 +237,9 @@ _TABLE: tuple[Parameter, ...] = (
         )
         for km in DENSITY_KNOTS_KM
     ),
-    _error("wind.gust_north", "m/s", "1-cosine gust: what the wind gains towards the north"),
-    _error("wind.gust_east", "m/s", "1-cosine gust: what the wind gains towards the east"),
-    _error("wind.gust_down", "m/s", "1-cosine gust: what the wind gains downwards"),
+    _error("wind.gust_north", "m/s", "1-cosine gust: wind change towards the north"),
+    _error("wind.gust_east", "m/s", "1-cosine gust: wind change towards the east"),
+    _error("wind.gust_down", "m/s", "1-cosine gust: wind change downwards"),
     Parameter("wind.gust_start", "s", 0.0, "1-cosine gust: time at which the flight enters it"),
     Parameter("wind.gust_length", "m", 1000.0, "1-cosine gust: distance over which it builds up"),
     _error("wind.turbulence", "m/s", "Dryden turbulence: rms of each of the three components"),
@@ -247,20 +253,20 @@ _TABLE: tuple[Parameter, ...] = (
         "wind.turbulence_seed",
         "-",
         0.5,
-        "which turbulence a flight meets, 0..1: draw it uniformly",
+        "turbulence realization of a flight, 0..1: draw uniformly",
         seed=True,
     ),
     Parameter(
         "sensor.noise_seed",
         "-",
         0.5,
-        "which sensor noise a flight meets, 0..1: draw it uniformly",
+        "sensor noise realization of a flight, 0..1: draw uniformly",
         seed=True,
     ),
     _error(
         "sensor.delay",
         "s",
-        "age of every measurement, in whole control periods, at most 25 of them",
+        "age of all measurements, in whole control periods, at most 25",
     ),
     *(entry for name in AXES for entry in _failing(name, f"the {name}")),
     *(
@@ -276,7 +282,7 @@ _TABLE: tuple[Parameter, ...] = (
     *(entry for name, unit in _NAVIGATION.items() for entry in _failing_sensor(name, unit)),
     Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"),
     Parameter(
-        "failure.engine.duration", "s", NEVER, "how long the engine has failed; inf: for good"
+        "failure.engine.duration", "s", NEVER, "duration of the engine failure; inf: permanent"
     ),
     _error(
         "failure.engine.thrust",
@@ -287,20 +293,18 @@ _TABLE: tuple[Parameter, ...] = (
         _error(
             f"failure.engine.{name}_increment",
             "-",
-            f"added to the {_COEFFICIENTS[name]} while the engine has failed",
+            f"change of the {_COEFFICIENTS[name]} during an engine failure",
         )
         for name in ("drag", "pitching_moment")
     ),
     *(
-        _factor(
-            f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun}, of that of wind.turbulence"
-        )
+        _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun} / wind.turbulence")
         for axis, noun in _GUST_AXES.items()
     ),
     *(
         _factor(
             f"wind.turbulence_length_{axis}",
-            f"Dryden turbulence: scale length {noun}, of wind.turbulence_length",
+            f"Dryden turbulence: scale length {noun} / wind.turbulence_length",
         )
         for axis, noun in _GUST_AXES.items()
     ),
@@ -314,7 +318,7 @@ assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENT
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters of flights, in the order of the columns of full rows."""
+    """Parameters of flights, in the column order of full rows."""
 
     records: tuple[Parameter, ...]
 
@@ -329,7 +333,7 @@ class Parameters:
 
     @cached_property
     def dispersible(self) -> tuple[str, ...]:
-        """Names of the parameters without the constant factor."""
+        """Names of all parameters except the constant factor."""
         return tuple(name for name in self.index if name != PARAMETERS[0].name)
 
     def __getitem__(self, name: str) -> Parameter:
@@ -344,13 +348,13 @@ class Parameters:
         return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
-        """Return nominal values [name]."""
+        """Return the nominal values of parameters [name]."""
         return self.nominal[[self.index[name] for name in names]]
 
 
 OURS = Parameters(PARAMETERS)
 
-# Disturbances that make an angle oscillate without a limit cycle.
+# parameters that can make an angle oscillate without a limit cycle
 DISTURBANCES = (
     "wind.gust_north",
     "wind.gust_east",

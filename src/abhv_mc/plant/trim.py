@@ -1,7 +1,7 @@
-"""Trim from the full tables: angle of attack, elevator and equivalence ratio.
+"""Trim of angle of attack, elevator and equivalence ratio with the full tables.
 
-The forces along the velocity and in the lift's plane and the pitching moment about the centre of
-gravity are balanced exactly, without aileron, rudder or sideslip. Zhu & Shen (2014), section 4.3,
+Forces in the plane of symmetry and the pitching moment about the centre of gravity are balanced
+exactly, without aileron, rudder or sideslip. The method is that of Zhu & Shen (2014), section 4.3,
 without its trimmed tables.
 """
 
@@ -23,11 +23,11 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
-GRAVITY = 9.80665  # m/s2, of load factors
-_TOLERANCE = 1e-8  # of the weight, and of the weight times the chord
-_STEEPEST = -1.2  # rad, of a glide
-_USUAL = math.pi / 4.0  # rad: an angle of attack within it is preferred
-_STEP = 1e-13  # rad and equivalence ratio: the roots are found to it
+GRAVITY = 9.80665  # standard gravity in load factors, m/s2
+_TOLERANCE = 1e-8  # tolerance as a share of the weight, and of weight times chord
+_STEEPEST = -1.2  # steepest flight path angle of a glide, rad
+_USUAL = math.pi / 4.0  # preferred range of the angle of attack, rad
+_STEP = 1e-13  # tolerance of the roots, rad and equivalence ratio
 
 
 class FlightPoint(NamedTuple):
@@ -39,12 +39,12 @@ class FlightPoint(NamedTuple):
     latitude: float = 0.0
     heading: float = math.pi / 2.0
     flight_path_angle: float = 0.0
-    speed_rate: float = 0.0  # V'
-    flight_path_rate: float = 0.0  # gamma'
-    density_factor: float = 1.0  # on the standard atmosphere's, with the temperature's
+    speed_rate: float = 0.0  # time derivative of the speed
+    flight_path_rate: float = 0.0  # time derivative of the flight path angle
+    # air density relative to the standard atmosphere, including temperature effects
+    density_factor: float = 1.0
     temperature_factor: float = 1.0
-    # What custom dynamics add: forces along body x and z, N; pitching moment about the centre of
-    # gravity, N m.
+    # Contributions of custom dynamics: body x and z forces, N, and pitching moment, N m.
     push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -54,33 +54,34 @@ class TrimPoint(NamedTuple):
     angle_of_attack: float
     elevator: float
     equivalence_ratio: float
-    flight_path_angle: float  # asked for, or that of the glide
-    forward: float  # N, along the velocity
-    upward: float  # N, across the velocity in the plane of symmetry
-    moment: float  # N m, pitching, about the centre of gravity
-    thrust: float  # N
-    lift: float  # N, of the air alone
-    drag: float  # N
-    c_tn: float  # lift coefficient of the inclined thrust: T sin(e) cos(alpha) / (q S)
-    load_factor: float  # force across the velocity over weight at sea level
-    fuel_flow: float  # kg/s
+    flight_path_angle: float  # required flight path angle, or that of the glide
+    forward: float  # force along the velocity, N
+    upward: float  # force normal to the velocity in the plane of symmetry, N
+    moment: float  # pitching moment about the centre of gravity, N m
+    thrust: float  # thrust, N
+    lift: float  # aerodynamic lift, N
+    drag: float  # aerodynamic drag, N
+    c_tn: float  # lift coefficient of the inclined thrust, T sin(e) cos(alpha) / (q S)
+    load_factor: float  # force normal to the velocity, divided by the weight at sea level
+    fuel_flow: float  # fuel flow, kg/s
     mach: float
-    dynamic_pressure: float  # Pa
-    fault: str = ""  # why this is no trim; empty where it is
+    dynamic_pressure: float  # dynamic pressure, Pa
+    fault: str = ""  # reason why the controls do not trim the vehicle; empty if they do
 
 
 def trim(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None
 ) -> TrimPoint:
-    """Balance a flight point; the default mass (kg) is the vehicle's at the start.
+    """Balance a flight point; the default mass (kg) is the vehicle's initial mass.
 
-    A vehicle without an engine is balanced on its glide path, whatever flight path angle the point
-    has. If no glide path holds the speed, lift and moment are balanced at the point's own angle.
+    A vehicle without an engine is balanced on its glide path, whatever the flight path angle of the
+    point. If no glide path maintains the speed, lift and moment are balanced at the point's own
+    angle.
 
-    The Earth's rotation is included as in its record, with the Coriolis acceleration. The
-    aerodynamic pitch rate is that of the turn over the ground, without that of the local frame,
-    which is worth 0.03 deg of elevator. A point without a balance within the vehicle's limits is
-    returned with its ``fault`` and the nearest controls.
+    The Earth's rotation is included, with the Coriolis acceleration. The aerodynamic pitch rate is
+    that of the turn over the ground; the rotation of the local frame, equivalent to 0.03 deg of
+    elevator, is neglected. If the vehicle's limits allow no balance, the point is returned with its
+    ``fault`` and the nearest controls.
     """
     mass = vehicle.constants.mass_start if mass is None else mass
     if vehicle.constants.equivalence_ratio_max > 0.0:
@@ -99,7 +100,7 @@ def _balance(
 ) -> tuple[TrimPoint, float]:
     """Return the trim at the point's flight path angle, and the residual along the velocity.
 
-    The residual is a share of the weight.
+    The residual is divided by the weight.
     """
     constants = vehicle.constants
     along, across = _specific_force(earth, point)
@@ -108,7 +109,7 @@ def _balance(
     limits = deflection_range(vehicle, 2)
 
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
-        """Return residuals along, across and about the pitch axis, as shares of the weight."""
+        """Return the residual forces and pitching moment, as shares of the weight."""
         trial = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
         weight = mass * GRAVITY
         return (
@@ -117,7 +118,7 @@ def _balance(
             trial.moment / (weight * constants.chord),
         )
 
-    # Nested, each equation solved for its dominant control: robust at kinks of the tables.
+    # Nested solutions, each for the dominant control, are robust at kinks of the tables.
     def eta_of(alpha: float, elevator: float) -> float:
         ends = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
@@ -141,7 +142,7 @@ def _balance(
     engine = constants.equivalence_ratio_max > 0.0
     names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
-    fault = f"no {' or '.join(lacking)} within the vehicle's limits balances it" if lacking else ""
+    fault = f"no {' or '.join(lacking)} within limits trims the vehicle" if lacking else ""
     return _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)._replace(
         fault=fault
     ), left[0]
@@ -150,7 +151,7 @@ def _balance(
 def _root(
     function: Callable[[float], float], low: float, high: float, step: float = _STEP
 ) -> float:
-    """Return a root between two ends, or the end with the smaller value without one."""
+    """Return a root between two ends, or the end with the smaller absolute value."""
     from scipy.optimize import brentq
 
     end_values = {low: function(low), high: function(high)}
@@ -159,7 +160,7 @@ def _root(
 
     def once(
         x: float,
-    ) -> float:  # Brent evaluates the ends again, which is most of the work in three nested loops
+    ) -> float:  # Brent's method would evaluate the ends again: most of the work in nested loops.
         return end_values[x] if x in end_values else function(x)
 
     return float(brentq(once, low, high, xtol=step, rtol=1e-14))
@@ -168,7 +169,7 @@ def _root(
 def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
     """Return the required non-gravitational specific force, m/s2.
 
-    It is along the velocity, and across it in the vertical plane, upward.
+    The components are along the velocity, and normal to it in the vertical plane, upward.
     """
     sin_lat, cos_lat = math.sin(point.latitude), math.cos(point.latitude)
     meridian, vertical = radii(earth, sin_lat)
@@ -181,7 +182,7 @@ def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
     lat_rate = velocity[0] / (meridian + point.altitude)
     frame = np.array(
         [lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat]
-    )  # of the local frame to the Earth
+    )  # rotation of the local frame relative to the Earth
     rotation = earth.rotation_rate * np.array([cos_lat, 0.0, -sin_lat])
     north, down = gravity_ned(earth, point.altitude, sin_lat, cos_lat)
     carried = np.cross(frame + 2.0 * rotation, velocity) - np.array([north, 0.0, down])
@@ -200,7 +201,7 @@ def _control(
     elevator: float,
     eta: float,
 ) -> TrimPoint:
-    """Return the forces for given controls, balanced or not."""
+    """Return forces and moments for the given controls, balanced or not."""
     constants = vehicle.constants
     density, _, _, sound = atmosphere(point.altitude)
     density *= point.density_factor

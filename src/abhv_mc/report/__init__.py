@@ -2,5 +2,5 @@
 
 from abhv_mc.kernel.cache import cache_root
 
-# Before matplotlib is imported, which writes its files there if there is no home folder.
+# Matplotlib needs this cache folder on import if there is no home folder.
 cache_root()

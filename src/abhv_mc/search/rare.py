@@ -38,9 +38,9 @@ from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_dis
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
-_PILOT = 2 * LANES  # points, simulated twice, that measure the noise
-_PLACE = 1 << 22  # key of their random numbers
-_UNLIKELY = 0.5  # share of noise above which an estimate of less than 1e-4 is unlikely
+_PILOT = 2 * LANES  # number of points simulated twice to measure the noise
+_PLACE = 1 << 22  # key of the random numbers of these points
+_UNLIKELY = 0.5  # share of noise above which an estimate below 1e-4 is unlikely
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,16 @@ class RareFound:
     strata: tuple[Stratum, ...]  # combinations of switches; empty without switches
     space: Space
     flights: FlightRows
-    severities: Floats  # [flight]: above the limit, in the metric's unit
+    severities: Floats  # excess over the limit, in the metric's unit [flight]
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
-    noise_share: float | None  # of the variance of the severity's ranks; None without noise
-    includes_unwarned: bool  # whether the interval reaches to what may fail without warning
+    # share of noise in the variance of the severity's ranks; None without noise
+    noise_share: float | None
+    includes_unwarned: bool  # whether the interval includes failures without warning
 
     def words(self, stratum: Stratum) -> str:
-        """Return the names of the switches of a combination."""
+        """Return the names of the active switches of a combination."""
         switches = list(self.space.probabilities)
         return (
             "all others"
@@ -79,7 +80,7 @@ class RareFound:
             return ""
         if self.includes_unwarned and self.estimate.high <= high:
             return (
-                f"; the upper end is the bound on failures without warning, by the {flights:,} "
+                f"; the upper end is the bound on failures without warning, from the {flights:,} "
                 "plain flights alone"
             )
         if self.includes_unwarned:
@@ -90,19 +91,19 @@ class RareFound:
         if len(self.space.names) <= MOST_LOOKED:
             return ""
         return (
-            ", as far as the severity gives warning; of flights that end without warning only the "
-            f"{flights:,} plain ones speak: below {high:.1e}"
+            ", as far as the severity gives warning; failures without warning are below "
+            f"{high:.1e}, according to the {flights:,} plain flights"
         )
 
     @property
     def second_opinion(self) -> str:
-        """Result of importance sampling as text."""
+        """Result of importance sampling, as text."""
         check = self.estimate.check
         if isinstance(self.estimate, SurrogateEstimate):
             rough, smooth = self.estimate.steps[-1].probabilities
             return f"{rough:.1e} by a Matern process, {smooth:.1e} by an infinitely smooth one"
         if check is None:
-            return f"none (it takes flights to spare and at most {MOST_SAMPLED} dispersions)"
+            return f"none (requires spare flights and at most {MOST_SAMPLED} dispersions)"
         return (
             f"{check.probability:.1e} by importance sampling, worth {check.effective:.0f} failures"
         )
@@ -161,7 +162,7 @@ class RareFound:
 
 
 def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
-    """Estimate P(failure) of one requirement. Raise InputError if the request is invalid."""
+    """Estimate P(failure) for one requirement. Raise InputError for an invalid request."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
@@ -194,7 +195,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
                 print(
-                    f"warning: {100.0 * noise:.0f} % of the severity's variance is noise, by "
+                    f"warning: {100.0 * noise:.0f} % of the severity's variance is noise, from "
                     f"{_PILOT} points with two seeds each: an estimate is unlikely if the "
                     "probability is below 1e-4",
                     file=sys.stderr,
@@ -204,7 +205,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         estimate: RareEstimate
         if request.surrogate:
             strata: tuple[Stratum, ...] = ()
-            with one_blas_thread():  # the same bits when it is resumed
+            with one_blas_thread():  # One thread gives identical bits when the search is resumed.
                 estimate = estimate_by_surrogate(
                     lambda points: evaluate(points, np.zeros((len(points), 0), np.bool_)),
                     plan,
@@ -263,9 +264,9 @@ def _check_smooth(space: Space, is_noisy: bool) -> None:
 
 
 def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:
-    """Return the requirement with this ID, or on this metric.
+    """Return the requirement with this ID or on this metric.
 
-    Raise InputError if none or several match, or if the metric has plateaus.
+    Raise InputError if there is none or several, or if the metric has plateaus.
     """
     bound = [
         item for item in campaign.requirements if not item.named or controller in item.controllers
@@ -276,10 +277,10 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     where = ("requirements",)
     if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
         values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
-        problem = f"'{metric}', of which many flights share the value {values}"
+        problem = f"'{metric}', which is {values} in many flights"
         remedy = (
-            "a metric that grows from flight to flight: on a plateau no flight is nearer to "
-            "failing than another"
+            "a metric that differs between flights: on a plateau, no flight is closer to failure "
+            "than others"
         )
         raise campaign.document.error(where if own else (), problem, remedy)
     if len(own) == 1:
@@ -287,8 +288,8 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     if not own:
         names = [item.metric for item in bound]
         problem = f"no requirement on '{metric}' for '{controller}'"
-        expected = one_of(names, metric) if names else "a requirement with the limit that is meant"
+        expected = one_of(names, metric) if names else "a requirement with this limit"
         raise campaign.document.error(where if names else (), problem, expected)
     raise campaign.document.error(
-        where, f"{len(own)} requirements on '{metric}'", "one of them, by its 'id'"
+        where, f"{len(own)} requirements on '{metric}'", "one requirement, by its 'id'"
     )

@@ -1,8 +1,8 @@
 """Results folder of a search: a campaign's folder with a block for each batch of flights.
 
-The algorithms are deterministic functions of their seed and of the values they receive. A search is
-therefore resumed by running it again: stored batches are read from their blocks, the others are
-simulated. `abhv-mc replay`, `query` and `verify campaign` read the folder like any campaign's.
+The algorithms are deterministic functions of their seed and of the values they receive. Therefore a
+search is resumed by running it again: stored batches are read from their blocks, other batches are
+simulated. `abhv-mc replay`, `query` and `verify campaign` read the folder like a campaign's.
 """
 
 import contextlib
@@ -59,18 +59,18 @@ from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.user_code.trust import trust
 
-_DRAWN = 3  # flights whose time histories a page shows
-DRAWN_APART = 0.1  # of the simulated range, rms over the parameters: smallest distance
-_DRAWN_STEP = 0.1  # s
+_DRAWN = 3  # number of flights whose time histories a page shows
+DRAWN_APART = 0.1  # minimum distance, as a share of the simulated range (rms over the parameters)
+_DRAWN_STEP = 0.1  # time step of the histories, s
 
 
 def read_searched(
     path: Paths, controller: str | None, seed: int | None, engine: Engine | None = None
 ) -> tuple[Experiment, str]:
-    """Return the campaign and the name of the searched controller. Raise InputError."""
+    """Return the campaign and the controller to search. Raise InputError if invalid."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
-        trust(source)  # the user's own file, which the user asks to run
+        trust(source)  # The user's own file may be run.
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
@@ -91,7 +91,7 @@ def find_metric(
     if name in MARGIN_NAMES and campaign.model.margins is None:
         raise make_error(
             f"'{name}' without 'margins'",
-            "'margins: {at: [trim]}' in the campaign, which finds them",
+            "'margins: {at: [trim]}' in the campaign, which computes the margins",
         )
     if name not in metrics:
         raise make_error(f"unknown metric '{name}'", one_of(metrics, name))
@@ -111,13 +111,13 @@ def binding_requirements(
 
 @dataclass(frozen=True)
 class DrawnFlights:
-    """Time histories of selected flights, after the nominal one."""
+    """Time histories of selected flights, following the nominal flight."""
 
     numbers: tuple[int, ...]
-    times: Floats  # [time] s
+    times: Floats  # times, s
     history: NDArray[
         np.float32
-    ]  # [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
+    ]  # histories [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
 
 
 class SearchFlights:
@@ -133,7 +133,7 @@ class SearchFlights:
     ) -> None:
         """Prepare the flights of a search.
 
-        `campaign` has the searched controller as its only system, `margins` adds stability margins.
+        `campaign` has the searched controller as its only system; `margins` adds stability margins.
         `writer` is a thread that writes a block while the next one is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
@@ -164,7 +164,7 @@ class SearchFlights:
 
     @property
     def duration(self) -> float:
-        """Duration (s) of a flight that does not end early; 0 if durations vary."""
+        """Duration (s) of a flight that does not terminate early; 0 if durations vary."""
         return self.plan.timing.duration if self.plan.timing else 0.0
 
     def rows(self) -> FlightRows:
@@ -184,16 +184,16 @@ class SearchFlights:
         )
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
-        """Return the flights of parameter values [flight, dimension].
+        """Simulate or read the flights of parameter values [flight, dimension].
 
-        All flights have the same seed if `common_seed`, otherwise each its own.
+        If `common_seed`, all flights have the same seed, else each has its own.
         """
         first = self.flown
         samples = self.space.complete(values, self.seed, None if common_seed else first)
         rows = self._remember(first, samples)
         if rows is None:
             rows = self._fly(first, samples)
-            self._writing.result()  # the previous block: raises the error of its writing
+            self._writing.result()  # Raise any error from writing the previous block.
             self._writing = self._writer.submit(write_block, self.folder.flights, rows, self.schema)
         self.blocks.append(rows)
         if self.progress is not None:
@@ -201,7 +201,7 @@ class SearchFlights:
         return rows
 
     def _remember(self, first: int, samples: Floats) -> FlightRows | None:
-        """Return the stored block of these samples; None if missing or not all were computed."""
+        """Return the stored block of these samples; None if it is missing or incomplete."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
             ((rows, _),) = read_campaign_block(path, self.space.columns, self.files)
@@ -238,8 +238,8 @@ class SearchFlights:
     def draw(self, severities: Floats) -> DrawnFlights | None:
         """Re-run the nominal and the worst distinct flights with time histories.
 
-        `severities` [flight] belong to the flights from 0 on. Return None if flights have no common
-        times.
+        `severities` [flight] are those of all flights, from 0 on. Return None if flights have no
+        common times.
         """
         rows = self.rows()
         numbers = rank_distinct(
@@ -257,7 +257,7 @@ class SearchFlights:
         return DrawnFlights(tuple(numbers), block.times, block.history)
 
     def finish(self, result: dict[str, Any]) -> None:
-        """Delete unused blocks, and write samples, outcomes and result."""
+        """Delete unused blocks; write samples, outcomes and the result."""
         self._writing.result()
         names = {
             block_path(self.folder.flights, block.controller, block.first, block.stop).name
@@ -307,7 +307,7 @@ def open_search(
 ) -> Iterator[SearchFlights]:
     """Open the folder of a search, lock it and start the executor.
 
-    The result of the search depends on `settings`. With `with_margins` every flight has stability
+    The result of the search depends on `settings`. With `with_margins`, every flight has stability
     margins. Raise InputError, before any file is written, if the folder does not contain the
     beginning of the same search.
     """
@@ -372,19 +372,19 @@ def _check_same(
     """Raise InputError if the folder does not contain the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
     before = manifest.search
-    expected = "the same search, another folder (-o DIR), or --fresh to delete what was flown"
+    expected = "the same search, another folder (-o DIR), or --fresh to delete its flights"
     if before is None:
-        raise InputError(root, "a folder that holds a campaign's flights", expected)
+        raise InputError(root, "a folder that contains a campaign's flights", expected)
     both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
     axes = [
         list(item.data.get("dispersions") or ()) for item in both
-    ]  # of the search, in their order
+    ]  # dispersions of the search, in stored order
     limits = [*describe_requirement_changes(stored.data, inputs.data)]
     if limits and before["kind"] == "rare":
         problem = f"a search with other requirements: {'; '.join(limits)}"
-        raise InputError(root, problem, "another folder (-o DIR): other limits are a new search")
+        raise InputError(root, problem, "another folder (-o DIR): new limits need a new search")
     if stored.identity != inputs.identity or axes[0] != axes[1]:
-        raise InputError(root, "a folder that holds a search of another campaign", expected)
+        raise InputError(root, "a folder that contains a search of another campaign", expected)
     changes = [
         f"{key}: {before.get(key)} -> {value}"
         for key, value in settings.items()
@@ -392,11 +392,11 @@ def _check_same(
     ]
     if len(changes) == 1 and changes[0].startswith("flights:"):
         expected = (
-            "another folder (-o DIR): where a search goes depends on how many flights it has from "
-            "its beginning"
+            "another folder (-o DIR), because the points of a search depend on its total number of "
+            "flights"
         )
     if changes:
         raise InputError(
-            root, "a folder that holds another search: " + ", ".join(changes), expected
+            root, "a folder that contains another search:  " + ", ".join(changes), expected
         )
     check_source(flown.folder, manifest, simulator)

@@ -10,18 +10,18 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.statistics.estimates import Criterion
 
-# Severity of a flight that ends early, plus the seconds by which it is early.
+# Severity of early termination, to which the missing seconds are added.
 ENDED_EARLY = 1e9
-# A larger severity is a failure: so is zero, a metric just at its limit.
+# Failures are above this value, so that a metric exactly at its limit fails.
 FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
 class Severity:
-    """Severity by a metric: larger is worse, NaN for flights that failed to run."""
+    """Severity of flights by one metric: larger is worse, NaN if a flight failed to run."""
 
-    criterion: Criterion  # the metric, which values of it are bad, and the limit of a requirement
-    duration: float  # s, of a flight that does not end early
+    criterion: Criterion  # metric, its bad values, and the limit of a requirement
+    duration: float  # duration of a flight that does not terminate early, s
     early_is_worse: bool = True
 
     def of(self, rows: FlightRows) -> Floats:
@@ -41,13 +41,13 @@ class Severity:
 
 
 def ended_early(rows: FlightRows) -> NDArray[np.bool_]:
-    """Return the mask [flight] of flights that ended early."""
+    """Return a mask [flight] of flights that terminated early."""
     outcome = np.array(rows.outcome)
     return (outcome != Outcome.OK.code) & (outcome != Outcome.FAILED_TO_RUN.code)
 
 
 def not_computed(rows: FlightRows) -> NDArray[np.bool_]:
-    """Return the mask [flight] of flights that failed to run."""
+    """Return a mask [flight] of flights that failed to run."""
     return np.array(rows.outcome) == Outcome.FAILED_TO_RUN.code
 
 
@@ -56,9 +56,9 @@ def rank_distinct(
 ) -> list[int]:
     """Return the flights with the largest severities, worst first, without equal samples.
 
-    Each is farther than `min_distance` from all worse ones: rms over the columns of `samples`
-    [flight, parameter], scaled by their range. An infinite value, such as the time of a failure
-    that does not occur, is one range away from finite ones.
+    Each flight is farther than `min_distance` from all worse ones (rms over the columns of
+    `samples` [flight, parameter], scaled by their range). An infinite value, such as the time of a
+    failure that does not occur, is one range away from finite ones.
     """
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]

@@ -21,23 +21,23 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import OURS, Parameters
 
 _SMALLEST = 2.0**-53
-_TRIED, _FEWEST_INSIDE = 65536, 10  # random flights
+_TRIED, _FEWEST_INSIDE = 65536, 10  # random flights tried, and minimum number inside the box
 _SEEDS = {
     "wind.turbulence_seed": "wind.turbulence",
     "sensor.noise_seed": "_noise",
-}  # and the ending of the parameters it seeds
+}  # seed parameters, with the name endings of the parameters they seed
 
 
 @dataclass(frozen=True)
 class Space:
     """Dispersed parameters as dimensions; seeds are drawn for each flight."""
 
-    names: tuple[str, ...]  # of the dimensions
-    seeds: tuple[str, ...]  # seed-like parameters, columns after the dimensions
+    names: tuple[str, ...]  # names of the dimensions
+    seeds: tuple[str, ...]  # seed parameters, in columns after the dimensions
     marginals: tuple[Marginal, ...]
     copula: Copula
     derived: Derived
-    parameters: Parameters = OURS  # in the order of full rows
+    parameters: Parameters = OURS  # all parameters, in the order of full rows
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -46,7 +46,7 @@ class Space:
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """Probability, by name, of parameters that occur in some flights only, such as failures."""
+        """Probabilities, by name, of parameters that occur in some flights only (failures)."""
         marginals = zip(self.names, self.marginals, strict=True)
         return {
             name: marginal.probability
@@ -55,10 +55,10 @@ class Space:
         }
 
     def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
-        """Return SI values [flight, dimension] of standard normal points.
+        """Convert standard normal points to SI values [flight, dimension].
 
-        They pass through the copula and the distributions. `on` [flight, switch] selects which of
-        :attr:`probabilities` occur; without it the points decide.
+        The points pass through the copula and the distributions. `on` [flight, switch] selects
+        which of :attr:`probabilities` occur; by default the points decide.
         """
         from scipy.special import ndtr
 
@@ -75,10 +75,10 @@ class Space:
         return values
 
     def bounds(self, box: float) -> Floats:
-        """Return lower and upper ends [dimension, 2] of the box.
+        """Return the lower and upper end of the box in each dimension [dimension, 2].
 
-        They are the range of bounded distributions and +-`box` sigma of others. For parameters that
-        occur with a probability they belong to the values when they occur.
+        The ends are the range of bounded distributions, and +-`box` sigma of others. For parameters
+        that occur with a probability, they apply to the values when these occur.
         """
         from scipy.special import ndtr
 
@@ -97,7 +97,7 @@ class Space:
         return np.array(limits)
 
     def from_box(self, points: Floats, bounds: Floats) -> Floats:
-        """Return SI values [flight, dimension] of points of the box -1 .. 1.
+        """Convert points of the box -1 .. 1 to SI values [flight, dimension].
 
         Values of discrete parameters are rounded.
         """
@@ -113,7 +113,7 @@ class Space:
         """Return random values [flight, dimension] of the campaign's distribution in the box.
 
         Values outside are redrawn; parameters that do not occur are always inside. Raise InputError
-        if almost no random flight lies in the box.
+        if almost no random flight is inside the box.
         """
         absent = np.array(
             [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]
@@ -135,11 +135,11 @@ class Space:
         return accepted[:number]
 
     def rows(self, values: Floats) -> Floats:
-        """Return full rows [flight, parameter] of values in the order of :attr:`columns`."""
+        """Return full rows [flight, parameter] for values in the order of :attr:`columns`."""
         return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
-        """Return values with columns of seeds: of flights from `first` on, or one if None."""
+        """Add seed columns for flights from `first` on, or with one common seed if None."""
         columns = []
         for name in self.seeds:
             drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)
@@ -153,7 +153,7 @@ def _when_it_comes(marginal: Marginal) -> Marginal:
 
 
 def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
-    """Return the space of a campaign's dispersions, and of its unknowns as uniform ones.
+    """Return the space of a campaign's dispersions, with unknowns as uniform dispersions.
 
     Raise InputError if there is nothing to search.
     """
@@ -165,8 +165,8 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
         remedy = (
-            "a campaign without: this search is over dispersions (`run` finds the unknowns' worst "
-            "values)"
+            "a campaign without unknowns: this search covers dispersions (`run` finds the "
+            "unknowns' worst values)"
         )
         raise document.key_error(("unknowns",), "unknowns", remedy)
     ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
@@ -190,9 +190,7 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     rows = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
     chosen = [name for name in names if name in rows]
     if len(chosen) < len(rows):
-        raise document.error(
-            ("correlations",), "a seed that is correlated", "seeds that belong to themselves"
-        )
+        raise document.error(("correlations",), "a seed that is correlated", "independent seeds")
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
     chosen_marginals = tuple(marginals[name] for name in names)
     return Space(names, seeds, chosen_marginals, copula, campaign.derived, campaign.parameters)

@@ -35,12 +35,12 @@ from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.vehicle_simulator.margin_plans import TrimMargins, trim_margins
 
-_BATCH = 512  # random flights
-_MOST_COMBINATIONS = 64  # of the values of discrete parameters
-_OTHER_SEEDS = 64  # flights of the worst point with other turbulence and noise
-MARGIN_EVALUATIONS = 512  # of each margin
-_MARGIN_BOX = 3.0  # sigma of unbounded distributions
-_MOVED = 1e-6  # half widths of the range
+_BATCH = 512  # random flights per batch
+_MOST_COMBINATIONS = 64  # maximum number of combinations of discrete values
+_OTHER_SEEDS = 64  # flights at the worst point with other turbulence and noise
+MARGIN_EVALUATIONS = 512  # evaluations per margin
+_MARGIN_BOX = 3.0  # box of unbounded distributions, sigma
+_MOVED = 1e-6  # smallest change of a parameter, in half widths of the range
 
 
 @dataclass(frozen=True)
@@ -53,28 +53,28 @@ class WorstFound:
     controller: str
     case: WorstCase
     names: tuple[str, ...]
-    bounds: Floats  # [parameter, 2]
+    bounds: Floats  # range of each parameter [parameter, 2]
     probabilities: dict[
         str, float
-    ]  # of occasional parameters, which occur in all flights of the search
-    flights: FlightRows  # the search's, then as many random ones
-    searched: int  # flights of the search
+    ]  # probabilities of occasional parameters, which occur in all flights of the search
+    flights: FlightRows  # flights of the search, followed by random flights
+    searched: int  # number of flights of the search
     worst: int  # number of the worst flight
     random_worst: int  # number of the worst random flight
-    severities: Floats  # [flight]
-    duration: float  # s, of a flight that does not end early
+    severities: Floats  # severity of each flight [flight]
+    duration: float  # duration of a flight that does not terminate early, s
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
-    requirements: tuple[Requirement, ...] = ()  # on the metric
-    random: int = 0  # random flights; those after them are the worst one's with other seeds
+    requirements: tuple[Requirement, ...] = ()  # requirements on the metric
+    random: int = 0  # number of random flights; re-seeded worst flights follow them
 
     @property
     def other_seeds(self) -> tuple[int, int, tuple[float, float, float] | None] | None:
         """Number of re-seeded worst flights, early terminations, and range of the metric.
 
-        The range is the smallest, median and largest value of flights that did not end early. None
-        without seeds.
+        The range is the smallest, median and largest value over completed flights. The result is
+        None without seeds.
         """
         rows = slice(self.searched + self.random, None)
         early, absent = ended_early(self.flights)[rows], not_computed(self.flights)[rows]
@@ -93,12 +93,12 @@ class WorstFound:
         return int(np.sum((failed & ~not_computed(self.flights))[: self.searched]))
 
     def value(self, flight: int) -> float:
-        """Return the metric of a flight."""
+        """Return the value of the metric in a flight."""
         return float(self.flights.column(self.metric.name)[flight])
 
     @property
     def sign(self) -> float:
-        """Factor from a severity to the plotted value."""
+        """Sign that converts a severity to the plotted value."""
         return -1.0 if self.criterion.bad == "low" and self.criterion.limits is None else 1.0
 
     @property
@@ -112,7 +112,7 @@ class WorstFound:
 
     @property
     def at_bounds(self) -> list[str]:
-        """Parameters at an end of their range."""
+        """Parameters that are at an end of their range."""
         return [
             name
             for name, is_at_bound in zip(self.names, self.case.at_bounds, strict=True)
@@ -146,9 +146,9 @@ class WorstFound:
 
 
 def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFound:
-    """Search for the worst flight, then simulate as many random flights in the same box.
+    """Search for the worst flight, then simulate random flights in the same box.
 
-    Raise InputError if the request is invalid.
+    There are as many random flights as search flights. Raise InputError for an invalid request.
     """
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     metric = find_metric(
@@ -221,7 +221,7 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
 def _combine(space: Space, best: Floats) -> Iterator[Floats]:
     """Yield the best point [1, dimension] with all combinations of discrete values, if few.
 
-    A search moves one parameter at a time or all, and discrete values have no slope.
+    The search moves one or all parameters at a time, and discrete values have no slope.
     """
     values = {
         i: marginal.values
@@ -237,22 +237,20 @@ def _combine(space: Space, best: Floats) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class WorstMargin:
-    """Smallest value found of one margin; the true minimum may be smaller."""
+    """Smallest value found for one margin; the true minimum may be smaller."""
 
     controller: str
     metric: str
-    nominal: float  # in the metric's unit; 0 if unstable or without a trim
+    nominal: float  # nominal margin in the metric's unit; 0 if unstable or without a trim
     found: float
-    parameters: dict[str, float]  # where, SI
-    moved: tuple[
-        str, ...
-    ]  # of them, those that are off the middle of their range, the farthest first
-    fault: str  # 'unstable', why there is no trim, or ''
+    parameters: dict[str, float]  # parameters at the smallest margin, SI
+    moved: tuple[str, ...]  # parameters away from the middle of their range, farthest first
+    fault: str  # 'unstable', the reason why there is no trim, or ''
     evaluations: int
 
 
 def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list[WorstMargin]:
-    """Return the smallest margins of each controller in steady flight, without simulation."""
+    """Return each controller's smallest margins in steady flight, without simulation."""
     space = make_space(campaign, with_unknowns=True)
     bounds, seed, dimension = space.bounds(_MARGIN_BOX), campaign.model.seed, len(space.names)
     evaluations = max(MARGIN_EVALUATIONS, least_evaluations(dimension, MARGIN_EVALUATIONS))

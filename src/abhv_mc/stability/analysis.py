@@ -23,44 +23,44 @@ from abhv_mc.stability.search import frequency_grid
 from abhv_mc.stability.steady import trim_points
 
 FREQUENCIES = 200
-GROWTH = 1e-5  # 1/s: a pole that grows more slowly is neutral within rounding
-_TOGETHER = 64  # flights at a time: their states at every tick are 1 MB each
+GROWTH = 1e-5  # growth rate below which a pole is neutral within rounding, 1/s
+_TOGETHER = 64  # flights analysed together: their states at every tick take 1 MB each
 
-# Values of a campaign's metrics if no perturbation destabilizes a loop.
+# values of a campaign's metrics if no perturbation destabilizes a loop
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
-NO_SLOPES = "the vehicle or the law has no slopes there: what it gives is not a number"
+NO_SLOPES = "the vehicle or the controller has no finite derivatives there"
 
-Time = Literal["trim"] | float  # s
+Time = Literal["trim"] | float  # time of linearization, s
 
 
 class Stability(NamedTuple):
     """Poles and margins of each linear model."""
 
-    stable: Mask  # [system]
+    stable: Mask  # whether each system is stable
     poles: list[
         Complexes
-    ]  # of the closed loops, 1/s, fastest growing first; none where there are no slopes
-    margins: Margins  # nan for systems that are not stable
-    cut: Ints  # [system, input] where an input has no loop, see abhv_mc.stability.linearize
+    ]  # poles of the closed loops, 1/s, fastest growing first; none without finite slopes
+    margins: Margins  # margins; NaN for systems that are not stable
+    cut: Ints  # [system, input] reason why an input has no loop, see linear_model
     inputs: tuple[str, ...]
     apart: "Stability | None" = (
-        None  # of effectors one by one, of a law that commands axes, where it was asked for
+        None  # stability of single effectors, if requested and the controller commands axes
     )
 
 
 class FlightMargins(NamedTuple):
     """Smallest margins of each flight over loops and times; 0 if a flight has none."""
 
-    # [flight, 4] gain (dB, the smaller side), phase (deg), delay (ms), disk of all loops at once
+    # [flight, 4] smaller gain (dB), phase (deg), delay (ms) and disk margin
     table: Floats
-    faults: list[list[str]]  # [time][flight] why there is no margin; empty where there is one
+    faults: list[list[str]]  # [time][flight] reason why there is no margin; empty if there is one
 
 
 def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False) -> Stability:
     """Return closed-loop poles, and the margins of stable systems.
 
-    With `apart` also those of single effectors.
+    If `apart`, also return those of single effectors.
     """
     if apart and linear.apart is not None:
         return analyse(linear, frequencies)._replace(apart=analyse(linear.apart, frequencies))
@@ -94,7 +94,7 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
 
 
 def closed_poles(linear: Linear, discrete: list[Complexes] | None = None) -> list[Complexes]:
-    """Return the poles of the closed loops (1/s), fastest growing first, of their eigenvalues."""
+    """Return the closed-loop poles (1/s), fastest growing first, from their eigenvalues."""
     span = linear.period * max(len(linear.phases), 1)
     with np.errstate(divide="ignore"):
         poles = [
@@ -105,12 +105,13 @@ def closed_poles(linear: Linear, discrete: list[Complexes] | None = None) -> lis
 
 
 def _closed_poles(linear: Linear) -> list[Complexes]:
-    """Return eigenvalues of the closed loops over the period; empty if not finite."""
+    """Return the closed-loop eigenvalues over the period; empty if not finite."""
     poles: list[Complexes] = [np.empty(0, np.complex128)] * len(linear.A)
     for delay in np.unique(linear.delay):
         systems = np.flatnonzero(linear.delay == delay)
         loops = np.stack([closed_period(linear, int(i)) for i in systems])
-        finite = np.isfinite(loops).all(axis=(1, 2))  # not finite if the law has no slopes
+        # Models of a controller without derivatives are not finite.
+        finite = np.isfinite(loops).all(axis=(1, 2))
         for i, loop_poles in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
             poles[i] = loop_poles
     return poles
@@ -119,7 +120,7 @@ def _closed_poles(linear: Linear) -> list[Complexes]:
 def points_at(
     plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time
 ) -> tuple[FlightPlan, Found]:
-    """Return the points of flights at a time, or their trims, with the matching plan."""
+    """Return the points of flights at a time, or at their trims, with the matching plan."""
     if time == "trim":
         return steady, trim_points(steady, parameters)
     return plan, flown_points(plan, parameters, time)
@@ -136,8 +137,8 @@ def margins_of_flights(
     """Return the smallest margins over `times` of flights [flight, parameter].
 
     `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. A
-    flight that is unstable, has ended or is saturated at any of the times has 0. Without a crossing
-    the values are 60 dB, 180 deg and 1000 ms.
+    flight that is unstable, has ended or is saturated at any of the times has zero margins. Without
+    a crossing the values are 60 dB, 180 deg and 1000 ms.
     """
     count = len(parameters)
     least = np.tile(
@@ -219,7 +220,7 @@ def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, flo
 
 
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
-    """Return the reason by input that has no loop: `stuck` or `no effect` (no fuel)."""
+    """Return by input why an input has no loop: `stuck` or `no effect` (no fuel)."""
     return {
         name: REASONS[why]
         for name, loop_stability, i in _loops(stability)
@@ -230,11 +231,11 @@ def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
 def make_rows(
     controller: str, time: float | None, stability: Stability, system: int = 0
 ) -> list[dict[str, Any]]:
-    """Return a row for each loop, and one, `all`, for all loops together.
+    """Return a row for each loop, and a row `all` for all loops together.
 
     `time` (s) is None at the trim. Infinite values, and those of an unstable closed loop, are None.
-    The row of a cut loop has its `reason`, the row `all` of an unstable system its growing poles
-    (1/s, real and imaginary part), and rows of single effectors have `counts: False` if the
+    The row of a cut loop has its `reason`, and the row `all` of an unstable system has its growing
+    poles (1/s, real and imaginary part). Rows of single effectors have `counts: False` if the
     controller commands axes.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)

@@ -14,19 +14,17 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Time
 
-AT_TRIM = -1.0  # of MarginPlan.times
-_GROUP = (
-    32  # flights linearized together: a fixed number, on which the last bits of matrix sums depend
-)
-_DIGITS = 6  # significant digits of a margin: the last bits depend on the machine's libraries
+AT_TRIM = -1.0  # entry of MarginPlan.margin_times that denotes the trim
+_GROUP = 32  # fixed number of flights linearized together, because it affects the last bits of sums
+_DIGITS = 6  # significant digits of a margin; the last bits depend on the machine's libraries
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarginPlan(FlightPlan):
     """Flight plan with margins: MARGIN_VALUES are appended to the metrics."""
 
-    steady: FlightPlan  # of :func:`abhv_mc.stability.steady.make_steady_plan`
-    margin_times: Floats  # [time] s, AT_TRIM for the trim
+    steady: FlightPlan  # plan of :func:`abhv_mc.stability.steady.make_steady_plan`
+    margin_times: Floats  # times of the margins, s; AT_TRIM for the trim
 
 
 def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]") -> MarginPlan:
@@ -42,7 +40,7 @@ def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]")
 def fly_with_margins(
     plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None
 ) -> FlightBlock:
-    """Simulate flights, and add margins if `plan` is a MarginPlan; NaN if that fails."""
+    """Simulate flights; add margins if `plan` is a MarginPlan, NaN where they fail."""
     block = fly(plan, parameters, record_every)
     if not isinstance(plan, MarginPlan):
         return block
@@ -56,7 +54,7 @@ def fly_with_margins(
 
 
 def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
-    """Return `_find`, flight by flight if it fails for the group."""
+    """Return the margins of a group, computed flight by flight if the group fails."""
     try:
         return _find(plan, parameters)
     except Exception:
@@ -73,7 +71,7 @@ def _find(plan: MarginPlan, parameters: Floats) -> Floats:
     rows = np.vstack([parameters, np.tile(parameters[-1], (_GROUP - count, 1))])
     times: list[Time] = ["trim" if time == AT_TRIM else time for time in plan.margin_times.tolist()]
     margins = margins_of_flights(plan, plan.steady, rows, times)
-    faults = np.array(margins.faults)  # [time, flight]
+    faults = np.array(margins.faults)  # faults [time, flight]
     columns = [
         margins.table,
         *((np.char.find(faults, word) >= 0).sum(axis=0) for word in ("unstable", "limit")),

@@ -1,13 +1,13 @@
 """Margins of multi-rate controllers, from responses lifted over the controller's period.
 
-A controller that repeats after N ticks of T responds to a frequency w with all of w + 2 pi m / (N
-T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant factor of an actuator
-is a multiple of the identity, so a single loop, with the others closed, has N characteristic loci
-instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2 and 6). If all ticks are
-equal, the margins are those of a single rate.
+A controller that repeats after N ticks of T responds to a frequency w with all frequencies w + 2 pi
+m / (N T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant factor of an
+actuator is a multiple of the identity, so that a single loop, with the other loops closed, has N
+characteristic loci instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2 and
+6). If all ticks are equal, the margins are those of a single rate.
 
-Responses are computed from the N inputs to the N commands of a period. They differ from those in
-harmonics by a unitary transformation with the same loci and norms, and cost less.
+Responses are computed from the N inputs to the N commands of a period. They are related to the
+responses in harmonics by a unitary transformation, have the same loci and norms, and cost less.
 """
 
 from functools import partial
@@ -31,22 +31,22 @@ from abhv_mc.stability.margins import (
 )
 from abhv_mc.stability.search import refine_peaks
 
-_SLOWEST = 1e-6  # rad/s, in place of zero, where integrators have no response
-_ROUNDING = 1e-13  # of a matrix times a locus' condition: a smaller locus is taken for zero
+_SLOWEST = 1e-6  # frequency used instead of zero, where integrators have no response, rad/s
+_ROUNDING = 1e-13  # relative size below which a locus is taken as zero
 _NEWTON_STEPS = 12
 
 
 class _Lifted(NamedTuple):
-    """Loops of k inputs over a period, from N inputs to the negative of N commands."""
+    """Loops of k inputs over a period, from N inputs to minus the N commands."""
 
     loops: Loops
-    ahead: Floats  # [system, k N, k N] what a command does to those later in its own period
+    ahead: Floats  # [system, k N, k N] effect of a command on later ones in its own period
     ticks: int
-    period: float  # s, of a tick
+    period: float  # duration of a tick, s
 
 
 def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
-    """Return the margins of one system; `omega` [frequency] rises to pi / (N T)."""
+    """Return the margins of one system; `omega` [frequency] increases to pi / (N T)."""
     every, single = _lift(linear, system)
     rows, eye = np.arange(len(linear.inputs)), np.eye(single.ticks)
     grid, shape = np.tile(omega, (rows.size, 1)), (rows.size, omega.size, *eye.shape)
@@ -83,7 +83,7 @@ def fundamental_gains(linear: Linear, omega: Floats) -> Complexes:
 
 
 def _lift(linear: Linear, system: int) -> tuple[_Lifted, _Lifted]:
-    """Return all loops of a system together, and each alone with the others closed."""
+    """Return all loops of a system together, and each loop with the others closed."""
     closes, inputs = (linear.cut[system] == 0)[:, None], np.arange(len(linear.inputs))
     ticks = [
         (A, B, closes * C) for A, B, C in (open_loop(phase, system) for phase in linear.phases)
@@ -123,7 +123,7 @@ def _gains(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
 
 
 def _harmonics(law: _Lifted, omega: Floats) -> Floats:
-    """Return the frequencies [point, harmonic] within +-pi / T that respond to `omega`."""
+    """Return the frequencies [point, harmonic] within +-pi / T excited by `omega`."""
     m = (np.arange(law.ticks) + (law.ticks - 1) // 2) % law.ticks - (law.ticks - 1) // 2
     return np.asarray(omega[:, None] + 2.0 * np.pi / (law.ticks * law.period) * m)
 
@@ -141,7 +141,7 @@ def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
 
 
 def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Floats:
-    """Return the frequency [point], rad/s, of the dominant harmonic of a locus' eigenvector."""
+    """Return the dominant frequency of a locus' eigenvector [point], rad/s."""
     values, vectors = np.linalg.eig(_in_harmonics(law, system, omega))
     share = np.abs(inverse(vectors) * np.swapaxes(vectors, -1, -2))
     points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
@@ -150,7 +150,7 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
 
 
 def _loci(matrices: Complexes) -> Complexes:
-    """Return eigenvalues [..., locus]; zero if they are below the rounding error."""
+    """Return the eigenvalues [..., locus]; zero if they are below the rounding error."""
     values, vectors = np.linalg.eig(matrices)
     condition = np.linalg.norm(inverse(vectors), axis=-1)
     size = np.linalg.norm(matrices, axis=(-2, -1))[..., None]
@@ -164,7 +164,7 @@ def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Fl
 
 
 def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tuple[Floats, Floats]:
-    """Return the true frequencies of loci of size 1, and the delays at which they become -1.
+    """Return the frequencies of loci of size 1, and the delays at which they become -1.
 
     The delays are found by Newton's method.
     """
@@ -202,9 +202,9 @@ def _norm(matrices: Complexes) -> Floats:
 def _largest_scaled(
     law: _Lifted, omega: Floats, L: Complexes, inputs: int
 ) -> tuple[Floats, Floats]:
-    """Return the peak over frequency of the scaled norm of M = S - I/2, and its frequency.
+    """Return the peak of the scaled norm of M = S - I/2, and its frequency.
 
-    The scaled norm is the least norm of D M D^-1 with one scale for each input.
+    The scaled norm is the smallest norm of D M D^-1 with one scale for each input.
     """
     eye = np.eye(L.shape[-1])
     M = inverse(eye + L) - 0.5 * eye
@@ -234,7 +234,7 @@ def _scaled(M: Complexes, log_scales: Floats) -> Complexes:
 
 
 def _least_norm(M: Complexes, start: Floats) -> tuple[float, Floats]:
-    """Return the least norm of D M D^-1 and its log scales, by convex minimization."""
+    """Return the smallest norm of D M D^-1 and its log scales, by convex minimization."""
     from scipy.optimize import minimize
 
     def norm(x: Floats) -> tuple[float, Floats]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.stability.plant_inputs import INPUTS
 
-# Why an input has no loop.
+# reasons why an input has no loop
 STUCK, NO_EFFECT = 1, 2
 REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
@@ -16,23 +16,24 @@ class Linear(NamedTuple):
     Discrete models are x+ = A x + B u, y = C x + D u at the control rate.
     """
 
-    period: float  # s, of the control
+    period: float  # control period, s
     plant_A: (
-        Floats  # [point, 10 + custom, 10 + custom] continuous, path coordinates and custom states
+        # [point, 10 + custom, 10 + custom] continuous plant in path coordinates and custom states
+        Floats
     )
-    # [point, 10 + custom, actuator] continuous; positions of surfaces or effectors, and engine
+    # [point, 10 + custom, actuator] effect of surface (or effector) and engine positions
     plant_B: Floats
-    # [point, n, n] discrete: path coordinates, actuators (18 states with three surfaces), custom
-    # states
+    # [point, n, n] discrete plant: path coordinates, actuators and custom states
     A: Floats
-    B: Floats  # [point, n, input] commands
-    law_A: Floats  # [point, memory, memory], sensors' states behind the law's
-    law_B: Floats  # [point, memory, 10] measurement
-    law_C: Floats  # [point, input, memory] commands
-    law_D: Floats  # [point, input, 10]
+    B: Floats  # [point, n, input] effect of the commands
+    law_A: Floats  # [point, memory, memory] controller's memory, with sensor states last
+    law_B: Floats  # [point, memory, 10] effect of the measurement on the memory
+    law_C: Floats  # [point, input, memory] commands from the memory
+    law_D: Floats  # [point, input, 10] commands from the measurement
     delay: Ints  # [point] age of the measurement, control periods
-    sense: Floats  # [point, 10, n] measurement, delay apart; a frozen one is a row of zeros
-    cut: Ints  # [point, input] STUCK or NO_EFFECT where an input has no loop, else 0
-    phases: "tuple[Linear, ...]" = ()  # one model per tick of the period of a law of several rates
-    inputs: tuple[str, ...] = INPUTS  # of the plant, which the law commands
-    apart: "Linear | None" = None  # one input per effector, if the law commands mixed axes
+    sense: Floats  # [point, 10, n] measurement without delay; a frozen one is a row of zeros
+    cut: Ints  # [point, input] STUCK or NO_EFFECT if an input has no loop, else 0
+    phases: "tuple[Linear, ...]" = ()  # one model per tick of the period of a multi-rate controller
+    inputs: tuple[str, ...] = INPUTS  # names of the plant inputs commanded by the controller
+    # model with one input per effector, if the controller commands axes
+    apart: "Linear | None" = None

@@ -1,8 +1,8 @@
 """Linearization of the closed loop about points of flights as a sampled system.
 
-The plant is continuous in path coordinates; surfaces and engine have their kind of actuator without
-limits, dead zones and backlash; the zero-order hold over the control period is exact; the
-controller is represented by the slopes of its compiled tick, including its memory. The first
+The plant is continuous in path coordinates. Surfaces and engine have their kind of actuator without
+limits, dead zones and backlash. The zero-order hold over the control period is exact. The
+controller is represented by the derivatives of its compiled tick, including its memory. The first
 dimension of arrays is the point.
 """
 
@@ -33,22 +33,22 @@ from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.actuators import surface_list
 
 _N_PATH = len(path.COORDINATES)
-# row after the rates and the aerodynamic sideslip in the result of plant_slopes
+# row after rates and aerodynamic sideslip in the result of plant_slopes
 _MEASURED = _N_PATH + 1
-_WHOLE = 1e-7  # largest distance of a slope of the measurement that is rounded to an integer
-_AT_ONCE = 1e5  # rad/s: of an ideal actuator, with a damping of 1: 0.02 ms late
-_FELT = 1e-8  # slope of a rate over a control below which it is rounding
+_WHOLE = 1e-7  # largest distance to an integer of a measurement slope that is rounded
+_AT_ONCE = 1e5  # bandwidth of an ideal actuator with damping 1 (0.02 ms delay), rad/s
+_FELT = 1e-8  # slope of a rate over a control below which it is a rounding error
 
 
 def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
     """Return linear models at points of flights.
 
-    `held` path coordinates stay as they are and are no states of A and B; their rates in the
+    The path coordinates in `held` are constant and are no states of A and B; their rates in the
     continuous plant are zero.
     """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
-    # Path and custom states are moved by forces; the actuators are between them in the full state.
+    # Forces move path and custom states; the actuators are between them in the full state.
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
     moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
     driven = slice(_N_PATH, _N_PATH + k)
@@ -68,7 +68,8 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     cut[:, :-1][stuck] = STUCK
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0
-        A[sticks[:, i], :, 11 + 2 * i] = 0.0  # its rate is set to zero at every tick
+        # The rate of a stuck input is set to zero at every tick.
+        A[sticks[:, i], :, 11 + 2 * i] = 0.0
     sense = _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k)
     A, B = np.delete(np.delete(A, held, 1), held, 2), np.delete(B, held, 1)
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
@@ -101,7 +102,7 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
 
 
 def _mixed(linear: Linear, mix: Floats) -> Linear:
-    """Return the model with axes as inputs; `mix` [effector, axis] maps them to effectors."""
+    """Return the model with axes as inputs; `mix` [effector, axis] maps axes to effectors."""
     inverse_mix, moves = np.linalg.pinv(mix), linear.cut == 0
     felt = (moves[:, :, None] & (mix != 0.0)).any(axis=1)
     stuck = ((linear.cut == STUCK)[:, :, None] & (mix != 0.0)).any(axis=1)
@@ -111,10 +112,9 @@ def _mixed(linear: Linear, mix: Floats) -> Linear:
 
 
 def _sensing(slope: Floats, inputs: int) -> Floats:
-    """Return the measurement matrix of the plant's states from slopes, rounded to integers.
+    """Return the measurement matrix of the plant's states from slopes.
 
-    `slope` is [point, measured, 10 + input + custom state]; only values close to an integer are
-    rounded.
+    `slope` is [point, measured, 10 + input + custom state]; values close to an integer are rounded.
     """
     rounded = np.round(slope)
     clean = np.where(np.abs(slope - rounded) < _WHOLE, rounded, slope)
@@ -126,7 +126,7 @@ def _sensing(slope: Floats, inputs: int) -> Floats:
 
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
-    """Return A [point, 2 k, 2 k], B [point, 2 k, k] of actuators: position and rate.
+    """Return A [point, 2 k, 2 k] and B [point, 2 k, k] of actuators: position and rate.
 
     `lane` [point, row] is the kernel's memory.
     """
@@ -138,7 +138,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
-        if kind == FIRST_ORDER:  # its rate follows, almost at once
+        if kind == FIRST_ORDER:  # The rate follows almost instantly.
             A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
             A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
             B[:, 2 * i + 1, i] = _AT_ONCE * w
@@ -152,7 +152,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 def hold(
     plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats
 ) -> tuple[Floats, Floats]:
-    """Return plant and actuators with commands held over a tick, discrete.
+    """Return discrete matrices of plant and actuators with commands held over a tick.
 
     `held_B` is the effect of positions that are held over the tick.
     """
@@ -169,8 +169,7 @@ def hold(
     together[:, 10:last, 10:last] = actuator_A
     together[:, 10:last, n : n + k] = actuator_B
     together[:, moved, n + k :] = held_B[:, :, : size - n - k]
-    # Rates in units of the position times their bandwidth: the exponential's argument is then
-    # small.
+    # Scaling rates by the bandwidth keeps the argument of the exponential small.
     scale = np.ones((len(plant_A), size))
     scale[:, 11:last:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
     balanced = together * scale[:, None, :] / scale[:, :, None]
@@ -180,7 +179,7 @@ def hold(
 
 
 def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
-    """Return A, B, C with all loops cut at the plant's inputs, to minus the commands.
+    """Return A, B, C from plant inputs to minus the commands, with all loops cut.
 
     The states are those of the plant, the controller and the delayed measurements.
     """
@@ -188,7 +187,8 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     sense = linear.sense[point]
     measured, p = sense.shape
     n = p + m + measured * d
-    seen = np.zeros((measured, n))  # the measurement that the law sees, of the whole state
+    # measurement seen by the controller, as a function of the whole state
+    seen = np.zeros((measured, n))
     if d:
         seen[:, n - measured :] = np.eye(measured)
     else:
@@ -206,7 +206,7 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
 
 
 def closed_loop(linear: Linear, point: int) -> Floats:
-    """Return the map over one control period, on the states of :func:`open_loop`."""
+    """Return the map over one control period for the states of :func:`open_loop`."""
     A, B, C = open_loop(linear, point)
     return A - B @ C
 

@@ -1,7 +1,7 @@
 """Stability margins of sampled loops from their frequency responses.
 
 The loop gain L of a system is a matrix: all loops are cut at the plant's inputs, and the controller
-commands -L v for an input v. Loop i alone, with the others closed, is ``L_i = T_ii / S_ii`` with
+commands -L v for an input v. For loop i alone, with the others closed, ``L_i = T_ii / S_ii`` with
 ``S = (1 + L)^-1`` and ``T = S L``. Disk margins: Seiler, Packard and Gahinet, IEEE Control Systems
 40 (2020) 78-95, with the symmetric disk (skew 0).
 
@@ -27,20 +27,20 @@ from abhv_mc.stability.search import Quantity, changes_of_sign, refine_crossings
 class Loops(NamedTuple):
     """Plant and controller of each system, with A in Hessenberg form."""
 
-    plant_A: Floats  # [system, n, n]
-    plant_B: Floats  # [system, n, input]
-    plant_C: Floats  # [system, output, n]
-    law_A: Floats  # [system, m, m]
-    law_B: Floats  # [system, m, output]
-    law_C: Floats  # [system, input, m]
-    law_D: Floats  # [system, input, output]
-    delay: Ints  # [system] control periods
-    period: float  # s
+    plant_A: Floats  # plant state matrix [system, n, n]
+    plant_B: Floats  # plant input matrix [system, n, input]
+    plant_C: Floats  # plant output matrix [system, output, n]
+    law_A: Floats  # controller state matrix [system, m, m]
+    law_B: Floats  # controller input matrix [system, m, output]
+    law_C: Floats  # controller output matrix [system, input, m]
+    law_D: Floats  # controller feedthrough matrix [system, input, output]
+    delay: Ints  # delay of each system, control periods
+    period: float  # control period, s
 
 
 def make_loops(linear: Linear) -> Loops:
     """Return the loops of linear models."""
-    closes = (linear.cut == 0)[:, :, None]  # the command of a stuck surface belongs to no loop
+    closes = (linear.cut == 0)[:, :, None]  # The command of a stuck surface belongs to no loop.
     plant = to_hessenberg(linear.A, linear.B, linear.sense)
     law = to_hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))
     law_D = np.where(closes, linear.law_D, 0.0)
@@ -48,7 +48,7 @@ def make_loops(linear: Linear) -> Loops:
 
 
 def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the systems in coordinates in which A is an upper Hessenberg matrix."""
+    """Transform the systems so that A is an upper Hessenberg matrix."""
     from scipy.linalg import hessenberg
 
     if A.shape[1] == 0:
@@ -73,49 +73,44 @@ def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
     return result
 
 
-# Loop gains [point, input, input] of systems [point] at frequencies [point], rad/s.
+# function of systems and frequencies (rad/s) that returns loop gains [point, input, input]
 Response = Callable[[Ints, Floats], Complexes]
 
-_FARTHEST = 1e6  # a gain margin beyond 120 dB counts as infinite
-_APART = 1e-14  # multiple of the identity that is added to a possibly singular matrix
+_FARTHEST = 1e6  # gain factor beyond which a gain margin counts as infinite (120 dB)
+_APART = 1e-14  # multiple of the identity added to a possibly singular matrix
 
 
 class Margins(NamedTuple):
-    """Margins of each loop with the others closed [system, loop] and of all loops [system].
+    """Margins of each loop with the others closed [system, loop], and of all [system].
 
-    They assume a stable system; inf if there is no limit.
+    The margins assume a stable system; they are infinite without a limit.
     """
 
-    gain_low: (
-        Floats  # the gain below 1 nearest to it that makes the loop neutral, 0 where none does
-    )
-    gain_low_frequency: Floats  # rad/s
+    gain_low: Floats  # largest gain factor below 1 that makes the loop neutral; 0 if there is none
+    gain_low_frequency: Floats  # frequency of the lower gain margin, rad/s
     gain_high: Floats
     gain_high_frequency: Floats
-    phase: Floats  # rad
-    # Gain crossover frequency, rad/s, at which the phase margin is measured; NaN if the gain
-    # never crosses 1.
+    phase: Floats  # phase margin, rad
+    # gain crossover frequency of the phase margin, rad/s; NaN without a crossover
     crossover: Floats
-    delay: Floats  # s
+    delay: Floats  # delay margin, s
     sensitivity: Floats  # largest |1 / (1 + L)|
     disk: Floats  # 1 / largest |S - 1/2|
     all_disk: Floats  # 1 / largest mu(S - I/2)
     all_disk_frequency: Floats
-    all_delay: Floats  # s, the same in all loops
+    all_delay: Floats  # delay margin for equal delays in all loops, s
 
 
 class Closed(NamedTuple):
-    """Responses of single loops, the others closed."""
+    """Responses of single loops, with the others closed."""
 
-    L: Complexes  # [..., loop]
-    S: Complexes  # [..., loop]
+    L: Complexes  # loop gains [..., loop]
+    S: Complexes  # sensitivities [..., loop]
 
 
-# Loci [point, locus] of rows [point] at frequencies [point], rad/s: one for each rate of a loop, of
-# one rate its gain.
+# function of rows and frequencies (rad/s) that returns loci [point, locus]
 Loci = Callable[[Ints, Floats], Complexes]
-# The frequency, rad/s, and the least delay, s, that makes a locus of size 1 neutral; of rows at
-# frequencies.
+# function of rows, frequencies and loci of size 1 that returns neutral frequencies and delays
 Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 
@@ -130,26 +125,27 @@ def close(L: Complexes) -> tuple[Complexes, Closed]:
 def inverse(matrices: Complexes) -> Complexes:
     """Return the inverses of matrices [..., n, n], shifted slightly against singularity.
 
-    Loops are singular at a pole of the closed loop.
+    Loop gains are singular at a pole of the closed loop.
     """
     identity = np.eye(matrices.shape[-1])
     moved = matrices + _APART * identity
     try:
         return np.asarray(np.linalg.inv(moved))
-    except np.linalg.LinAlgError:  # rounding absorbs a shift that is small beside the elements
+    # A shift that is small relative to the elements may be lost to rounding.
+    except np.linalg.LinAlgError:
         is_singular = np.linalg.slogdet(moved)[0] == 0.0
         size = np.where(is_singular, np.abs(matrices).max(axis=(-2, -1)), 0.0)
         return np.asarray(np.linalg.inv(moved + _APART * size[..., None, None] * identity))
 
 
 def find_margins(response: Response, omega: Floats, period: float) -> Margins:
-    """Return the margins of systems; `omega` [system, frequency] rises to pi / period."""
+    """Return the margins of systems; `omega` [system, frequency] increases to pi / period."""
     systems, count = omega.shape
     L = response(np.repeat(np.arange(systems), count), omega.ravel())
     inputs = L.shape[-1]
     L = L.reshape(systems, count, inputs, inputs)
     S, closed = close(L)
-    # The following arrays have a row for each loop of each system.
+    # The following arrays have one row for each loop of each system.
     grid, half = np.repeat(omega, inputs, axis=0), 0.5 * np.eye(inputs)
     gains, own = (np.moveaxis(responses, -1, 1).reshape(-1, count) for responses in closed)
 
@@ -186,16 +182,16 @@ def eigenvalues(matrices: Complexes) -> Complexes:
 
 
 def largest(size: Quantity, grid: Floats, values: Floats) -> Floats:
-    """Return the peak [row] over frequency of a size; `values` [row, frequency] on the grid."""
+    """Return the peak of a size over frequency [row], given `values` on the grid."""
     return refine_peaks(size, grid, values.argmax(axis=1), values.max(axis=1))[0]
 
 
 def _crossings(
     loci: Loci, quantity: Callable[[Complexes], Floats], grid: Floats, values: Complexes
 ) -> tuple[Ints, Floats, Complexes]:
-    """Return rows, frequencies and loci of zero crossings of a quantity, by its rank.
+    """Return the zero crossings of a quantity: rows, frequencies and loci.
 
-    `values` is [row, frequency, locus].
+    `values` has shape [row, frequency, locus]; crossings are followed by rank of the quantity.
     """
     count = values.shape[-1]
     ranked = np.moveaxis(np.sort(quantity(values), axis=-1), -1, 1).reshape(-1, grid.shape[1])
@@ -216,13 +212,13 @@ def _crossings(
 def gain_margins(
     loci: Loci, grid: Floats, values: Complexes, period: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the neutral gains [row] nearest to 1 below and above, with their frequencies."""
+    """Return the neutral gains [row] closest to 1 from below and above, with frequencies."""
 
-    def turned(gains: Complexes) -> Floats:  # zero gains, which are no loci, last
+    def turned(gains: Complexes) -> Floats:  # Zero gains are not loci and are sorted last.
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))
 
     row, where, value = _crossings(loci, turned, grid, values)
-    # At zero frequency and at half the sampling rate every loop is real.
+    # At zero frequency and at half the sampling rate, every loop gain is real.
     rows = np.arange(len(grid))
     end_rows = np.repeat(rows, values.shape[-1])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -235,12 +231,12 @@ def gain_margins(
         crosses = np.isfinite(k) & (k > 1.0 / _FARTHEST) & (k < _FARTHEST)
         crosses &= np.abs(value.imag) < 1e-3 * np.abs(
             value.real
-        )  # and does not jump through infinity
+        )  # The locus must not jump through infinity.
     low, high = np.zeros(rows.size), np.full(rows.size, np.inf)
     low_at, high_at = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
     order = np.argsort(
         -np.abs(np.log(np.where(crosses, k, _FARTHEST)))
-    )  # the nearest last, which overwrites the others
+    )  # The last entry, which overwrites previous ones, is the nearest.
     for i in order[crosses[order]]:
         if k[i] < 1.0:
             low[row[i]], low_at[row[i]] = k[i], where[i]
@@ -258,10 +254,10 @@ def phase_margins(
 ) -> tuple[Floats, Floats, Floats]:
     """Return phase margin (rad), its frequency (rad/s) and delay margin (s) [row].
 
-    They are evaluated where a locus has size 1.
+    The margins are evaluated where a locus has size 1.
     """
     row, where, value = _crossings(loci, _log_size, grid, values)
-    turn = np.angle(value) + np.pi  # 0 .. 2 pi
+    turn = np.angle(value) + np.pi  # angle between 0 and 2 pi
     where, late = delays(row, where, value)
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
@@ -275,12 +271,12 @@ def phase_margins(
 
 
 def _log_size(gains: Complexes) -> Floats:
-    """Return the logarithm of the size of gains; a loop that is cut has gain zero."""
+    """Return the logarithm of gain sizes; a loop that is cut has zero gain."""
     return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
 
 
 def disk_gain_and_phase(alpha: Floats) -> tuple[Floats, Floats]:
-    """Return gain factor and phase (rad) that a disk margin allows; inf for any gain."""
+    """Return the gain factor and phase (rad) that a disk margin allows."""
     with np.errstate(divide="ignore"):
         gain = np.where(
             alpha >= 2.0, np.inf, (1.0 + 0.5 * alpha) / np.maximum(1.0 - 0.5 * alpha, 1e-300)

@@ -28,13 +28,13 @@ FORMATS = (".npz", ".mat", ".json")
 
 
 def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, Any]:
-    """Return matrices and names of the first point: arrays, and lists of text.
+    """Return matrices and names for the first point: arrays, and lists of text.
 
     `plant` maps commands to the measurement; `loop` maps actuator inputs to minus the controller's
-    commands, with all loops cut there; `closed` maps disturbances of the commands to truth and
-    commands. `plant_continuous` has the actuators' commands as inputs. All but that one are sampled
-    with `period`. For a controller that repeats after several `ticks` they belong to the point's
-    tick, and `closed_over_ticks` is the map over all of its ticks.
+    commands, with all loops cut; `closed` maps disturbances of the commands to truth and commands.
+    `plant_continuous` has the actuator commands as inputs. All other models are sampled with
+    `period`. If a controller repeats after several `ticks`, they belong to the point's tick, and
+    `closed_over_ticks` is the map over all ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
@@ -48,7 +48,7 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     B[10:last] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
     loop_A, loop_B, loop_C = open_loop(linear, 0)
     n, C, none = len(loop_A), np.eye(10, p), np.zeros((10, k))
-    # Names of states, inputs and outputs with their units.
+    # names of states, inputs and outputs with their units
     truth, commands = (
         _Named(path.COORDINATES, path.UNITS),
         _Named(linear.inputs, (*["rad"] * (k - 1), "-")),
@@ -122,7 +122,7 @@ def _part(
 
 
 def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> dict[str, Any]:
-    """Return models along a flight as one, with time as the first dimension of arrays."""
+    """Combine models along a flight, with time as the first dimension of arrays."""
 
     def stack(values: list[Any]) -> Any:
         if isinstance(values[0], dict):
@@ -138,7 +138,7 @@ def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> di
 
 
 def write_model(file: Path, model: dict[str, Any]) -> None:
-    """Write a model in the format of the file's suffix.
+    """Write a model in the format given by the file's suffix.
 
     Entries of `.npz` have names such as `plant_A`. Raise InputError for another suffix.
     """

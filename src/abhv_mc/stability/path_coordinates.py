@@ -31,7 +31,7 @@ CONTROLS = (s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA)
 def make_states(path: Floats, controls: Floats, latitude: Floats, mass: Floats) -> Floats:
     """Return plant states [point, state] from path coordinates and actuator positions.
 
-    `path` is [point, 10], `controls` [point, 4]; the longitude is 0.
+    `path` has shape [point, 10] and `controls` [point, 4]; the longitude is 0.
     """
     x = np.zeros((len(path), s.N_STATES))
     V, alpha, beta = path[:, SPEED], path[:, ALPHA], path[:, BETA]
@@ -63,7 +63,8 @@ def _turned(quaternion: Floats, angle: Floats, axis: int) -> Floats:
     """Return the quaternion rotated about its own body axis 1, 2 or 3."""
     cosine, sine = np.cos(0.5 * angle), np.sin(0.5 * angle)
     q = quaternion.T
-    j, k = axis % 3 + 1, (axis + 1) % 3 + 1  # right-handed after it
+    # the two axes after the rotation axis, in right-handed order
+    j, k = axis % 3 + 1, (axis + 1) % 3 + 1
     turned = np.empty_like(q)
     turned[0], turned[axis] = q[0] * cosine - q[axis] * sine, q[0] * sine + q[axis] * cosine
     turned[j], turned[k] = q[j] * cosine + q[k] * sine, q[k] * cosine - q[j] * sine
@@ -71,7 +72,7 @@ def _turned(quaternion: Floats, angle: Floats, axis: int) -> Floats:
 
 
 def _axes(attitude: Floats) -> Floats:
-    """Return the north, east and down rows [3, 3, point] of the body axes' matrix."""
+    """Return the north, east and down rows [3, 3, point] of the body-axis matrix."""
     a, b, c, d = attitude
     return np.array(
         [
@@ -87,7 +88,7 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     v, dv = x[s.U : s.W + 1], dx[s.U : s.W + 1]
     q, dq = x[s.Q0 : s.Q3 + 1], dx[s.Q0 : s.Q3 + 1]
     C = _axes(q)
-    # The matrix is quadratic in the quaternion: a central difference of any size is its exact rate.
+    # The matrix is quadratic in the quaternion, so that any central difference is exact.
     dC = 0.5 * (_axes(q + dq) - _axes(q - dq))
     n, dn = (
         np.einsum("ijp,jp->ip", C, v),
@@ -100,7 +101,7 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     chi, d_chi = _angle(n[1], n[0], dn[1], dn[0])
     alpha, d_alpha = _angle(v[2], v[0], dv[2], dv[0])
     beta, d_beta = _angle(v[1], plane, dv[1], d_plane)
-    # Bank: the path's y and z axes against the vertical.
+    # Bank is the angle of the path's y and z axes to the vertical.
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     (x_d, y_d, z_d), (dx_d, dy_d, dz_d) = C[2], dC[2]
     ahead, d_ahead = ca * x_d + sa * z_d, ca * dx_d + sa * dz_d + d_alpha * (ca * z_d - sa * x_d)

@@ -1,8 +1,8 @@
-"""Period of multi-rate controllers, and their slopes over it.
+"""Period of multi-rate controllers, and the controllers' derivatives over it.
 
-Counters, clocks and modes in the memory, which small changes of the measurement do not affect, run
-on without perturbation: half a tick of a counter has no meaning. During a period measurement,
-reference and gains are constant; time and the controller's memory advance.
+Counters, clocks and modes in the memory, which small changes of the measurement do not affect,
+continue without perturbation, because half a tick of a counter has no meaning. During a period,
+measurement, reference and gains are constant; time and the controller's memory advance.
 """
 
 import hashlib
@@ -22,24 +22,24 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.point_slopes import Points, Slopes, law_slopes, measured_steps
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows, run_law
 
-LONGEST = 100  # ticks of a period
-_SETTLING = 2.0  # s
-_WATCHED = 2 * LONGEST  # ticks
-_SAME = 0.01  # of a response: allowed difference from the one a period later
+LONGEST = 100  # longest period, ticks
+_SETTLING = 2.0  # settling time, s
+_WATCHED = 2 * LONGEST  # number of observed ticks
+_SAME = 0.01  # allowed relative difference between responses one period apart
 _NOTHING = 1e-9  # largest slope or change of a command taken as zero
-_STEP = 1e-6  # of the memory
+_STEP = 1e-6  # step of the memory
 
-SWITCHES = "the law switches at its rest"
+SWITCHES = "the controller switches at its equilibrium"
 
 
 class Period(NamedTuple):
-    """Number of ticks after which a controller repeats, and the memory it carries."""
+    """Number of ticks after which a controller repeats, and its carried memory."""
 
     ticks: int
-    carried: Mask  # [memory] unaffected by small changes of the measurement
-    # [memory] after the transient, before a tick that is one more than a multiple of the period
+    carried: Mask  # [memory] whether small changes of the measurement have no effect
+    # [memory] after the transient, one tick before a multiple of the period plus one
     start: Floats
-    modes: tuple[str, ...]  # constant carried memory: name and value
+    modes: tuple[str, ...]  # names and values of constant carried memory
 
 
 _known: dict[str, Period] = {}
@@ -72,8 +72,7 @@ def _find_period(plan: FlightPlan) -> Period:
     sensed, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
     start = np.hstack([sensed[0, s.MEASURED : s.MEASURED + n], law_at(plan, sensed, 0)[0]])
     settling = max(round(_SETTLING / plan.timing.tick), 1)
-    # The undisturbed law; one that is always disturbed; then each quantity disturbed at one tick
-    # alone.
+    # The undisturbed controller, a permanently disturbed one, and one per disturbed quantity.
     steps = np.append(measured_steps(n), np.full(len(names), _STEP))
     change = np.vstack([np.zeros((2, steps.size)), np.diag(steps)])
     follow = np.maximum(np.arange(len(change)) == 1, 0).astype(np.int64)
@@ -82,7 +81,8 @@ def _find_period(plan: FlightPlan) -> Period:
     values = run_law(
         go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change=change
     )
-    values = np.nan_to_num(values)  # a law without slopes is rejected where slopes are needed
+    # Controllers without derivatives are rejected where derivatives are needed.
+    values = np.nan_to_num(values)
     memory = values[:, :, : len(names)]
     carried = (memory[:, 1] == memory[:, 0]).all(axis=0)
     moved = np.append(np.ones(n, bool), ~carried)
@@ -105,10 +105,12 @@ def _find_period(plan: FlightPlan) -> Period:
     file = str(plan.source and plan.source.file)
     if repeat is None:
         raise InputError(
-            file, f"a law that does not repeat within {LONGEST} ticks", "one that does, for margins"
+            file,
+            f"a controller without a period up to {LONGEST} ticks",
+            "a period, for margins",
         )
     if plan.period % repeat:
-        problem = f"a law that repeats after {repeat} ticks, not {plan.period}"
+        problem = f"a controller that repeats after {repeat} ticks, not {plan.period}"
         raise InputError(
             file, problem, f"'period: {repeat}', or a multiple of it, in its controller file"
         )
@@ -125,7 +127,7 @@ def _find_period(plan: FlightPlan) -> Period:
 def _repeats(N: int, responses: Floats, clocks: Floats, command: Floats) -> bool:
     """Return whether the controller's behaviour [tick, ...] repeats after `N` ticks.
 
-    A command may drift in addition.
+    Commands may drift in addition.
     """
     size = np.abs(responses).max(axis=0)
     difference = np.abs(responses[N:] - responses[:-N]).max(axis=0)
@@ -138,7 +140,7 @@ def _repeats(N: int, responses: Floats, clocks: Floats, command: Floats) -> bool
 
 
 def go_on(plan: FlightPlan, tick: int, ticks: int) -> FlightPlan:
-    """Return the plan extended by `ticks` ticks with reference and gains fixed from `tick`."""
+    """Return the plan extended by `ticks` ticks, with reference and gains fixed from `tick`."""
     rows = np.minimum(np.arange(tick + ticks + 2), min(tick, len(plan.reference) - 1))
     reference = plan.reference[rows]
     reference[tick:, ref.TIME] = plan.timing.tick * np.arange(tick, len(rows))
@@ -166,7 +168,7 @@ def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
 
 
 def over_period(plan: FlightPlan, points: Points) -> Slopes:
-    """Return memory after a period, mean command, and their slopes over the initial values."""
+    """Return the memory after a period and the mean command, with their slopes."""
     phases = law_phases(plan, points)
     if len(phases) == 1:
         return phases[0]
@@ -183,5 +185,5 @@ def over_period(plan: FlightPlan, points: Points) -> Slopes:
 
 
 def switching(plan: FlightPlan, law: Slopes) -> Mask:
-    """Return whether a custom controller has different one-sided slopes [point]."""
+    """Return whether one-sided slopes of a custom controller differ [point]."""
     return np.asarray(law.uneven.any(axis=(1, 2)) & (plan.law in USER_LAWS))

@@ -22,7 +22,7 @@ INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 
 def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the names of the inputs, the engine last."""
+    """Return the names of the inputs, with the engine last."""
     return (*name_effectors(vehicle), INPUTS[3]) if vehicle.constants.driven else INPUTS
 
 
@@ -48,54 +48,54 @@ def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
 def solved_states(plan: FlightPlan) -> Ints:
     """Return the indices of the custom states that a trim solves for.
 
-    Custom states with an initial value keep it.
+    Custom states with an initial value are not solved for.
     """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
     return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
 
 
 def custom_of(vehicle: Vehicle, lane: Floats) -> Floats:
-    """Return custom states [point, state] of the kernel's memory `lane` [point, row]."""
+    """Return custom states [point, state] from the kernel's memory `lane` [point, row]."""
     return np.ascontiguousarray(lane[:, s.CUSTOM_STATE : s.CUSTOM_STATE + vehicle.foreign.states])
 
 
 def mixes(plan: FlightPlan) -> bool:
-    """Return whether the controller commands axes, which are mixed into effector commands."""
+    """Return whether the controller commands axes that are mixed into effector commands."""
     own = plan.law in USER_LAWS and plan.source is not None and commands_effectors(plan.source)
     return bool(plan.vehicle.constants.driven) and not own
 
 
 def mix_matrix(vehicle: Vehicle) -> Floats:
-    """Return the matrix [input, 4] from the three axes and the engine to the inputs."""
+    """Return the matrix [input, 4] that maps the three axes and the engine to the inputs."""
     mix = np.pad(surface_mix(vehicle), ((0, 1), (0, 1)))
     mix[-1, -1] = 1.0
     return mix
 
 
 def from_axes(vehicle: Vehicle, axes: Floats) -> Floats:
-    """Return positions or commands [point, input] from those of axes and engine [point, 4]."""
+    """Convert positions or commands of axes and engine [point, 4] to inputs [point, input]."""
     return axes @ mix_matrix(vehicle).T if vehicle.constants.driven else axes
 
 
 def as_axes(vehicle: Vehicle, inputs: Floats) -> Floats:
-    """Return the axes and engine [point, 4] of positions or commands [point, input]."""
+    """Convert positions or commands of inputs [point, input] to axes and engine [point, 4]."""
     return inputs @ np.linalg.pinv(mix_matrix(vehicle)).T if vehicle.constants.driven else inputs
 
 
 def range_of(vehicle: Vehicle) -> tuple[Floats, Floats]:
-    """Return the lowest and highest nominal positions [input]."""
+    """Return the lowest and highest nominal position of each input [input]."""
     actuators = vehicle.actuators[surface_list(vehicle)]
     return actuators[:, LOW].copy(), actuators[:, HIGH].copy()
 
 
 def held_at(vehicle: Vehicle, lane: Floats) -> Floats:
-    """Return the deflections [point, input - 1] of stuck inputs, NEVER for the others."""
+    """Return the deflections [point, input - 1] of stuck inputs; NEVER for all others."""
     first = s.STUCK_EFFECTOR if vehicle.constants.driven else s.STUCK_SURFACE
     return lane[:, first : first + len(surface_mix(vehicle))]
 
 
 def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
-    """Return the mask [point, input - 1] of inputs that stick at their present position."""
+    """Return a mask [point, input - 1] of inputs that are stuck at their present position."""
     stuck = held_at(vehicle, lane) != NEVER
     names = EFFECTORS[: len(vehicle.effector_mix)] if vehicle.constants.driven else INPUTS[:3]
     for i, name in enumerate(names):
@@ -104,14 +104,14 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
 
 
 def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return the memory [flight, row] of the effector actuators; no columns without them."""
+    """Return the memory [flight, row] of the effector actuators, without columns if none."""
     return np.ascontiguousarray(
         saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
     )
 
 
 def actuator_columns(vehicle: Vehicle) -> list[int]:
-    """Return the columns of saved rows with position and rate of each input, alternating."""
+    """Return the saved-row columns of each input's position and rate, alternating."""
     first = s.X + s.AILERON, s.X + s.AILERON_RATE
     pairs = [(first[0] + i, first[1] + i) for i in range(3)]
     if vehicle.constants.driven:

@@ -1,7 +1,8 @@
-"""Slopes of plant and controller about points of flights, by fourth-order differences.
+"""Derivatives of plant and controller at points of flights, by fourth-order differences.
 
-Tables are linear between their nodes, so slopes jump at nodes. Close to a node the difference is
-one-sided, on the side of the point; exactly at a node it is to the right, as in the table look-up.
+Tables are linear between their nodes, so derivatives jump at nodes. Close to a node the difference
+is one-sided, on the side of the point; exactly at a node it is to the right, as in the table
+look-up.
 """
 
 from collections.abc import Callable
@@ -17,35 +18,33 @@ from abhv_mc.stability import path_coordinates as path
 from abhv_mc.stability.plant_inputs import as_axes
 from abhv_mc.stability.probe import ask_plant, law_tick
 
-_STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # of the path coordinates
-_MOVE = 2e-5  # of the actuators' positions
-# Of additional measurements of custom laws: m/s, -, g, rad (attitude, position), m, m/s, m, m/s2.
+_STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # difference steps of the path coordinates
+_MOVE = 2e-5  # difference step of actuator positions
+# steps of additional measurements, in m/s, -, g, rad, m and m/s2
 _MORE_STEPS = np.array(
     [0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5, *[1e-3] * 3]
 )
-_CHANGE = 2e-5  # rad: change of a command that a step in the law's memory should cause
-_NO_CHANGE = 1e-14  # below it the memory changes the command only at a later tick
-_TURNING = (path.CHI, path.BANK)  # measured between -180 and 180 deg
+_CHANGE = 2e-5  # change of a command that a step of the memory should cause, rad
+_NO_CHANGE = 1e-14  # largest change of a command by memory that acts at a later tick only
+_TURNING = (path.CHI, path.BANK)  # angles measured between -180 and 180 deg
 
-# Offsets in steps, their weights and, if any, the weight of the point itself.
+# offsets in steps, their weights and the weight of the point itself
 _CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0)
 _RIGHT = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12.0, -25.0 / 12.0)
 
-_UNEVEN = 0.01  # allowed difference of one-sided changes
-_ROUNDED = 1e-10  # a change of a value that rounding may leave
+_UNEVEN = 0.01  # allowed relative difference of one-sided changes
+_ROUNDED = 1e-10  # change of a value that may be a rounding error
 
-# Function to differentiate: it takes points [point, coordinate] and returns values
-# [point, value] and table cells [point, axis]; the second argument [point] is the index of the
-# original point.
+# function of points [point, coordinate] and their indices that returns values and table cells
 Function = Callable[[Floats, Ints], tuple[Floats, Ints]]
 
 
 class Slopes(NamedTuple):
-    """Values at points, and their slopes."""
+    """Values at points, with their slopes."""
 
-    value: Floats  # [point, value]
-    slope: Floats  # [point, value, coordinate]
-    uneven: Mask  # [point, value, coordinate] one-sided slopes differ by more than 1 %
+    value: Floats  # values [point, value]
+    slope: Floats  # slopes [point, value, coordinate]
+    uneven: Mask  # [point, value, coordinate] whether one-sided slopes differ by more than 1 %
 
 
 def cells_of(tables: Tables, variables: Floats) -> Ints:
@@ -64,8 +63,7 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     count, width = points.shape
     value, cells = function(points, np.arange(count))
     expected = np.ones((count, width), dtype=bool)
-    # Central where all points of the difference are in the cell, otherwise to the side that has
-    # more of it.
+    # Differences are central inside a cell, otherwise on the side with more of the cell.
     answer, near = _ask(function, points, steps, expected, np.tile(_CENTRAL[0], (count, width, 1)))
     inside = (near == cells[:, None, None, :]).all(axis=-1)
     slope = np.einsum("pcov,o->pvc", answer, _CENTRAL[1]) / steps[:, None, :]
@@ -93,9 +91,9 @@ def newton_step(J: Floats, left: Floats) -> Floats:
 
 
 def _is_uneven(change: Floats) -> Mask:
-    """Return whether one-sided slopes differ.
+    """Return whether the one-sided slopes differ.
 
-    From one to two steps the change grows fourfold for a curve, twofold for a kink.
+    From one step to two, the change grows fourfold for a curve and twofold for a kink.
     """
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
@@ -109,7 +107,7 @@ def _ask(
 ) -> tuple[Floats, Ints]:
     """Return values [point, coordinate, offset, value] and cells at offsets.
 
-    `offsets` [point, coordinate, offset] are in steps.
+    `offsets` [point, coordinate, offset] are numbers of steps.
     """
     point, coordinate = np.nonzero(expected)
     number = offsets.shape[-1]
@@ -131,22 +129,22 @@ def _ask(
 class Points(NamedTuple):
     """Points of linearization, one row each, in SI units and radians."""
 
-    path: Floats  # [point, 10] path coordinates of the truth
-    controls: Floats  # [point, input] positions, see abhv_mc.stability.plant_inputs
-    latitude: Floats  # [point]
-    mass: Floats  # [point]
-    measured: Floats  # [point, 10] what the law sees
-    memory: Floats  # [point, memory] of the law before its tick
-    lane: Floats  # [point, row] the kernel's memory in the tick: dispersions, wind, what has failed
-    custom: Floats  # [point, state] of custom dynamics
+    path: Floats  # true path coordinates [point, 10]
+    controls: Floats  # positions [point, input], see abhv_mc.stability.plant_inputs
+    latitude: Floats  # latitude [point]
+    mass: Floats  # mass [point]
+    measured: Floats  # measurement seen by the controller [point, 10]
+    memory: Floats  # controller's memory before its tick [point, memory]
+    lane: Floats  # [point, row] the kernel's memory in the tick: dispersions, wind, failures
+    custom: Floats  # states of custom dynamics [point, state]
     tick: int  # row of the reference and of the gains
 
 
 def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> Slopes:
     """Return path rates, sideslip, measurement and custom rates with their slopes.
 
-    Values are [point, 10 + 1 + measured + custom]; slopes are over path coordinates, controls and
-    custom states. The sideslip is aerodynamic.
+    Values have the shape [point, 10 + 1 + measured + custom]; slopes are taken over path
+    coordinates, controls and custom states. The sideslip is aerodynamic.
     """
     n = 10 + points.controls.shape[1]
 
@@ -155,7 +153,7 @@ def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> S
             plan, points, x[:, :10], x[:, 10:n], x[:, n:], point=point, hold_slow=hold_slow
         )
         measured = answer.measured
-        for angle in _TURNING:  # without the step at half a turn
+        for angle in _TURNING:  # Remove the jump of angles at half a turn.
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
         sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
         quantities = path.path_rates(states, answer.rates), sideslip, measured, answer.custom_rates
@@ -179,7 +177,7 @@ def ask_at(
     point: Ints,
     hold_slow: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
-    """Return the plants' results at coordinates, positions and custom states."""
+    """Evaluate the plants at coordinates, positions and custom states."""
     axes = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, axes, points.latitude[point], points.mass[point])
     positions = controls if plan.vehicle.constants.driven else None
@@ -203,7 +201,7 @@ def _wrapped(angle: Floats) -> Floats:
 def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
     """Return the controller's memory and commands after its tick, with their slopes.
 
-    Slopes are over the measurement and the memory.
+    Slopes are taken over the measurement and the memory.
     """
     n = points.measured.shape[1]
 
@@ -221,12 +219,12 @@ def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
 
 
 def measured_steps(count: int) -> Floats:
-    """Return the steps of the first `count` measured quantities."""
+    """Return the difference steps of the first `count` measured quantities."""
     return np.append(_STEPS, _MORE_STEPS)[:count]
 
 
 def memory_steps(plan: FlightPlan, points: Points) -> Floats:
-    """Return steps [point, memory] with about the same effect on the commands."""
+    """Return steps [point, memory] with about equal effect on the commands."""
     count = points.memory.shape[1]
     steps = 1e-6 * np.maximum(1.0, np.abs(points.memory))
     if count == 0:

@@ -1,6 +1,6 @@
 """Points of linearization along flights, and warnings near table nodes.
 
-Disturbed flights can be continued from a point, to verify a linear model's prediction.
+Disturbed flights can be continued from a point to verify a linear model's prediction.
 """
 
 from typing import NamedTuple
@@ -32,11 +32,11 @@ from abhv_mc.stability.plant_inputs import (
 from abhv_mc.stability.point_slopes import Points, ask_at
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows, law_tick
 
-AT_LIMIT = "a command stands at a limit"
+AT_LIMIT = "a command is at a limit"
 
 
 class Found(NamedTuple):
-    """Points, and the fault of each (empty if none)."""
+    """Points of linearization, and the fault of each (empty if none)."""
 
     points: Points
     faults: list[str]
@@ -45,13 +45,13 @@ class Found(NamedTuple):
 def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     """Return the points of flights [flight, parameter] at the tick nearest to `time` (s).
 
-    Flights that have ended are at their start, and marked by a fault.
+    Ended flights are represented by their start and marked by a fault.
     """
     tick = min(round(time / plan.timing.tick), plan.timing.ticks)
     saved = fly_until(plan, parameters, tick)
     finite = np.isfinite(saved.rows[:, s.X : s.X + s.N_STATES]).all(axis=1)
     ended = ~finite | (saved.rows[:, Z_ROWS + ALIVE] == 0.0)
-    if ended.any():  # finite numbers instead, which are not reported
+    if ended.any():  # Finite placeholders, which are not reported, replace ended flights.
         saved.rows[ended] = fly_until(plan, parameters[ended], 0).rows
     sensed, lane = begin(plan, saved)
     now = lane[:, s.X : s.X + s.N_STATES]
@@ -75,7 +75,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
 
 
 def behind_limit(plan: FlightPlan, points: Points) -> Mask:
-    """Return whether the unlimited commands exceed limits of controller or vehicle [point]."""
+    """Return whether commands [point] exceed limits of the controller or the vehicle."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
     low, high = range_of(plan.vehicle)
     outside = (free.command < low) | (free.command > high)
@@ -83,19 +83,19 @@ def behind_limit(plan: FlightPlan, points: Points) -> Mask:
     beyond = np.asarray(outside.any(axis=1))
     if (
         plan.commanding_law in USER_LAWS
-    ):  # its limits of the angle of attack and the bank are in its code
+    ):  # The controller's limits on angle of attack and bank are in its code.
         return beyond
     low, high, bank = plan.settings[-N_LIMITS:][:3]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
     return np.asarray(beyond | (alpha < low) | (alpha > high) | (sigma > bank))
 
 
-_NEAR = 0.02  # of the cell's length
+_NEAR = 0.02  # distance to a node that counts as near, in cell lengths
 _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 
 def near_nodes(plan: FlightPlan, points: Points) -> list[str]:
-    """Return a sentence for each variable of the first point close to a table node."""
+    """Return a sentence for each variable of the first point that is near a table node."""
     first = points.path[:1], points.controls[:1], points.custom[:1]
     variables = ask_at(plan, points, *first, point=np.zeros(1, np.int64))[0].variables
     sentences = _near("the vehicle's tables", plan.vehicle.tables, variables[0])
@@ -121,7 +121,7 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
             unit = " deg" if name in _DEGREES else ""
             sentences.append(
                 f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {owner}: slopes "
-                "are those on its side"
+                "are one-sided"
             )
     return sentences
 
@@ -129,7 +129,7 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
 def closed_states(plan: FlightPlan, saved: SavedFlights) -> Floats:
     """Return closed-loop states [flight, n + memory] of simulated flights.
 
-    They are path coordinates, actuators, custom states and the controller's memory.
+    The states are path coordinates, actuators, custom states and the controller's memory.
     """
     now = saved.rows[:, s.X : s.X + s.N_STATES]
     memory = law_at(plan, begin(plan, saved)[0], saved.tick)
@@ -140,7 +140,7 @@ def closed_states(plan: FlightPlan, saved: SavedFlights) -> Floats:
 def disturb(plan: FlightPlan, saved: SavedFlights, change: Floats) -> SavedFlights:
     """Return saved flights with `change` [n + memory] added to the closed-loop states.
 
-    A controller's memory at tick 0 cannot be changed.
+    The controller's memory at tick 0 cannot be changed.
     """
     rows, disturbed = saved.rows.copy(), closed_states(plan, saved) + change
     states = rows[:, s.X : s.X + s.N_STATES]

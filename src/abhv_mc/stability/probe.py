@@ -1,6 +1,6 @@
 """Evaluation of the compiled plant and controllers at single points, vectorized.
 
-Linearization takes differences of these functions, so that the linear model describes the simulated
+Linearization differentiates these functions, so that the linear model represents the simulated
 code. Evaluation starts from the kernel's memory of a flight, which includes the vehicle's
 dispersions and failures at the tick.
 """
@@ -44,8 +44,7 @@ from abhv_mc.kernel.stability.probes import (
 from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
 
-# Memory of the built-in controllers as rows of the lane memory; it includes the last commands if
-# the controller uses them.
+# memory rows of the built-in controllers, including any used last commands
 _INTEGRALS = (
     *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
@@ -71,23 +70,23 @@ _MEMORY: dict[str, dict[str, int]] = {
     },
     "lqr": {},
 }
-_LONGEST = 600.0  # s that ticks of a law in native code may take
-_WIDE = 1e6  # beyond any command: a law linearized without its limits
-# variables of the tables, then the guidance's commands, then those to the actuators
+_LONGEST = 600.0  # maximum duration of native controller ticks, s
+_WIDE = 1e6  # limit beyond any command, for controllers linearized without limits
+# number of values seen: table variables, guidance commands and actuator commands
 _N_SEEN = len(VARIABLES) + 7
 
 
 class LawTick(NamedTuple):
     """Result of one controller tick for a measurement."""
 
-    memory: Floats  # [point, memory] after the tick
-    command: Floats  # [point, input] nan where a user law fails
-    variables: Floats  # [point, variable] at which it looked its tables up
-    guidance: Floats  # [point, 3] commanded flight path angle, angle of attack, bank
+    memory: Floats  # memory after the tick [point, memory]
+    command: Floats  # commands [point, input]; NaN if a custom controller fails
+    variables: Floats  # variables of the table look-up [point, variable]
+    guidance: Floats  # [point, 3] commanded flight path angle, angle of attack and bank
 
     @property
     def guided(self) -> Floats:
-        """Variables [point, variable] at which guidance looks up the trim."""
+        """Variables [point, variable] at which the guidance looks up the trim."""
         variables = self.variables.copy()
         variables[:, VARIABLES.index("angle_of_attack")] = self.guidance[:, 1]
         variables[:, VARIABLES.index("equivalence_ratio")] = self.command[:, -1]
@@ -96,7 +95,7 @@ class LawTick(NamedTuple):
 
 @cache
 def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
-    """Return the compiled probe; the full one if the cache contains it."""
+    """Return the compiled probe, or the full one if the cache contains it."""
     if not lean:
         return make(False)
     full = choose_probe(make, False)
@@ -104,7 +103,7 @@ def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
 
 
 def compile_probes(plan: FlightPlan) -> None:
-    """Compile or load the probes, by calling them without points."""
+    """Compile or load the probes by calling them without points."""
     _, lane = begin(plan, SavedFlights(0, np.empty((0, SAVED_ROWS))))
     states = np.empty((0, s.N_STATES)), np.empty((0, plan.vehicle.foreign.states))
     ask_plant(plan, lane, 0, np.empty(0, np.int64), *states)
@@ -114,10 +113,10 @@ def compile_probes(plan: FlightPlan) -> None:
 
 
 def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
-    """Return lane memories [flight, row] with the measurement, and with active failures."""
+    """Return lane memories [flight, row] with the measurement and with active failures."""
     before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
     numbers, moving = np.arange(len(before)), moving_of(plan, saved)
-    if measured_count(plan) == s.N_SEEN:  # the specific force at the tick, with what sensors feel
+    if measured_count(plan) == s.N_SEEN:  # specific force at the tick, as sensors measure it
         states = before[:, s.X : s.X + s.N_STATES]
         positions = np.pad(moving[:, POSITION::N_EFFECTOR_ROWS], ((0, 0), (0, 1)))
         effectors_at = positions if moving.size else None
@@ -147,10 +146,10 @@ def ask_plant(
 ) -> PlantAnswer:
     """Evaluate the plants of `flight` [point] at `states` [point, state].
 
-    `lane` [flight, row] is the memory of the flights. `custom` [point, state] are custom states, by
-    default those of `lane`. With `hold_slow` effectors that a failure slows down, and that are held
-    over a tick, are at the state's mix. `effectors_at` [point, input] are the positions of
-    effectors with actuators.
+    `lane` [flight, row] is the memory of the flights. `custom` [point, state] contains custom
+    states, by default those of `lane`. With `hold_slow`, effectors slowed down by a failure and
+    held over a tick take the positions of the state's mix. `effectors_at` [point, input] gives the
+    positions of effectors with actuators.
     """
     points = len(states)
     count = measured_count(plan)
@@ -181,9 +180,9 @@ def ask_plant(
 
 
 def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
-    """Return the rows of the lane memory that the controller uses, by name.
+    """Return by name the rows of the lane memory that the controller uses.
 
-    Raise InputError if those of a custom controller are unknown.
+    Raise InputError if the rows of a custom controller are unknown.
     """
     if plan.law == "fmu":
         check_states(plan)
@@ -194,9 +193,9 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 
 
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
-    """Run one tick after the first, without limits other than those in custom code.
+    """Run one tick after the first, without limits except those in custom code.
 
-    `measured` is [point, measured], `memory` is [point, memory].
+    `measured` has shape [point, measured] and `memory` [point, memory].
     """
     count = measured.shape[1]
     rows = np.array(
@@ -216,7 +215,7 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
 
 
 def _commands(plan: FlightPlan, seen: Floats) -> Floats:
-    """Return actuator commands [..., input] from the values the probe recorded."""
+    """Return actuator commands [..., input] from the values recorded by the probe."""
     command = from_axes(plan.vehicle, seen[..., _N_SEEN - 4 : _N_SEEN])
     if plan.vehicle.constants.driven and not mixes(plan):
         command[..., :-1] = seen[..., _N_SEEN:]
@@ -226,7 +225,7 @@ def _commands(plan: FlightPlan, seen: Floats) -> Floats:
 def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     """Return the controller's memory [flight, memory] before its tick.
 
-    `sensed` is that of :func:`begin`; at tick 0 differentiators are at rest.
+    `sensed` is a result of :func:`begin`; at tick 0 differentiators are at rest.
     """
     memory_rows = law_memory_rows(plan)
     memory = sensed[:, list(memory_rows.values())]
@@ -247,10 +246,10 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
 def run_law(
     plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
 ) -> Floats:
-    """Return memory and commands [tick, point, memory + input] after each tick, unlimited.
+    """Return memory and unlimited commands [tick, point, memory + input] after each tick.
 
-    `start` is [point, measured + memory]; each point continues from the result of point `follow`
-    [point], plus `change` [point, measured + memory].
+    `start` has shape [point, measured + memory]; each point continues from the result of point
+    `follow` [point], plus `change` [point, measured + memory].
     """
     count = start.shape[1] - len(law_memory_rows(plan))
     rows = np.array(
@@ -271,7 +270,7 @@ def _run_law(
 ) -> tuple[Floats, Floats]:
     """Return memory rows [tick, point, row] after each tick, and the recorded values.
 
-    `goes_on` holds `follow` and `change` of run_law.
+    `goes_on` contains `follow` and `change` of :func:`run_law`.
     """
     if must_run_in_child(plan):
         return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)

@@ -1,8 +1,8 @@
-"""Equilibria of controllers that do not hold the trim, such as those without integrators.
+"""Equilibria of controllers that do not maintain the trim, e.g. without integrators.
 
-The limits of a custom controller are in its code. At a trim that it does not hold it may be
-saturated: NASA's F-16 controller has full aft stick at an altitude error of two metres. Slopes at a
-saturated point do not describe a closed loop.
+A custom controller has its limits in its code. At a trim that it does not maintain, it may be
+saturated: NASA's F-16 controller commands full aft stick at an altitude error of two metres.
+Derivatives at a saturated point do not describe a closed loop.
 """
 
 import numpy as np
@@ -17,21 +17,19 @@ from abhv_mc.stability.plant_inputs import held_at, mixes, solved_states
 from abhv_mc.stability.point_slopes import Points, Slopes, newton_step, plant_slopes
 
 _ITERATIONS = 40
-_AT_REST = (
-    1e-8  # largest rate, change of the memory in a tick and difference of commands and controls
-)
-_ROUNDING = 1e-8  # of the law's slopes over the measurement
-_LOST = 1e-3  # share of a slope below which the controller is saturated
+_AT_REST = 1e-8  # tolerance of rates, changes of memory, and commands minus controls
+_ROUNDING = 1e-8  # rounding error of the controller's slopes over the measurement
+_LOST = 1e-3  # relative slope below which the controller counts as saturated
 _MEASURED = 11  # row of the first measurement in the result of plant_slopes
 
 
 def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, Mask]:
-    """Return points, with saturated ones moved to the equilibrium, and those still saturated."""
+    """Move saturated points to an equilibrium; return points and whether still saturated."""
     free = over_period(plan, points._replace(measured=at_errors_zero))
     limited = is_off_trim = _limited(plan, points, free)
     if plan.vehicle.constants.driven and not mixes(
         plan
-    ):  # the mix does not determine the equilibrium
+    ):  # The mixing matrix does not determine the equilibrium.
         command = over_period(plan, points).value[:, points.memory.shape[1] :]
         is_off_trim = limited | (np.abs(command - points.controls) > _AT_REST).any(axis=1)
     rows = np.flatnonzero(is_off_trim)
@@ -48,7 +46,7 @@ def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tu
 
 
 def _moves(plan: FlightPlan, points: Points) -> Mask:
-    """Return the mask [point, input] of the inputs that the controller moves."""
+    """Return a mask [point, input] of the inputs that the controller moves."""
     free = held_at(plan.vehicle, points.lane) == NEVER
     return np.hstack([free, np.ones((len(free), 1), bool)])
 
@@ -63,7 +61,7 @@ def _limited(plan: FlightPlan, points: Points, free: Slopes) -> Mask:
 
 
 def _strengths(slope: Floats) -> Floats:
-    """Return the sizes [point, input, 2] of slopes over speed and over angles and rates."""
+    """Return the sizes [point, input, 2] of slopes over speed, and over angles and rates."""
     angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 
@@ -77,7 +75,7 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
     )
     moves, k, own = _moves(plan, points), 10 + points.controls.shape[1], solved_states(plan)
     seen = slice(_MEASURED, _MEASURED + n)
-    columns = [*range(k), *(k + own)]  # of path, controls and custom states
+    columns = [*range(k), *(k + own)]  # columns of path, controls and custom states
     for iteration in range(_ITERATIONS + 1):
         plant = plant_slopes(plan, points)
         frozen = (plant.slope[:, seen] == 0.0).all(axis=2)
@@ -92,7 +90,7 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         if iteration == _ITERATIONS or at_rest.all():
             break
         J, j = np.zeros((*left.shape, k + own.size + m)), k + own.size
-        law = slice(10, m + k)  # rows of the law's memory and commands
+        law = slice(10, m + k)  # rows of the controller's memory and commands
         J[:, :10, :j] = plant.slope[:, :10, columns]
         J[:, law, :j] = law_measured @ plant.slope[:, seen][:, :, columns]
         J[:, law, j:] = law_memory

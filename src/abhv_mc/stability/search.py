@@ -8,15 +8,15 @@ from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 
 _CROSSING_STEPS = 40
 _PEAK_STEPS = 9
-_SECTION = 0.5 * (3.0 - np.sqrt(5.0))  # golden
-_CLOSE = 1e-12  # of a quantity that crosses zero, and of the frequency's logarithm
+_SECTION = 0.5 * (3.0 - np.sqrt(5.0))  # golden-section ratio
+_CLOSE = 1e-12  # tolerance of zero crossings and of the logarithm of the frequency
 
-# A quantity [point] of loops [point] at frequencies [point], rad/s.
+# function of loops and frequencies (rad/s) that returns a quantity [point]
 Quantity = Callable[[Ints, Floats], Floats]
 
 
 def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
-    """Return loop and interval [crossing] in which `values` [loop, frequency] change sign."""
+    """Return loop and interval of each sign change in `values` [loop, frequency]."""
     positive = values > 0.0
     loop, interval = np.nonzero(positive[:, 1:] != positive[:, :-1])
     return loop, interval
@@ -27,7 +27,7 @@ def refine_crossings(
 ) -> Floats:
     """Return the frequencies [crossing] of zeros in intervals of `omega` [loop, frequency].
 
-    The method is that of Anderson and Bjorck, with bisection in every third step.
+    The method of Anderson and Bjorck is used, with bisection in every third step.
     """
     a, b = np.log(omega[loop, interval]), np.log(omega[loop, interval + 1])
     fa, fb = values[loop, interval].copy(), values[loop, interval + 1].copy()
@@ -57,7 +57,7 @@ def refine_peaks(
 ) -> tuple[Floats, Floats]:
     """Return the maximum [loop] near grid index `start` [loop], and its frequency.
 
-    Parabolic steps, with a golden section in every third step.
+    Steps are parabolic, with a golden section in every third step.
     """
     loops = np.arange(len(omega))
     x = np.log(omega)
@@ -87,14 +87,14 @@ def refine_peaks(
     return np.asarray(f_middle), np.asarray(np.exp(middle))
 
 
-def _choose(  # the first case that applies
+def _choose(  # The first applicable case is used.
     a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, *, fb: Floats, x: Floats, f: Floats
 ) -> tuple[Floats, Floats]:
     return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
 
 
 def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
-    """Return logarithmic frequencies [system, frequency] in rad/s, with those of `poles`."""
+    """Return logarithmic frequencies [system, frequency], rad/s, including those of `poles`."""
     own = count // 10
     top = np.pi / period
     base = np.geomspace(1e-4, top, count - own)

@@ -1,4 +1,4 @@
-"""Sensors in linear models: lags and sampled values are states, scale factors are slopes.
+"""Sensor dynamics in linear models: lags and sampled values as states, and scale factors.
 
 The order is that of :mod:`abhv_mc.kernel.flight.sensors`. A delay commutes with a lag, and shifts
 the ticks at which a delayed measurement changes.
@@ -25,13 +25,13 @@ _LAG, _INTERVAL = (
 
 
 def sensor_ticks(plan: FlightPlan, parameters: Floats) -> Ints:
-    """Return control periods between samples [point, measured] of `parameters`."""
+    """Return the control periods between samples [point, measured] for `parameters`."""
     ticks = parameters[:, _INTERVAL[: measured_count(plan)]] / plan.timing.tick + 0.5
     return np.maximum(ticks.astype(np.int64), 1)
 
 
 def _sensors(plan: FlightPlan, points: Points) -> tuple[Floats, Floats, Ints, Ints, Ints]:
-    """Return parameters, lags, sample periods, and the indices of lagged and sampled sensors.
+    """Return parameters, lags, sample periods, and indices of lagged and sampled sensors.
 
     Lags [point, ...] are in control periods, sample periods [point, ...] in ticks.
     """
@@ -54,15 +54,15 @@ def sensor_states(plan: FlightPlan, points: Points) -> list[str]:
 
 
 def repeats_after(ticks: Ints, law: int) -> int:
-    """Return the common period of sensors [measured] and a controller, in ticks.
+    """Return the common period of sensors [measured] and controller, in ticks.
 
     Raise InputError if it exceeds LONGEST.
     """
     count = math.lcm(law, *ticks.tolist())
     if count > LONGEST:
-        problem = f"samples of sensors and a law that repeat together after {count} ticks"
+        problem = f"sensor samples and a controller with a common period of {count} ticks"
         raise InputError(
-            "sensor intervals", problem, f"after at most {LONGEST}, for margins and linear models"
+            "sensor intervals", problem, f"at most {LONGEST} ticks, for margins and linear models"
         )
     return count
 
@@ -82,8 +82,8 @@ def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) ->
     if (ticks != ticks[0]).any():
         raise InputError(
             "sensor intervals",
-            "some that differ between flights",
-            "the same, to linearize them together",
+            "intervals that differ between flights",
+            "equal intervals, to linearize flights together",
         )
     first, models = max(points.tick, 1), []
     for tick in range(first, first + repeats_after(ticks[0], len(phases))):
@@ -107,8 +107,8 @@ def _sense(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return A, B, C, D [point, ...] of the sensors in a tick, from truth to measurement.
 
-    The states are those of the `late` sensors, then of the `sampled` ones. `lag` [point, measured]
-    is in control periods; `scale` is zero if the last sample is held (not `fresh`).
+    The states are those of the `late` sensors, followed by the `sampled` ones. `lag` [point,
+    measured] is in control periods; `scale` is zero if the last sample is held (not `fresh`).
     """
     with np.errstate(divide="ignore"):
         stays = np.where(lag > 0.0, np.exp(-1.0 / lag), 0.0)

@@ -1,4 +1,4 @@
-"""Steady flight: a plan of level or turning flight, and trims of the true vehicles."""
+"""Steady flight: plans of level or turning flight, and trims of the true vehicles."""
 
 from dataclasses import replace
 
@@ -39,11 +39,11 @@ from abhv_mc.stability.rest import leave_limits
 from abhv_mc.user_code.design import DesignModel
 
 _ITERATIONS = 25
-_AT_REST = 1e-12  # largest change of the law's memory in a tick at a trim
-_STILL = 1e-10  # a step of the memory below which it has converged
-_GROWS = 1e-7  # change in a tick without an equilibrium: a sideslip of 6e-4 deg, integrated
-_RESTING = 1e5  # weight of an equilibrium relative to the controls, if not both are possible
-_BALANCED = 1e-9  # rad/s2 and so on: largest rate at a trim
+_AT_REST = 1e-12  # largest change of the controller's memory in a tick at a trim
+_STILL = 1e-10  # step of the memory below which the iteration has converged
+_GROWS = 1e-7  # change per tick without an equilibrium: integration of 6e-4 deg of sideslip
+_RESTING = 1e5  # weight of an equilibrium relative to the controls, if they are incompatible
+_BALANCED = 1e-9  # largest rate at a trim, rad/s2 and similar units
 _UNKNOWNS = [
     path.ALPHA,
     path.BETA,
@@ -55,14 +55,14 @@ _UNKNOWNS = [
     11,
     12,
     13,
-]  # the axes and engine last
+]  # mixing matrix with the axes and the engine last
 _LARGEST = np.array(
     [0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3]
-)  # a Newton step of the unknowns
+)  # maximum Newton step of each unknown
 _EXPECTED = slice(
     1, 11
-)  # rows of plant_slopes: all rates but the altitude's, and the aerodynamic sideslip
-_BEYOND = "the trim is beyond the limits of surfaces or engine"
+)  # rows of plant_slopes: all rates except altitude, and aerodynamic sideslip
+_BEYOND = "the trim exceeds the limits of surfaces or engine"
 
 
 def make_steady_plan(
@@ -73,10 +73,11 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Return a plan of steady flight at the mission's start for all time, with its gains.
+    """Return a plan of permanent steady flight at the mission's start, with its gains.
 
-    `bank` (rad) is the guidance trim's bank in a steady turn; 0 means straight flight, at any bank.
-    `user_code` belongs to a custom controller. Raise InputError if no steady turn has that bank.
+    `bank` (rad) is the bank of the guidance's trim in a steady turn; 0 means straight flight at any
+    bank. `user_code` belongs to a custom controller. Raise InputError if no steady turn has this
+    bank.
     """
     level = mission.model_copy(
         update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate}
@@ -114,7 +115,7 @@ def _trim_turn(
 
 
 def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) -> float:
-    """Return the heading rate (rad/s) of the steady turn with the bank."""
+    """Return the heading rate (rad/s) of the steady turn with the given bank."""
     from scipy.optimize import brentq
 
     def off(heading_rate: float) -> float:
@@ -141,19 +142,20 @@ def steady_air(parameters: Floats) -> Floats:
 
 
 def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
-    """Return the trims of the true plants under a plan of :func:`make_steady_plan`.
+    """Return the trims of the true plants for a plan of :func:`make_steady_plan`.
 
-    `parameters` is [flight, parameter]. Steady wind and failures at the start are included.
-    Altitude, speed and heading are the reference's, flight path angle and aerodynamic sideslip are
-    zero, and all rates but that of the heading vanish. A stuck aileron or rudder leaves the
-    sideslip free. The controller is in equilibrium with zero errors; it is a fault if it has none.
+    `parameters` has shape [flight, parameter]. Steady wind and failures at the start are included.
+    Altitude, speed and heading are those of the reference, flight path angle and aerodynamic
+    sideslip are zero, and all rates except the heading rate vanish. A stuck aileron or rudder
+    leaves the sideslip free. The controller is in equilibrium with zero errors; it is a fault if
+    there is no equilibrium.
     """
     row = plan.reference[0]
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
     _, lane = begin(
         plan, SavedFlights(1, begun)
-    )  # a measurement that fails at the start is frozen from the second tick on
-    out = lane[:, s.ENGINE_FAILED] > 0.0  # its thrust has decayed
+    )  # A measurement that fails at the start is frozen from the second tick on.
+    out = lane[:, s.ENGINE_FAILED] > 0.0  # whether the thrust of a failed engine has decayed
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
     count, nothing = len(lane), np.empty((len(lane), 0))
     stuck_at, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
@@ -186,10 +188,11 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     )
     last = _EXPECTED.stop + measured_count(
         plan
-    )  # of the measurement; rates of custom states follow
+    )  # row of the measurement, followed by rates of custom states
     own = solved_states(plan)
     expected = [*range(_EXPECTED.start, _EXPECTED.stop), *(last + own)]
-    moved = np.where(stuck[:, :, None], 0.0, mix)  # [point, input, axis]
+    # mixing matrices without stuck inputs [point, input, axis]
+    moved = np.where(stuck[:, :, None], 0.0, mix)
     lateral = np.linalg.matrix_rank(moved[:, :, :2]) == np.linalg.matrix_rank(mix[:, :2])
     holds = np.ones((count, len(expected)), bool)
     holds[:, 9] = lateral
@@ -226,7 +229,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     frozen = (plant.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
     measured[:, :10][frozen[:, :10]] = coordinates[:, :10][
         frozen[:, :10]
-    ]  # it failed in this steady flight
+    ]  # whether the fault occurs in this steady flight
     points = points._replace(
         path=coordinates[:, :10], controls=positions, custom=custom, measured=measured
     )
@@ -242,7 +245,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
 
 
 def _unsettled(controller: str, sideslip: float) -> str:
-    message = f"{controller} finds no equilibrium, as what it integrates goes on growing"
+    message = f"{controller} has no equilibrium: its integrated error keeps growing"
     return (
         f"{message} (it measures {sideslip:.3g} deg of sideslip)"
         if abs(sideslip) > 1e-4
@@ -251,12 +254,12 @@ def _unsettled(controller: str, sideslip: float) -> str:
 
 
 def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:
-    """Return the memory in equilibrium, whether it grows, and whether the controller switches.
+    """Return the equilibrium memory, whether it grows, and whether the controller switches.
 
     The memory [point, memory] is constant and its commands equal the points' controls. If no memory
-    satisfies both, as for controllers without integrators, it is constant and the commands are as
-    close as possible. All conditions hold over the controller's period: carried memory runs on, and
-    the command is the mean over the period.
+    satisfies both, as for controllers without integrators, the memory is constant and the commands
+    are as close as possible. All conditions apply over the controller's period: carried memory
+    continues, and the command is the mean over the period.
     """
     period, count = find_period(plan), len(law_memory_rows(plan))
     memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)

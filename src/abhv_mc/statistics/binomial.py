@@ -20,7 +20,7 @@ def _check(failures: int, runs: int, **probabilities: float) -> None:
 
 
 def consumer_risk(failures: int, runs: int, probability: float) -> float:
-    """Return the chance of at most `failures` in `runs` flights at this success probability."""
+    """Return the chance of at most `failures` in `runs` flights at a success `probability`."""
     _check(failures, runs, probability=probability)
     return 1.0 if failures == runs else float(betainc(runs - failures, failures + 1, probability))
 
@@ -28,7 +28,7 @@ def consumer_risk(failures: int, runs: int, probability: float) -> float:
 def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float:
     """Return the one-sided Clopper-Pearson lower bound on the success probability.
 
-    The bound is wrong with a probability of at most `consumer_risk`.
+    The bound exceeds the true probability with a chance of at most `consumer_risk`.
     """
     _check(failures, runs, consumer_risk=consumer_risk)
     return (
@@ -49,7 +49,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=4096)
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Return the fewest flights that prove `probability` with `failures` failures."""
+    """Return the smallest number of flights that proves `probability` despite `failures`."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,
@@ -61,13 +61,13 @@ def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
 def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int | None:
     """Return the rank of the flight that bounds the `probability` quantile from above.
 
-    The rank is 1-based and ascending; None if even the largest of `runs` values does not reach
-    `confidence`.
+    The rank counts from 1 in ascending order. Return None if even the largest of `runs` values is
+    no bound at this `confidence`.
     """
     _check(0, runs, probability=probability, confidence=confidence)
     if runs == 0 or 1.0 - probability**runs < confidence:
         return None
-    # P(at most rank - 1 values lie below the quantile), exactly.
+    # Find the rank from the exact binomial tail.
     return first_where(
         1,
         lambda rank: (
@@ -95,7 +95,7 @@ def mcnemar_one_sided(only_a: int, only_b: int) -> float:
 
 
 def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the two-sided exact interval of the failure probability."""
+    """Return the exact two-sided Clopper-Pearson interval of the failure probability."""
     _check(failures, runs, confidence=confidence)
     tail = (1.0 - confidence) / 2.0
     if runs == 0:
@@ -106,10 +106,10 @@ def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple
 
 
 def jeffreys(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the equal-tailed interval of the failure probability from Jeffreys' prior.
+    """Return the equal-tailed Jeffreys interval of the failure probability.
 
-    Its coverage is close to `confidence` on average over failure probabilities, not for every one
-    of them (Brown, Cai & DasGupta 2001).
+    Its coverage is close to `confidence` on average over the failure probabilities, not for each of
+    them (Brown, Cai & DasGupta 2001).
     """
     _check(failures, runs, confidence=confidence)
     tail, a, b = (1.0 - confidence) / 2.0, failures + 0.5, runs - failures + 0.5

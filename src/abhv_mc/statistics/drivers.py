@@ -1,4 +1,4 @@
-"""Input drivers of an output by standardized rank regression.
+"""Standardized rank regression to identify the input drivers of an output.
 
 The coefficients come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity
 Analysis in Practice", 2004; Iman & Conover 1979). Their intervals are bootstrapped; ranks are
@@ -17,12 +17,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
-LEAST_COEFFICIENT = 0.2  # of a driver
-_FEWEST_SPARE = 10  # flights beyond the number of inputs
-_PARTNERS = 0.3  # rank correlation from which an input moves with a driver
-_TWINS = 0.9  # rank correlation from which a regression does not distinguish two inputs
+LEAST_COEFFICIENT = 0.2  # smallest coefficient of a driver
+_FEWEST_SPARE = 10  # minimum number of flights in excess of the number of inputs
+_PARTNERS = 0.3  # rank correlation from which an input counts as related to a driver
+_TWINS = 0.9  # minimum rank correlation of inputs that a regression cannot distinguish
 _RESAMPLES = 300
-_MOST_RESAMPLED = 1000  # flights; the standard error of more follows by the square root
+# maximum number of resampled flights; standard errors scale with the square root
+_MOST_RESAMPLED = 1000
 
 
 @dataclass(frozen=True)
@@ -32,18 +33,18 @@ class RankDrivers:
     srrc: Floats
     srrc_low: Floats
     srrc_high: Floats
-    p_value: Floats  # of a zero coefficient
-    found: NDArray[np.bool_]  # drivers
-    moves_with: NDArray[np.intp]  # the driver with which another input is correlated; -1 for none
-    explained: Floats  # [output] R^2 of the rank regression
-    residuals: Floats  # [flight, output] of the ranks, in their standard deviations
+    p_value: Floats  # p-values of the hypothesis that the coefficient is zero
+    found: NDArray[np.bool_]  # whether each input is a driver
+    moves_with: NDArray[np.intp]  # driver with which another input is correlated; -1 for none
+    explained: Floats  # R^2 of the rank regression, by output
+    residuals: Floats  # residuals of the ranks in their standard deviations [flight, output]
 
 
 def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> RankDrivers | None:
     """Return the rank coefficients of `inputs` on `outputs`, or None for too few flights.
 
-    `inputs` is [flight, input], `outputs` is [flight, output] and may contain infinities. Constant
-    inputs get zero coefficients.
+    `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
+    infinities. Constant inputs get zero coefficients.
     """
     flights, count = inputs.shape
     freedom = flights - count - 1
@@ -62,8 +63,8 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     explained = np.where(moving, np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0), np.nan)
     srrc = np.where(moving, slopes, np.nan)
     half = -float(ndtri((1.0 - confidence) / 2.0)) * _standard_errors(values, slopes, inverse)
-    # Student's t of a coefficient, as the partial correlation r = t / sqrt(t^2 + freedom):
-    # P(|t| > t0) = I_{1 - r^2}(freedom / 2, 1/2).
+    # With Student's t of a coefficient, the partial correlation is r = t / sqrt(t^2 + freedom).
+    # Its tail probability is P(|t| > t0) = I_{1 - r^2}(freedom / 2, 1/2).
     own = srrc**2 / np.diag(inverse)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(own > 0.0, (1.0 - explained) / (1.0 - explained + own), 1.0)
@@ -88,15 +89,16 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
 
 
 def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
-    """Return the standard errors of `slopes` by a bootstrap of the flights.
+    """Return the bootstrap standard errors of `slopes`, resampling the flights.
 
-    All outputs share the resamples. Ranks are recomputed for each resample, and one Newton step
-    from the coefficients of all flights gives those of the resample.
+    All outputs share the resamples. Ranks are recomputed for each resample, and its coefficients
+    follow from those of all flights by one Newton step.
     """
     used, count = min(len(values), _MOST_RESAMPLED), len(slopes)
     columns = values[:used].T
     order = np.argsort(columns, axis=1)
-    ends = np.empty((2, *columns.shape), dtype=np.intp)  # of equal values in their sorted column
+    # first and last positions of equal values in each sorted column
+    ends = np.empty((2, *columns.shape), dtype=np.intp)
     for k, (column, sorted_rows) in enumerate(zip(columns, order, strict=True)):
         ends[0, k] = np.searchsorted(column[sorted_rows], column, "left")
         ends[1, k] = np.searchsorted(column[sorted_rows], column, "right")

@@ -1,7 +1,7 @@
 """Quantiles with exact intervals, and severities by which flights are ranked.
 
-A failed flight counts as worse than every other flight: its severity is +infinity, so a quantile is
-finite only if fewer flights failed than lie beyond it.
+A failed flight counts as worse than every other flight: its severity is +infinity. Therefore a
+quantile is finite only if more flights lie beyond it than failed.
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from abhv_mc.array_types import Floats, Mask
 from abhv_mc.bounds import Bounds
 from abhv_mc.statistics.binomial import clopper_pearson, quantile_upper_rank
 
-Sense = Literal["high", "low", "size"]  # the bad values: large, small, large in absolute value
+Sense = Literal["high", "low", "size"]  # which values are bad: high, low or large in absolute value
 
-SEED = 20140  # of all resampling, so that equal flights give equal intervals
-_SPREAD = (5.0, 95.0)  # percentiles of all flights
-LEVELS = (0.5, 0.95, 0.9973)  # the quantiles that tables show
+SEED = 20140  # seed of all resampling, so that equal flights give equal intervals
+_SPREAD = (5.0, 95.0)  # percentiles of all flights that define the spread
+LEVELS = (0.5, 0.95, 0.9973)  # quantiles shown in tables
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class Interval:
     high: float
 
     def in_sense(self, sense: Sense) -> "Interval":
-        """Return an interval of severities as one of the metric, by its sense."""
+        """Convert an interval of severities to an interval of the metric."""
         return Interval(-self.value, -self.high, -self.low) if sense == "low" else self
 
 
 def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats:
-    """Return values with larger meaning worse; failed flights and NaN become +infinity."""
+    """Return values oriented so that larger is worse; failed flights and NaN are +infinity."""
     worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (
         np.abs(values) if sense == "size" else values
     )
@@ -49,22 +49,22 @@ class Criterion(NamedTuple):
 
     metric: str
     bad: Sense
-    limits: Bounds | None = None  # of its requirement
+    limits: Bounds | None = None  # limits of the metric's requirement
 
     def excess(self, values: Floats) -> Floats:
         """Return the signed excess [flight] over the limits, in the metric's unit.
 
-        Without limits it is the severity. NaN gives +infinity.
+        Without limits the result is the severity. NaN gives +infinity.
         """
         if self.limits is None:
             return severity(values, self.bad)
         return severity(self.limits.worse(values) - self.limits.limit, "high")
 
     def scale(self, values: Floats) -> tuple[float, float]:
-        """Return the origin and the unit in which an excess is expressed.
+        """Return the origin and the unit for expressing an excess.
 
-        With limits the origin is 0 and the unit the size of the limits (the 5 to 95 % span of
-        `values` [flight] if that size is 0). Without limits both are the median excess.
+        With limits, the origin is 0 and the unit is the size of the limits, or the 5 to 95 % span
+        of `values` [flight] if that size is 0. Without limits, both are the median excess.
         """
         excess = self.excess(values)
         finite = excess[np.isfinite(excess)]
@@ -73,7 +73,7 @@ class Criterion(NamedTuple):
 
 
 def spread(values: Floats) -> float:
-    """Return the 95 % minus the 5 % quantile of the finite values; 1 if there is none."""
+    """Return the 5 to 95 % span of the finite values; 1 if there are none."""
     finite = values[np.isfinite(values)]
     low, high = np.percentile(finite, _SPREAD) if finite.size else (0.0, 0.0)
     return float(high - low) or 1.0
@@ -82,14 +82,15 @@ def spread(values: Floats) -> float:
 def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
     """Return the flight indices, worst first.
 
-    Lost flights come first, sorted by the time `lost_at` [flight] of their end (infinite for the
-    others), then the others by their excess `beyond` a limit [flight], largest first.
+    Lost flights come first, sorted by the time `lost_at` [flight] of their end, which is infinite
+    for completed flights. Completed flights follow by their excess `beyond` a limit [flight],
+    largest first.
     """
     return np.lexsort((-beyond, lost_at))
 
 
 def sorted_quantile(ascending: Floats, probability: float) -> float:
-    """Return the linear quantile of ascending values, which may end in infinities."""
+    """Return the linear quantile of ascending values, which may end with infinities."""
     position = (ascending.size - 1) * probability
     below = int(position)
     fraction = position - below
@@ -118,7 +119,7 @@ def quantiles(
             continue
         lower = quantile_upper_rank(
             ascending.size, 1.0 - probability, 1.0 - tail
-        )  # counted from the other end
+        )  # The rank is counted from the other end.
         upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
         ends = (
             -np.inf if lower is None else ascending[-lower],
@@ -136,18 +137,18 @@ def pair_differences(a: Floats, b: Floats) -> Floats:
 
 
 def looks(flights: int, number: int = 24, first: int = 20) -> list[int]:
-    """Return numbers of flights, geometrically spaced, at which to trace an estimate."""
+    """Return geometrically spaced numbers of flights at which to trace an estimate."""
     if flights <= first:
         return [flights]
     return np.unique(np.round(np.geomspace(first, flights, number)).astype(np.int64)).tolist()
 
 
 def quantile_traces(values: Floats, counts: Sequence[int]) -> list[tuple[Interval, ...]]:
-    """Return one trace for each of LEVELS: quantiles of the first n values for n in `counts`."""
+    """Return a trace for each of LEVELS: quantiles of the first n values, n in `counts`."""
     return list(zip(*(quantiles(values[:n], LEVELS) for n in counts), strict=True))
 
 
 def failure_trace(failed: Mask, counts: Sequence[int]) -> list[Interval]:
-    """Return the share of failures among the first n flights for n in `counts`."""
+    """Return the shares of failures among the first n flights for n in `counts`."""
     totals = np.cumsum(failed)[np.array(counts) - 1].tolist()
     return [Interval(k / n, *clopper_pearson(k, n)) for k, n in zip(totals, counts, strict=True)]

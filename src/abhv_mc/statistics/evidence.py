@@ -1,4 +1,4 @@
-"""E-values for k failures in n flights, valid at any number of flights.
+"""E-values of k failures in n flights, valid at any number of flights.
 
 Against the allowed failure probability q0 = 1 - `probability` the evidence that a requirement is
 met is a mixture of likelihood ratios,
@@ -18,8 +18,8 @@ from scipy.special import betainc, betaincc, betaln
 
 from abhv_mc.statistics.binomial import first_where
 
-_FEWEST_TO_FAIL = 2  # failures: a single one shows no rate
-_ENOUGH = 1e-300  # of an incomplete beta function, below which its logarithm is lost
+_FEWEST_TO_FAIL = 2  # minimum number of failures for a FAIL, as a single one shows no rate
+_ENOUGH = 1e-300  # value of an incomplete beta function below which its logarithm is inaccurate
 
 
 def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
@@ -31,7 +31,7 @@ def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
 
 
 def _log_far(a: float, b: float, x: float) -> float:
-    """Return `_log_part` for x far below the mean a/(a + b), by a series.
+    """Return `_log_part` by a series, for x far below the mean a/(a + b).
 
     The series is 2F1(1, a + b; a + 1; x) / a (NIST DLMF 8.17.8).
     """
@@ -67,7 +67,7 @@ def log_coin_evidence(heads: int, tails: int) -> float:
 
 @lru_cache(maxsize=65536)
 def flights_to_pass(failures: int, probability: float, risk: float) -> int:
-    """Return the fewest flights that PASS with `failures` failures."""
+    """Return the smallest number of flights that PASS with `failures` failures."""
     return first_where(
         failures + 1,
         lambda flights: log_pass_evidence(failures, flights, probability) >= -log(risk),
@@ -76,7 +76,7 @@ def flights_to_pass(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def flights_to_fail(failures: int, probability: float, risk: float) -> int:
-    """Return the most flights that FAIL with `failures` failures; 0 if none do."""
+    """Return the largest number of flights that FAIL with `failures` failures; 0 if none do."""
 
     def holds_out(flights: int) -> bool:
         return log_fail_evidence(failures, flights, probability) < -log(risk)
@@ -88,7 +88,7 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def most_failures(flights: int, probability: float, risk: float) -> int:
-    """Return the most failures with which `flights` PASS; -1 if even none would."""
+    """Return the largest number of failures for which `flights` PASS; -1 if none does."""
 
     def fails_to_pass(failures: int) -> bool:
         return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)

@@ -2,11 +2,11 @@
 
 Regions are half-lines, both ends, corners and differences of inputs, with thresholds at deciles of
 the samples and a few quantiles beyond. A half-line is tested by the exact hypergeometric
-distribution. A corner, or both ends of an input, counts only if each of its two conditions raises
-the failure rate given the other, so that an irrelevant input is not combined with a relevant one; a
-difference of two inputs only if it is more significant than each of them and their corner. The best
-of each input's (pair's) candidates is corrected for their number (Bonferroni), and inputs and pairs
-together pass the Benjamini-Hochberg procedure.
+distribution. A corner, or both ends of an input, counts only if each of its conditions raises the
+failure rate given the other one, so that irrelevant inputs are not combined with relevant ones. A
+difference must be more significant than both inputs and their corner. The best candidate of each
+input or pair is corrected for the number of candidates (Bonferroni); inputs and pairs together pass
+the Benjamini-Hochberg procedure.
 """
 
 from collections.abc import Callable, Iterable
@@ -28,25 +28,25 @@ _QUANTILES = (0.01, 0.02, 0.05, *(n / 10.0 for n in range(1, 10)), 0.95, 0.98, 0
 _BINS = len(_QUANTILES) + 1
 _DECILES = [
     row for row, quantile in enumerate(_QUANTILES) if 0.1 <= quantile <= 0.9
-]  # thresholds of corners
+]  # quantiles used as thresholds of corners
 _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
-)  # bin between deciles of each bin
-_CLEAR = 2.0  # standard deviations below which the ends of an input are not tested
-_DIFFERED = 6  # inputs most related to failures whose differences are tried
+)  # index of the decile bin that contains each bin
+_CLEAR = 2.0  # standard deviations below which both ends of an input are not tested
+_DIFFERED = 6  # number of inputs, most related to failures, whose differences are tested
 _MOST_RULES = 20
 _CHUNK = 4096
-_NEAR = 0.05  # of the flights: largest shift of a threshold from its quantile
+_NEAR = 0.05  # largest shift of a threshold from its quantile, as a share of the flights
 
 
 @dataclass(frozen=True)
 class Condition(Generic[K]):
-    """Bound on an input, or on the difference of two in their standard deviations."""
+    """Bound on an input, or on the difference of two standardized inputs."""
 
-    parameter: K  # column of the inputs, or name
+    parameter: K  # column or name of the first input
     above: bool
     threshold: float
-    minus: K | None = None  # the other input
+    minus: K | None = None  # column or name of the subtracted input
 
 
 @dataclass(frozen=True)
@@ -58,24 +58,24 @@ class Rule(Generic[K]):
     failures: int
     others_inside: int
     others: int
-    p_value: float  # adjusted for the candidates of this input or pair
-    q_value: float  # false-discovery rate at which it is still found
+    p_value: float  # p-value, corrected for the candidates of the input or pair
+    q_value: float  # false-discovery rate at which the rule remains significant
     either: bool = False  # whether one of the conditions is enough
 
 
 @dataclass(frozen=True)
 class BinnedInputs:
-    """Inputs in bins between quantiles."""
+    """Inputs binned between quantiles."""
 
-    edges: Floats  # [threshold, input]
-    bins: NDArray[np.uint8]  # [flight, input], how many thresholds lie below the value
+    edges: Floats  # thresholds of each input [threshold, input]
+    bins: NDArray[np.uint8]  # number of thresholds below each value [flight, input]
 
 
 def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
-    """Return `inputs`, each [flight], in bins; one input is in memory at a time."""
+    """Return `inputs`, each [flight], in bins, holding one input in memory at a time."""
     edges, bins = [], []
     for values in inputs:
-        # No value can be interpolated between a number and infinity.
+        # Interpolation between a number and infinity is impossible.
         method: Literal["linear", "lower"] = "linear" if np.all(np.isfinite(values)) else "lower"
         edges.append(np.quantile(values, _QUANTILES, method=method))
         bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
@@ -106,7 +106,7 @@ def find_rules(
         for k, candidate in enumerate(candidates)
         if q_values[k] <= FALSE_DISCOVERY_RATE
     ]
-    # If p-values are equal, the simpler rule comes first.
+    # Of rules with equal p-values, the simpler one comes first.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
     return [_sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
 
@@ -114,7 +114,8 @@ def find_rules(
 def _rule(
     candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float
 ) -> Rule[int]:
-    inside, bad = map(int, candidate.tables[0][:2])  # the same in each of its tables
+    # All tables have the same number of flights and failures inside.
+    inside, bad = map(int, candidate.tables[0][:2])
     others = flights - failures
     return Rule(
         conditions=candidate.conditions,
@@ -129,7 +130,7 @@ def _rule(
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
-    """Return candidates without the half-lines of an input if both ends are more significant."""
+    """Remove the half-lines of an input if its two ends together are more significant."""
     if len(candidates) < 3:
         return candidates
     below, above, both = _p_values(candidates)
@@ -148,7 +149,7 @@ def _differences(
     """
     flights, failures = failed.size, int(failed.sum())
     best: dict[frozenset[int], float] = {}
-    # A difference must be more significant than the whole corner, not than one condition of it.
+    # A difference must be more significant than the whole corner, not only one condition.
     complete = [
         _Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried)
         for c in candidates
@@ -180,7 +181,7 @@ def _differences(
 
 
 def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Return counts at or below each threshold, then above each, along an axis of bins."""
+    """Return counts at or below, then above each threshold, along an axis of bins."""
     below = np.cumsum(histogram, axis=axis)
     total = np.take(below, [-1], axis=axis)
     below = np.delete(below, -1, axis=axis)
@@ -188,7 +189,7 @@ def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
 
 
 def _score(inside: Any, failed_inside: Any, flights: Any, failures: Any) -> Floats:
-    """Return standard deviations of the failures inside above the hypergeometric mean."""
+    """Return failures above the hypergeometric mean, in standard deviations."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = inside / flights
         variance = (
@@ -214,7 +215,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
-    """Return exact p-values, the larger of two tables, times the candidates tried."""
+    """Return exact p-values, the larger of two tables, times the number of candidates."""
     rows = np.array(
         [table for candidate in candidates for table in candidate.tables], dtype=np.int64
     )
@@ -232,10 +233,11 @@ def _p_values(candidates: list["_Candidate"]) -> Floats:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """Best region of an input or a pair, with its counts and those of the reference."""
+    """Best region of an input or a pair, with its counts and the reference counts."""
 
     conditions: tuple[Condition[int], ...]
-    tables: tuple[tuple[int, int, int, int], ...]  # inside, failures inside, flights, failures
+    # tables of flights inside, failures inside, all flights and all failures
+    tables: tuple[tuple[int, int, int, int], ...]
     tried: int
     either: bool = False
 
@@ -254,7 +256,7 @@ def _along(
 ) -> list[_Candidate]:
     """Return the best half-lines below and above, and both ends if each is significant.
 
-    `inputs` is one input, or the two of a difference of which `differences` are tried.
+    `inputs` is one input, or a pair whose difference is one of `differences` that are tried.
     """
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
@@ -294,7 +296,7 @@ def _along(
 
 
 def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return the counts [input, bin, input, bin] of flights in each pair of bins."""
+    """Return the numbers of flights [input, bin, input, bin] in each pair of bins."""
     flights, count = bins.shape
     cells = len(_DECILES) + 1
     total = np.zeros((count * cells, count * cells))
@@ -302,7 +304,7 @@ def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
         chunk = bins[start : start + _CHUNK]
         marks = np.zeros(
             (chunk.shape[0], count * cells), dtype=np.float32
-        )  # sums to _CHUNK stay exact
+        )  # Sums of up to _CHUNK flights stay exact in single precision.
         marks[np.arange(chunk.shape[0])[:, None], np.arange(count) * cells + chunk] = 1.0
         total += marks.T @ marks
     return total.reshape(count, cells, count, cells).astype(np.int64)
@@ -319,9 +321,9 @@ def _best_corners(
     def sides(
         counts: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return counts inside both conditions [pair, side, side] and inside each of them.
+        """Return counts [pair, side, side] inside both conditions, and inside each one.
 
-        The counts of a single condition are [pair, side, 1] and [pair, 1, side].
+        The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
         """
         pairs = counts[first, :, second, :]
         alone = _sides(pairs.sum(axis=2), 1)[:, :, None], _sides(pairs.sum(axis=1), 1)[:, None, :]
@@ -352,9 +354,9 @@ def _best_corners(
 def _sharpen(
     rule: Rule[int], failed: NDArray[np.bool_], column: Callable[[int], Floats]
 ) -> Rule[int]:
-    """Return a rule of half-lines with each threshold moved to where failures begin.
+    """Move each threshold of a rule of half-lines to the value at which failures begin.
 
-    The p-value remains that of the quantiles, which were chosen before this step.
+    The p-value remains that of the quantiles, which were selected before this step.
     """
     if len(rule.conditions) > 1 and not rule.either:
         return rule
@@ -363,13 +365,13 @@ def _sharpen(
         values = _values(condition, column)
         order = np.argsort(
             -values if condition.above else values, kind="stable"
-        )  # the most extreme first
+        )  # values sorted from the most extreme one
         size_inside = int(np.sum(_meets(condition, values)))
         near = max(2, round(_NEAR * failed.size))
         tried = np.arange(max(1, size_inside - near), min(failed.size - 1, size_inside + near) + 1)
         tried = tried[
             values[order[tried - 1]] != values[order[tried]]
-        ]  # equal values are on one side
+        ]  # Equal values stay on one side of a threshold.
         if not tried.size:
             return rule
         bad = np.cumsum(failed[order])[tried - 1]
@@ -377,7 +379,7 @@ def _sharpen(
         count = int(tried[np.argmax(worth)])
         inside_end, outside_end = float(values[order[count - 1]]), float(values[order[count]])
         threshold = (inside_end + outside_end) / 2.0
-        if not np.isfinite(threshold):  # times of failures that never come are infinite
+        if not np.isfinite(threshold):  # Times of failures that never occur are infinite.
             threshold = outside_end if condition.above else inside_end
         conditions.append(replace(condition, threshold=threshold))
         inside |= _meets(conditions[-1], values)
@@ -388,7 +390,7 @@ def _sharpen(
 
 
 def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Return the mask [flight] of a rule's region; `column` returns the values of an input."""
+    """Return a mask [flight] of a rule's region; `column` returns the values of an input."""
     masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
     return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
 
@@ -400,7 +402,7 @@ def _values(condition: Condition[int], column: Callable[[int], Floats]) -> Float
 
 
 def _standardise(values: Floats) -> Floats:
-    """Return values [flight] with zero mean and unit standard deviation; they must vary."""
+    """Scale values [flight] to zero mean and unit standard deviation; they must vary."""
     return (values - np.mean(values)) / np.std(values)
 
 

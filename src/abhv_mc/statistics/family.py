@@ -1,6 +1,6 @@
-"""Joint judgement of all verdicts of a campaign, for the manifest and the report.
+"""Joint assessment of all verdicts of a campaign, for the manifest and the report.
 
-Holm's procedure (1979) bounds the chance that any PASS is false. It does not assume independent
+Holm's procedure (1979) bounds the chance that any PASS is false. It does not require independent
 verdicts; verdicts on the same flights are dependent.
 """
 
@@ -18,9 +18,9 @@ def judge_family(
 ) -> list[tuple[Verdict, int]]:
     """Return the verdict of each group of points, with the index of its worst point.
 
-    A group holds the verdicts of one requirement at all points of the unknowns. With `family_risk`
-    the PASS verdicts are judged jointly. If the flights are not `independent` draws (stratified
-    designs, sequences), all verdicts are ESTIMATE.
+    A group contains the verdicts on one requirement at all points of the unknowns. If `family_risk`
+    is given, the PASS verdicts are judged jointly. If the flights are not `independent` draws
+    (stratified designs, sequences), all verdicts are ESTIMATE.
     """
     if not independent:
         groups = [
@@ -50,9 +50,9 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     """Return verdicts whose chance of any false PASS is at most `risk`.
 
-    A PASS that Holm's procedure drops becomes NOT SHOWN; FAIL is unchanged, because no system is
-    accepted by it. The consumer's risk of a NOT SHOWN verdict becomes Bonferroni's share, with
-    which Holm's procedure retains a PASS whatever the other verdicts are.
+    A PASS that Holm's procedure rejects becomes NOT SHOWN; FAIL is unchanged, because it accepts no
+    system. A verdict NOT SHOWN gets Bonferroni's share as its consumer's risk: at that risk Holm's
+    procedure keeps a PASS whatever the other verdicts are.
     """
     rejected = holm([verdict.p_value for verdict in verdicts], risk)
     joint_verdicts = []

@@ -12,8 +12,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 
 PLANNED_FAILURES = (0, 1, 2, 3)
-_NEGLIGIBLE = 1e-15  # probability below which a number of failures is dropped
-_MOST_LOOKS = 400  # boundary points of a long campaign: a lower bound, by less than 1 %
+_NEGLIGIBLE = 1e-15  # probability below which a number of failures is neglected
+_MOST_LOOKS = 400  # maximum number of boundary points; the resulting lower bound is within 1 %
 
 
 def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Floats:
@@ -41,9 +41,9 @@ def ever_chance(
 def _boundary(
     runs: int, probability: float, risk: float, status: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return numbers of failures and the flights at which each decides the verdict.
+    """Return numbers of failures and the flight at which each of them decides the verdict.
 
-    The flights are the fewest for a PASS, the most for a FAIL.
+    The flights are the smallest number for a PASS and the largest for a FAIL.
     """
     passes = status == "PASS"
     if passes:
@@ -62,16 +62,17 @@ def _boundary(
     if passes:
         return failures, flights
     last_flights = np.minimum(flights, runs)
-    fewest = int(np.argmax(flights >= runs)) + 1  # more failures decide at no earlier flight
+    # More failures cannot decide at an earlier flight.
+    fewest = int(np.argmax(flights >= runs)) + 1
     is_relevant = (flights > 0) & (np.arange(failures.size) < fewest)
     return failures[is_relevant], last_flights[is_relevant]
 
 
 @lru_cache(maxsize=512)
 def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
-    """Return the first count and the probabilities of non-negligible numbers of failures."""
+    """Return the first of the likely numbers of failures, and their probabilities."""
     mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
-    # Ten standard deviations, and thirty counts for the long tails of rare failures, hold all.
+    # Ten standard deviations and thirty counts include the long tails of rare failures.
     low, high = (
         max(0, int(mean - 10.0 * spread - 30.0)),
         min(flights, int(mean + 10.0 * spread + 30.0)),
@@ -86,9 +87,9 @@ def _reach(
 ) -> float:
     """Return the chance that the failures cross the boundary at any of `flights`.
 
-    The boundary is at most (`low`) or at least `failures`. The distribution of the undecided counts
-    is propagated from one boundary point to the next (Jennison & Turnbull, "Group Sequential
-    Methods", 2000, chapter 12).
+    If `low`, crossing means at most `failures`, else at least `failures`. The distribution of the
+    undecided counts is propagated from one boundary point to the next (Jennison & Turnbull, "Group
+    Sequential Methods", 2000, chapter 12).
     """
     chance, first, inside, before = 0.0, 0, np.ones(1), 0
     for count, flight in zip(failures.tolist(), flights.tolist(), strict=True):

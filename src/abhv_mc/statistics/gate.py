@@ -1,8 +1,8 @@
 """Regression gate: non-inferiority of controller `b` to `a` on the same flights.
 
 Non-inferiority is shown only for the median of the pairs. Tail quantiles, lost flights and failed
-flights are tested for being worse: a non-inferiority test of a tail quantile at 300 flights would
-pass an identical controller in only 67 of 100 campaigns. The risks follow from
+flights are tested for being worse, because a non-inferiority test of a tail quantile at 300 flights
+would pass an identical controller in only 67 of 100 campaigns. The risks were computed by
 `benchmarks/gate.py`.
 """
 
@@ -16,28 +16,26 @@ from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_one_sided
 from abhv_mc.statistics.family import holm
 from abhv_mc.statistics.winner import worse_tails
 
-RISK = 0.05  # of each test; the two quantiles of the tail share it, and so do the requirements
+RISK = 0.05  # risk of each test, shared by the two tail quantiles and by the requirements
 
 
 @dataclass(frozen=True)
 class Gate:
     """Result of a gate; `b` fails if any field from `worse_tails` on is true or not empty."""
 
-    margin: float  # share of the value of `a`
+    margin: float  # allowed change as a share of the value of `a`
     pairs: int
-    within: int  # pairs in which b <= a + margin |a|
-    within_low: float  # one-sided bound on the share of such pairs
-    worse_tails: tuple[
-        float, ...
-    ]  # quantiles of `b` that are shown to lie beyond those of a + margin |a|
+    within: int  # number of pairs in which b <= a + margin |a|
+    within_low: float  # one-sided lower bound on the share of pairs within the margin
+    worse_tails: tuple[float, ...]  # quantiles of `b` significantly beyond those of a + margin |a|
     worst_doubled: (
-        bool  # whether b's worst flight that is not lost exceeds a's by more than its size
+        bool  # whether b's worst completed flight exceeds a's by more than the size of a's
     )
     loses_more: bool
-    misses_more: tuple[int, ...]  # indices of requirements
-    at: str = ""  # values of the unknowns as text
+    misses_more: tuple[int, ...]  # indices of requirements that `b` misses more often
+    at: str = ""  # values of the unknowns at the worst point, as text
 
-    shown: bool = field(init=False)  # whether `b` passes
+    shown: bool = field(init=False)  # whether `b` passes the gate
 
     def __post_init__(self) -> None:
         stopped = self.worse_tails or self.worst_doubled or self.loses_more or self.misses_more
@@ -53,12 +51,12 @@ def judge_change(
     *,
     risk: float = RISK,
 ) -> Gate:
-    """Judge severities [pair] of `a` and `b`; larger is worse, +infinity a lost flight.
+    """Judge severities [pair] of `a` and `b`; larger is worse, +infinity is a lost flight.
 
-    `lost` and each item of `missed` (a requirement) are masks [pair] of `a` and of `b`. By the sign
-    test `b` is at most `margin` |a| worse on most flights: for positive metrics the median ratio of
-    the pairs is at most 1 + margin. `risk` applies to each test for being worse. A flight that both
-    lost is no worse under `b`.
+    `lost` and each item of `missed` (a requirement) contain masks [pair] of `a` and `b`. The sign
+    test shows that `b` is at most `margin` |a| worse on most flights: for positive metrics, the
+    median ratio of the pairs is at most 1 + margin. `risk` applies to each test for being worse. A
+    flight lost under both controllers does not count against `b`.
     """
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)

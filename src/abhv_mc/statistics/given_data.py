@@ -1,11 +1,11 @@
-"""Sobol indices estimated from existing flights, without a design of their own.
+"""Sobol indices estimated from existing flights, without a special design.
 
 First-order indices are estimated by ranks (Gamboa, Gremaud, Klein & Lagnoux, "Global sensitivity
-analysis: a novel generation of mighty estimators based on rank statistics", Bernoulli 28, 2022):
-flights that are neighbours in one input have similar outputs if that input decides the output. The
-interaction of two inputs is the variance between the cells of a two-dimensional grid that its rows
-and columns do not explain. The total index adds to an input's first-order index those of its
-significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails are
+analysis: a novel generation of mighty estimators based on rank statistics", Bernoulli 28, 2022): if
+an input determines the output, flights with neighbouring values of the input have similar outputs.
+The interaction of two inputs is the variance between the cells of a two-dimensional grid that its
+rows and columns do not explain. The total index is the first-order index plus those of the input's
+significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails can be
 included.
 """
 
@@ -19,32 +19,30 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
-LEAST_SHARE = 0.1  # of the variance, of an input that is named
+LEAST_SHARE = 0.1  # smallest share of the variance for an input to be named
 FEWEST_FLIGHTS = 200
-_CELL = 12  # flights, about, in each cell of a pair's grid
-_MOST_CELLS = 8  # along each input
-_PARTNERS = 0.3  # rank correlation from which two inputs are not distinguished
+_CELL = 12  # approximate number of flights in each cell of a pair's grid
+_MOST_CELLS = 8  # maximum number of grid cells along each input
+_PARTNERS = 0.3  # rank correlation from which two inputs cannot be distinguished
 
 
 @dataclass(frozen=True)
 class GivenDataIndices:
-    """Shares [input, output] of the rank variance of each output; NaN if it is constant."""
+    """Shares [input, output] of each output's rank variance; NaN if the output is constant."""
 
-    first: Floats  # that the input causes alone
-    total: Floats  # with what it causes in pairs
-    p_value: Floats  # of the hypothesis that the input has no effect
-    found: NDArray[
-        np.bool_
-    ]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all inputs and outputs
-    moves_with: NDArray[np.intp]  # the driver with which another input is correlated; -1 for none
-    partner: NDArray[np.intp]  # the other input of the strongest pair, -1 where pairs add nothing
+    first: Floats  # share of the input alone
+    total: Floats  # share of the input alone and in pairs
+    p_value: Floats  # p-value of the hypothesis that the input has no effect
+    found: NDArray[np.bool_]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all tests
+    moves_with: NDArray[np.intp]  # driver with which another input is correlated; -1 for none
+    partner: NDArray[np.intp]  # second input of the strongest pair; -1 if pairs add nothing
 
 
 def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | None:
     """Return the Sobol indices of `inputs` on `outputs`, or None for too few flights.
 
-    `inputs` is [flight, input], `outputs` is [flight, output] and may contain infinities. At least
-    FEWEST_FLIGHTS flights are needed. Constant inputs have no share.
+    `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
+    infinities. At least FEWEST_FLIGHTS flights are needed. Constant inputs have no share.
     """
     flights, count = inputs.shape
     if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
@@ -57,8 +55,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     for j in np.flatnonzero(varying).tolist():
         along = y[np.argsort(inputs[:, j], kind="stable")]
         first[j] = np.mean(along * np.roll(along, -1, axis=0), axis=0)
-    # Ranks in an order that has nothing to do with them: mean -1/(n-1), variance 1/n (Wald &
-    # Wolfowitz 1943).
+    # Unrelated ranks give mean -1/(n-1) and variance 1/n (Wald & Wolfowitz 1943).
     p_alone = 1.0 - ndtr((first + 1.0 / (flights - 1)) * np.sqrt(flights))
     together = np.abs(np.corrcoef(ranks.T)) if count > 1 else np.ones((1, 1))
     np.fill_diagonal(together, 0.0)
@@ -80,13 +77,13 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
 def _pairs(
     ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
 ) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """Return the share [input, output] that pairs add, the partner and its p-value."""
+    """Return the share [input, output] added by pairs, the partner and its p-value."""
     flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)
     cells = int(np.clip(np.sqrt(flights / _CELL), 2, _MOST_CELLS))
     bins = ranks * cells // flights
-    # A grid separates rows from columns only if the two inputs are nearly independent.
+    # A grid separates rows from columns only if both inputs are nearly independent.
     usable = np.flatnonzero(varying)
     pairs = [
         (i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS
@@ -97,7 +94,7 @@ def _pairs(
     np.put_along_axis(marks, np.arange(count) * cells + bins, 1.0, axis=1)
     numbers = (marks.T @ marks).reshape(count, cells, count, cells)
     first, second = np.array(pairs).T
-    size = np.maximum(numbers[first, :, second, :], 1e-9)  # [pair, cell, cell]
+    size = np.maximum(numbers[first, :, second, :], 1e-9)  # flights in each cell [pair, cell, cell]
     freedom = (cells - 1) ** 2
     for column in range(y.shape[1]):
         sums = (marks.T @ (marks * y[:, [column]])).reshape(count, cells, count, cells)[
@@ -111,7 +108,7 @@ def _pairs(
         share = np.maximum(square - freedom * variance, 0.0) / flights
         p_values = np.minimum(
             chdtrc(freedom, square / variance) * (count - 1), 1.0
-        )  # an input has count - 1 pairs
+        )  # Each input belongs to count - 1 pairs.
         real = p_values <= FALSE_DISCOVERY_RATE
         for input_index, partner_index in ((first, second), (second, first)):
             np.add.at(added[:, column], input_index[real], share[real])

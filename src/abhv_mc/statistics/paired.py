@@ -13,19 +13,19 @@ from abhv_mc.statistics.estimates import Interval, pair_differences, quantile
 class PairedMetric:
     """One metric of `a` and `b` on the same flights; differences are `a - b`.
 
-    Values are severities: larger is worse.
+    Values are severities: larger values are worse.
     """
 
     a_better: int
     b_better: int
     ties: int
-    median_difference: Interval  # of the pairs, exact
-    # factor by which an unpaired comparison of means would need more flights
+    median_difference: Interval  # median of the paired differences, with its exact interval
+    # factor on the number of flights for an unpaired comparison of means
     pairing_gain: float | None
 
 
 def compare_metric(a: Floats, b: Floats) -> PairedMetric:
-    """Compare severities [pair] of the same flights; +infinity marks a lost flight."""
+    """Compare severities [pair] on the same flights; +infinity marks a lost flight."""
     difference = pair_differences(a, b)
     a_better, b_better = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
     return PairedMetric(
@@ -40,7 +40,7 @@ def compare_metric(a: Floats, b: Floats) -> PairedMetric:
 def pairing_gain(a: Floats, b: Floats) -> float | None:
     """Return the variance ratio of an unpaired to a paired mean difference, or None.
 
-    The ratio is undefined for fewer than three finite pairs or identical differences.
+    The ratio is undefined for fewer than three finite pairs or for identical differences.
     """
     finite = np.isfinite(a) & np.isfinite(b)
     if finite.sum() < 3:
@@ -62,7 +62,7 @@ class PairedFailures:
 
 
 def compare_failures(a: Mask, b: Mask) -> PairedFailures:
-    """Count the failures [pair] of two controllers, jointly and separately."""
+    """Count failures [pair] under both controllers and under only one of them."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     return PairedFailures(
         int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)
@@ -73,10 +73,11 @@ def compare_failures(a: Mask, b: Mask) -> PairedFailures:
 class PairedUsage:
     """Tracking error and control effort of `a` relative to `b`, flight by flight."""
 
-    pairs: int  # with finite, positive values
-    error_ratio: Interval  # median of a/b, exact interval
+    pairs: int  # number of pairs with finite, positive values
+    error_ratio: Interval  # median of a / b with its exact interval
     usage_ratio: Interval
-    less_error_less_usage: int  # a has the smaller error and no more usage
+    # pairs in which `a` has the smaller error and no more control effort
+    less_error_less_usage: int
     less_error_more_usage: int
     more_error_less_usage: int
     more_error_more_usage: int
@@ -85,7 +86,7 @@ class PairedUsage:
 def median_ratio(a: Floats, b: Floats) -> Interval | None:
     """Return the median of `a / b` with its exact interval, or None for too few pairs."""
     usable = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
-    with np.errstate(over="ignore"):  # a ratio to a tiny value
+    with np.errstate(over="ignore"):  # The ratio to a tiny value may overflow.
         return quantile(a[usable] / b[usable], 0.5) if usable.sum() >= 3 else None
 
 

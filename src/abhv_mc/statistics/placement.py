@@ -1,29 +1,33 @@
 """Position of test flights among simulated ones: ranks and simultaneous bands.
 
 If a test flight is one more draw of the simulated distribution, it and the n simulated flights are
-exchangeable. Ranks in the pool of all flights, and ranks of statistics of them, are then exact at
-any n. The band is that of split conformal prediction with leave-one-out scores (Lei, G'Sell,
-Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni, Fontana & Vantini, "Conformal
-prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
+exchangeable. Then ranks among all flights, and ranks of statistics of these, are exact for any n.
+The band is that of split conformal prediction with leave-one-out scores (Lei, G'Sell, Rinaldo,
+Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni, Fontana & Vantini, "Conformal prediction
+bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
 
 from dataclasses import dataclass
 from math import ceil, inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import standard_ranks
 
-_FLOOR = 0.05  # of a channel's largest spread: the least
-_FEWEST = 10  # simulated flights with a value at a time that is judged
-_ROUNDING = 1e-9  # of a channel's size: a smaller spread is rounding
-_DRAWS = 2000  # random sets of flights
-_RIDGE = 1e-3  # regularization relative to the unit variance of a column
+# least distance of a quantile from the median, relative to a channel's largest standard deviation
+_FLOOR = 0.05
+_TAIL = 0.025  # share of flights beyond the pointwise band on each side
+_FEWEST = 10  # minimum number of simulated flights with a value at a time that is judged
+# spread, relative to a channel's size, below which differences are rounding errors
+_ROUNDING = 1e-9
+_DRAWS = 2000  # number of random sets of flights
+_RIDGE = 1e-3  # regularization relative to a column's unit variance
 
 
 def rank_p_values(pool: Floats) -> Floats:
-    """Return the two-sided p-value of each rank [flight, column] in its column."""
+    """Return the two-sided p-value of each rank [flight, column] within its column."""
     flights, ordered = len(pool), np.sort(pool, axis=0)
     p_values = np.empty(pool.shape)
     for column, values in enumerate(pool.T):
@@ -36,8 +40,8 @@ def rank_p_values(pool: Floats) -> Floats:
 def joint_p_value(pool: Floats) -> float:
     """Return the p-value of the last flight over all columns.
 
-    The statistic is the smaller of the least rank p-value of a column and the p-value of the
-    Mahalanobis distance, which detects values that are usual in each column but unusual together.
+    The statistic is the smaller of two p-values: the smallest rank p-value of a column, and that of
+    the Mahalanobis distance, which detects unusual combinations of usual values.
     """
     smallest = rank_p_values(pool).min(axis=1)
     distances = _distances(pool)
@@ -47,14 +51,14 @@ def joint_p_value(pool: Floats) -> float:
 
 
 def _shares(values: Floats) -> Floats:
-    """Return the share [value] of all values that are at least as large."""
+    """Return, for each value, the share of all values that are at least as large."""
     return 1.0 - np.searchsorted(np.sort(values), values, "left") / len(values)
 
 
 def _distances(pool: Floats) -> Floats:
     """Return squared Mahalanobis distances [flight] of the columns' normal scores.
 
-    Equal columns count once.
+    Equal columns are counted once.
     """
     from scipy.special import ndtri
     from scipy.stats import rankdata
@@ -62,14 +66,14 @@ def _distances(pool: Floats) -> Floats:
     scores = np.nan_to_num(ndtri((rankdata(pool, axis=0) - 0.5) / len(pool)))
     covariance = scores.T @ scores / len(pool) + _RIDGE * np.eye(scores.shape[1])
     solved = np.linalg.solve(covariance, scores.T)
-    # Without rounding, flights of equal values would differ.
+    # Without rounding, flights with equal values would differ.
     return np.round(np.einsum("fc,cf->f", scores, solved), 9)
 
 
 def set_p_value(pool: Floats, tests: int) -> float:
-    """Return the p-value of the last `tests` flights together, by a permutation test.
+    """Return the joint p-value of the last `tests` flights, by a permutation test.
 
-    The statistic is the largest, over columns, of the mean rank and of the mean rank of the
+    The statistic is the largest value, over the columns, of the mean rank and the mean rank of the
     distance from the middle.
     """
     ranks = standard_ranks(pool)
@@ -89,21 +93,30 @@ def set_p_value(pool: Floats, tests: int) -> float:
 
 @dataclass(frozen=True)
 class Band:
-    """Simultaneous band that contains a new history at all times with `confidence`."""
+    """Simultaneous band that contains a new history at all times with `confidence`.
 
-    middle: Floats  # [time, channel]
-    spread: Floats  # [time, channel]; NaN where too few flights have a value
-    factor: float  # half the band's width, in spreads; infinite with too few flights
-    scores: (
-        Floats  # [flight] largest deviation of each simulated flight from the others, in spreads
-    )
+    A spread is the distance from the median to the 2.5 or 97.5 % quantile of the flights at a time:
+    the band is the pointwise one, widened by one factor about the median.
+    """
+
+    middle: Floats  # centre of the band [time, channel]
+    spread: Floats  # [side, time, channel], below and above; NaN if too few flights have a value
+    factor: float  # distance of the edges from the middle in spreads; infinite with too few flights
+    scores: Floats  # largest deviation of each simulated flight from all other flights, in spreads
+
+    @property
+    def edges(self) -> tuple[Floats, Floats]:
+        """Lower and upper edge [time, channel]."""
+        below, above = self.factor * self.spread
+        return self.middle - below, self.middle + above
 
     def deviations(self, history: Floats) -> Floats:
         """Return the deviations [time, channel] of a history in spreads; 0 for missing values."""
-        return np.nan_to_num(np.abs(history - self.middle) / self.spread)
+        deviations = history - self.middle
+        return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
     def p_value(self, history: Floats) -> float:
-        """Return the share of all flights that deviate at least as much as this history."""
+        """Return the share of all flights that deviate at least as much as ``history``."""
         largest = self.deviations(history).max()
         return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 
@@ -111,26 +124,56 @@ class Band:
 def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:
     """Return the band of `histories` [flight, time, channel]; NaN after a flight's end."""
     flights = len(histories)
-    middle, spread = np.empty(histories.shape[1:]), np.empty(histories.shape[1:])
+    middle, spread = np.empty(histories.shape[1:]), np.empty((2, *histories.shape[1:]))
     scores = np.zeros(flights)
     for channel in range(histories.shape[2]):
         values = histories[:, :, channel]
-        has_value = np.isfinite(values)
-        count = has_value.sum(axis=0).astype(np.float64)
-        judged = count >= _FEWEST
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.where(judged, np.nansum(values, axis=0) / count, np.nan)
-            deviations = np.where(has_value & judged, values - mean, np.nan)
-            squares = np.nansum(deviations**2, axis=0)
-            deviation = np.where(judged, np.sqrt(squares / (count - 1.0)), np.nan)
-            size = _ROUNDING * np.nanmax(np.abs(mean), initial=0.0) + np.finfo(float).tiny
-            floor = max(_FLOOR * np.nanmax(deviation, initial=0.0), size)
-            # Mean and variance of all flights but one follow from those of all.
-            without = (squares - deviations**2 * count / (count - 1.0)) / (count - 2.0)
-            leave_one_out = np.maximum(np.sqrt(np.maximum(without, 0.0)), floor)
-            own = np.nan_to_num(np.abs(deviations) * count / (count - 1.0) / leave_one_out)
-        middle[:, channel], spread[:, channel] = mean, np.maximum(deviation, floor)
-        scores = np.maximum(scores, own.max(axis=1))
+        quantiles = _Quantiles(values)
+        center, others_center = quantiles.at(0.5)
+        size = _ROUNDING * np.nanmax(np.abs(center), initial=0.0) + np.finfo(float).tiny
+        floor = max(_FLOOR * np.nanmax(quantiles.deviation(), initial=0.0), size)
+        middle[:, channel] = center
+        for side, (sign, share) in enumerate(((-1.0, _TAIL), (1.0, 1.0 - _TAIL))):
+            end, others_end = quantiles.at(share)
+            own = sign * (values - others_center)
+            own /= np.maximum(sign * (others_end - others_center), floor)
+            spread[side, :, channel] = np.maximum(sign * (end - center), floor)
+            scores = np.maximum(scores, np.nan_to_num(own).max(axis=1))
     rank = ceil(confidence * (flights + 1))
     factor = inf if rank > flights else float(np.partition(scores, rank - 1)[rank - 1])
     return Band(middle, spread, factor, scores)
+
+
+class _Quantiles:
+    """Quantiles of columns [flight, column] with NaN for missing values."""
+
+    def __init__(self, values: Floats) -> None:
+        self.values, self.ordered = values, np.sort(values, axis=0)
+        self.count = np.isfinite(values).sum(axis=0)
+
+    def at(self, share: float) -> tuple[Floats, Floats]:
+        """Return the quantile [column], and that of all other flights [flight, column].
+
+        NaN with too few values.
+        """
+        judged = self.count >= _FEWEST
+        place = np.where(judged, share * (self.count - 1.0), 0.0)
+        low, high = (self._order(place.astype(np.intp) + step) for step in range(2))
+        quantile = np.where(judged, low + (place % 1.0) * (high - low), np.nan)
+        place = np.where(judged, share * (self.count - 2.0), 0.0)
+        first, second, third = (self._order(place.astype(np.intp) + step) for step in range(3))
+        low = np.where(self.values <= first, second, first)
+        high = np.where(self.values <= second, third, second)
+        others = np.where(judged, low + (place % 1.0) * (high - low), np.nan)
+        return quantile, others
+
+    def deviation(self) -> Floats:
+        """Return the standard deviation [column]; NaN with too few values."""
+        judged = self.count >= _FEWEST
+        deviation = np.full(self.count.shape, np.nan)
+        deviation[judged] = np.nanstd(self.values[:, judged], axis=0, ddof=1)
+        return deviation
+
+    def _order(self, place: NDArray[np.intp]) -> Floats:
+        place = np.minimum(place, len(self.values) - 1)[np.newaxis]
+        return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)

@@ -1,8 +1,8 @@
 """Paired differences of quantiles of two controllers, with confidence intervals.
 
-The number of `n` flights below a quantile is binomial for any distribution of the values, so order
-statistics bound a quantile; if a count leaves no value, the bound is infinite. The counts of two
-controllers are correlated if the same flights lie beyond both quantiles: they are drawn jointly, by
+The number of flights below a quantile is binomial for any distribution of the values, so that order
+statistics bound the quantile; if a count leaves no value, the bound is infinite. The counts of two
+controllers are correlated if the same flights lie beyond both quantiles: they are drawn jointly, as
 normal scores with the correlation of the indicator 'beyond the quantile'.
 """
 
@@ -16,7 +16,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
-_PER_TAIL = 50  # draws beyond an end of an interval, at least
+_PER_TAIL = 50  # minimum number of draws beyond each end of an interval
 _CAUTION = 1.0  # flights subtracted from the observed overlap of two tails
 
 
@@ -29,7 +29,7 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=64)
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
-    """Return the lowest relevant count below the quantile and the scores of the counts."""
+    """Return the lowest relevant count below the quantile, and the scores of all counts."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
     return low, np.asarray(
         ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
@@ -37,7 +37,7 @@ def _places(flights: int, probability: float) -> tuple[int, Floats]:
 
 
 def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
-    """Return the counts of flights below the quantile for normal scores."""
+    """Convert normal scores to counts of flights below the quantile."""
     first, thresholds = _places(flights, probability)
     return np.minimum(first + np.searchsorted(thresholds, scores), flights)
 
@@ -48,7 +48,7 @@ def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.in
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
-    """Return a cautious correlation [-1, 1] over flights of lying beyond both quantiles."""
+    """Return a conservative correlation between being beyond one and the other quantile."""
     beyond_a, beyond_b = a > high_a, b > high_b
     if probability < 0.5:
         beyond_a, beyond_b = a < high_a, b < high_b
@@ -58,14 +58,14 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
 
 
 def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
-    """Return the fewest flights that bound the difference of two `probability` quantiles.
+    """Return the minimum number of flights that bounds a difference of two quantiles.
 
     No flight may be lost. The bound on the worse side is a value of the first controller above its
-    quantile. There is none if all flights lie below the quantile; the chance of that has to be
-    within one tail of the confidence for the scores used.
+    quantile; if all flights lie below the quantile there is none. The chance of this must be within
+    one tail of the confidence for the scores used.
     """
     tail, draws = _draws(confidence)
-    # The bound is infinite if more than `rank` scores stand for a count of all flights.
+    # The bound is infinite if more than `rank` scores mean that all flights lie below.
     rank = int(tail * draws)
     score = float(np.partition(_scores(draws)[0], draws - 1 - rank)[draws - 1 - rank])
     extreme = max(probability, 1.0 - probability)
@@ -86,7 +86,7 @@ def quantile_difference(
 ) -> Interval:
     """Return the `probability` quantile of `a` [pair] minus that of `b`, with its interval.
 
-    +infinity marks a lost flight; if both quantiles are lost flights the value is NaN.
+    +infinity marks a lost flight; if both quantiles are lost flights, the value is NaN.
     """
     return quantile_differences(a, b, (probability,), confidence)[0]
 
@@ -94,13 +94,13 @@ def quantile_difference(
 def quantile_differences(
     a: Floats, b: Floats, probabilities: tuple[float, ...], confidence: float = 0.95
 ) -> list[Interval]:
-    """Return differences of quantiles at several probabilities; see quantile_difference.
+    """Return differences of several quantiles, as :func:`quantile_difference` does for one.
 
     Raise ValueError if `a` and `b` are empty or differ in shape.
     """
     if a.size == 0 or a.shape != b.shape:
         raise ValueError(
-            f"pairs need as many flights of each, and at least one, found {a.size} and {b.size}"
+            f"paired samples must have the same size, at least 1, found {a.size} and {b.size}"
         )
     sorted_a, sorted_b = np.sort(a), np.sort(b)
     # Ranks before the first and after the last value are unbounded.
@@ -135,6 +135,6 @@ def quantile_differences(
 
 
 def _minus(a: Floats, b: Floats) -> Floats:
-    """Return `a - b`; 0 for two lost flights."""
+    """Return `a - b`; 0 if both flights are lost."""
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(a) & (a == b), 0.0, a - b)

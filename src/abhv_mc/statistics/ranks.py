@@ -1,4 +1,4 @@
-"""Ranks and false-discovery control without scipy.stats, whose import takes 0.5 s."""
+"""Ranks and false-discovery control without the slow import of scipy.stats (0.5 s)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ def false_discovery(p_values: Floats) -> Floats:
 
 
 def discoveries(p_values: Floats, rate: float) -> Mask:
-    """Return the mask of discoveries at a false discovery `rate`; NaN is no test."""
+    """Return a mask of discoveries at a false-discovery `rate`; NaN marks untested cases."""
     is_discovery = np.zeros(p_values.shape, dtype=np.bool_)
     is_test = np.isfinite(p_values)
     is_discovery[is_test] = false_discovery(p_values[is_test]) <= rate
@@ -44,12 +44,12 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
 def split_partners(
     is_driver: Mask, size: Floats, together: Floats, partners: float, twins: float
 ) -> NDArray[np.intp]:
-    """Return for each input the driver it moves with, -1 for none [input, output].
+    """Return the driver that each input moves with [input, output]; -1 for none.
 
-    `together` [input, input] is the similarity of two inputs, zero on the diagonal. From `partners`
-    on an input moves with a driver. Of inputs whose similarity is at least `twins`, which a
-    regression cannot distinguish, only the one with the largest `size` stays in `is_driver` [input,
-    output], which is changed in place.
+    `together` [input, input] is the similarity of two inputs, zero on the diagonal. An input moves
+    with a driver if their similarity is at least `partners`. Of inputs with a similarity of at
+    least `twins`, which a regression cannot distinguish, only the one with the largest `size` stays
+    in `is_driver` [input, output], which is modified in place.
     """
     moves_with = np.full(is_driver.shape, -1, dtype=np.intp)
     for column in range(is_driver.shape[1]):

@@ -1,10 +1,9 @@
 """Importance weighting: estimates for distributions other than the simulated ones.
 
-Each flight is weighted by the ratio of the densities, normalized by the sum of all ratios (Owen,
-"Monte Carlo theory, methods and examples", 2013, chapter 9). Intervals are those of unweighted
-flights with the number of flights replaced by the effective one (Kish's, or less if the weights of
-the estimated quantity vary more); the end on the bad side uses the effective number of the bad
-flights.
+Each flight is weighted by the ratio of the densities, divided by the sum of all ratios (Owen,
+"Monte Carlo theory, methods and examples", 2013, chapter 9). Intervals are computed as for
+unweighted flights, with the effective number of flights (Kish's, or less if the weights of the
+estimated quantity vary more); the end on the bad side uses the effective number of the bad flights.
 """
 
 from collections.abc import Sequence
@@ -18,8 +17,8 @@ from scipy.special import betainc, betaincinv
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import Interval
 
-_GAP = 3.0  # multiples of 1/flights: 95 % of the exponentially distributed gaps are narrower
-_UP = 1.0 + 1e-9  # shares that are equal but for rounding
+_GAP = 3.0  # multiples of 1/flights; 95 % of the exponentially distributed gaps are narrower
+_UP = 1.0 + 1e-9  # upper ratio of shares that are equal except for rounding
 
 
 def effective_size(weights: Floats) -> float:
@@ -32,20 +31,21 @@ def effective_size(weights: Floats) -> float:
 class Unseen:
     """Probability, under the new distributions, of values that no flight represents."""
 
-    # the largest of any one parameter, beyond its outermost flights or at values that none had
+    # largest such probability of any one parameter
     single: float
-    joint: float  # of any parameter, but for what the outermost flights stand for themselves
+    joint: float  # probability for any parameter, except near the outermost flights
 
 
 def unseen_of_range(
     beyond: tuple[float, float], weights: tuple[float, float], flights: int
 ) -> tuple[float, float]:
-    """Return the probability `beyond` the extreme flights, and its part without a flight.
+    """Return the probability `beyond` the extreme flights, and its unrepresented part.
 
-    `beyond` holds the probabilities below the lowest and above the highest flight of one parameter;
-    `weights` are the density ratios at these two. Each flight represents an equal share of the
-    simulated distribution, and random gaps between flights are a few shares wide; the range beyond
-    the extreme flights counts as unseen only if it is wider than such a gap.
+    `beyond` contains the probabilities below the lowest and above the highest flight of one
+    parameter; `weights` are the density ratios at these two flights. Each flight represents an
+    equal share of the simulated distribution, and random gaps between flights are a few shares
+    wide. Therefore the range beyond an extreme flight is unseen only if it is wider than such a
+    gap.
     """
     excess = sum(
         max(probability - _GAP * weight / flights, 0.0)
@@ -55,22 +55,22 @@ def unseen_of_range(
 
 
 def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tuple[float, float]:
-    """Return the probability of discrete `values` that no simulated flight has, twice."""
+    """Return the probability of discrete `values` that no flight has, as both items of a pair."""
     missing = float(np.sum(probabilities[~np.isin(values, flown)]))
     return missing, missing
 
 
 def join_unseen(pairs: Sequence[tuple[float, float]]) -> Unseen:
-    """Return the unseen probability of all parameters together."""
+    """Combine the unseen probabilities of all parameters."""
     return Unseen(
         max((pair[0] for pair in pairs), default=0.0), min(sum(pair[1] for pair in pairs), 1.0)
     )
 
 
 def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
-    """Return the effective number of flights for a share.
+    """Return the effective number of flights for estimating a share.
 
-    It is the binomial variance over the weighted variance.
+    The number follows from the ratio of the binomial to the weighted variance.
     """
     spread = float(np.sum((weights * (flags - share)) ** 2))
     if share <= 0.0 or share >= 1.0 or spread == 0.0:
@@ -89,14 +89,14 @@ def _low_end(share: float, flights: float, tail: float) -> float:
 def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
     """Return the upper Clopper-Pearson bound from the effective number of counted flights.
 
-    `counted` are their normalized weights [flight]. One more flight, with the weight `heaviest`,
+    `counted` contains their normalized weights [flight]. One more flight with the weight `heaviest`
     may count (Fay & Feuer 1997), because heavy flights are rarely sampled.
     """
     total, squares = float(counted.sum()) + heaviest, float(np.sum(counted**2)) + heaviest**2
     events, mean_share = (
         total**2 / squares,
         squares / total,
-    )  # effective number, and the share that each stands for
+    )  # effective number of flights, and the share represented by each
     failures = 1.0 / mean_share - events + 1.0
     return 1.0 if failures <= 0.0 else float(betaincinv(events, failures, 1.0 - tail))
 
@@ -104,9 +104,9 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
 def weighted_share(
     flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
 ) -> Interval:
-    """Return the weighted share of the flights with `flags`, and its interval.
+    """Return the weighted share of flights that have `flags`, with its interval.
 
-    `unseen` is the probability that no flight represents; the upper end includes it.
+    The upper end includes `unseen`, the probability that no flight represents.
     """
     tail, parts = (1.0 - confidence) / 2.0, weights / weights.sum()
     counted = parts[flags]
@@ -123,23 +123,23 @@ def weighted_quantile(
     unseen: float = 0.0,
     confidence: float = 0.95,
 ) -> Interval:
-    """Return the weighted `probability` quantile of `values` [flight] and its interval.
+    """Return the weighted `probability` quantile of `values` [flight], with its interval.
 
     Equal weights give numpy's linear quantile. `unseen` is the probability that no flight
-    represents; its values may be worse than all.
+    represents; such values may be worse than all simulated ones.
     """
     has_weight = weights > 0.0
     order = np.argsort(values[has_weight], kind="stable")
     ascending, mass = values[has_weight][order], weights[has_weight][order]
     parts = mass / mass.sum()
-    cumulative = np.cumsum(parts)  # share at or below each value
+    cumulative = np.cumsum(parts)  # cumulative share at or below each value
     value = _between(ascending, cumulative - parts, probability)
     n = _effective_at(ascending <= value, probability, mass)
     tail = (1.0 - confidence) / 2.0
     low = -np.inf
-    # As with order statistics, too few flights do not bound the quantile.
+    # As with order statistics, too few flights give no bound on the quantile.
     if (1.0 - probability) ** n <= tail:
-        below = 1.0  # if too few flights lie below the quantile: all of them
+        below = 1.0  # If too few flights lie below the quantile, all of them count.
         if 1.0 - probability**n > tail:
             below = (
                 brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n)
@@ -152,7 +152,7 @@ def weighted_quantile(
 
 
 def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float) -> float:
-    """Return the smallest value exceeded by at most a share `allowed`, or infinity."""
+    """Return the smallest value exceeded by at most an `allowed` share, or infinity."""
 
     def enough(first: int) -> bool:
         beyond = parts[first:]
@@ -161,7 +161,7 @@ def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float
             <= allowed * _UP
         )
 
-    low, high = 0, parts.size  # number of flights at or below
+    low, high = 0, parts.size  # bounds on the number of flights at or below the quantile
     if not enough(high):
         return np.inf
     while low < high:
@@ -171,7 +171,7 @@ def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float
 
 
 def _between(ascending: Floats, start: Floats, probability: float) -> float:
-    """Return the quantile, linear between values, at shares rescaled to 0..1."""
+    """Return the quantile by linear interpolation at shares rescaled to 0..1."""
     if ascending.size == 1 or start[-1] == 0.0:
         return float(ascending[-1])
     rescaled = start / start[-1]

@@ -1,8 +1,8 @@
 """Tests of whether the rows of a table are independent draws of stated distributions.
 
 A table rounds its values, so each value stands for an interval of its distribution function, and
-each test takes the point of the interval that speaks most for the table. All tests together reject
-a table of independent draws with a probability of about 1e-6.
+each test uses the point of the interval most favourable to the table. All tests together reject a
+table of independent draws with a probability of about 1e-6.
 
 Sources: Kolmogorov-Smirnov in its exact form (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
 columns too far from their distribution, and closer to it than chance allows; the sum of squared
@@ -21,24 +21,24 @@ from scipy.special import bdtr, bdtrc, chdtr, chdtrc, ndtr, ndtri, pdtrc
 
 from abhv_mc.array_types import Floats, Ints, Mask
 
-RISK = 1e-6  # of rejecting a table of independent draws
-_DIGITS = 15  # significant decimal digits that a float holds
-_SLACK = 1e-12  # of a value: a table in other units is converted
-_FEWEST_CORRELATED = 60  # rows, from which Fisher's z holds
-_MOST_CORRELATED = 20_000  # rows that are ranked; these show correlations of 0.05
-_LARGEST_CORRELATION = 0.95  # up to which the variance of Fisher's z is accurate
+RISK = 1e-6  # risk of rejecting a table of independent draws
+_DIGITS = 15  # significant decimal digits of a double-precision number
+_SLACK = 1e-12  # relative rounding error of values converted from other units
+_FEWEST_CORRELATED = 60  # minimum number of rows for Fisher's z
+_MOST_CORRELATED = 20_000  # maximum number of ranked rows, enough to show correlations of 0.05
+_LARGEST_CORRELATION = 0.95  # largest correlation at which the variance of Fisher's z is accurate
 
 
 @dataclass(frozen=True)
 class Column:
-    """An input of a table with its stated distribution function F."""
+    """Input of a table with its stated distribution function F."""
 
-    values: Floats  # [row]
-    half_step: Floats  # [row] largest rounding error of a value
-    low: Floats  # [row] F just below the least value that is rounded to this one
-    high: Floats  # [row] F at the largest such value
-    atoms: Floats  # [atom] values of positive probability
-    shares: Floats  # [atom] their probabilities
+    values: Floats  # values [row]
+    half_step: Floats  # largest rounding error of each value [row]
+    low: Floats  # F just below the smallest value that is rounded to the row's value [row]
+    high: Floats  # F at the largest value that is rounded to the row's value [row]
+    atoms: Floats  # values of positive probability [atom]
+    shares: Floats  # probabilities of the atoms [atom]
 
     @property
     def is_discrete(self) -> bool:
@@ -57,7 +57,7 @@ class Column:
         return np.asarray(np.abs(self.values - atom) <= self.half_step)
 
     def count_atom(self, k: int) -> tuple[int, float]:
-        """Return the number of rows at an atom, and the probability of their rounding interval."""
+        """Return the number of rows at an atom, and its rounding interval's probability."""
         rows = self._is_at(self.atoms[k])
         count = int(rows.sum())
         return count, float(self.high[rows].max() - self.low[rows].min()) if count else 0.0
@@ -69,13 +69,13 @@ class Level:
 
     column: int
     value: float
-    count: int  # of rows
+    count: int  # number of rows
     probability: float
 
 
 @dataclass(frozen=True)
 class PairCorrelation:
-    """Two columns whose rank correlation contradicts the stated one."""
+    """Pair of columns whose rank correlation contradicts the stated one."""
 
     columns: tuple[int, int]
     found: float
@@ -84,11 +84,11 @@ class PairCorrelation:
 
 @dataclass(frozen=True)
 class EqualRows:
-    """Rows that are equal more often than rounding explains."""
+    """Equal rows that are more frequent than rounding explains."""
 
     pairs: int
-    explained: float  # pairs that rounding explains
-    example: tuple[int, int]  # two rows that are equal
+    explained: float  # number of pairs that rounding explains
+    example: tuple[int, int]  # indices of two equal rows
 
 
 @dataclass(frozen=True)
@@ -99,14 +99,15 @@ class TableFindings:
     levels: tuple[Level, ...]
     correlations: tuple[PairCorrelation, ...]
     equal: EqualRows | None
-    too_close: tuple[int, ...]  # columns closer to their distributions than draws: a design
-    constant: tuple[int, ...]  # columns of one value, which rounding may explain
+    # columns that follow their distributions more closely than random draws
+    too_close: tuple[int, ...]
+    constant: tuple[int, ...]  # columns with a single value, which rounding may explain
 
 
 def half_steps(values: Floats) -> Floats:
-    """Return the largest rounding error [row] of the values of a column.
+    """Return the largest rounding error of each value of a column [row].
 
-    Half of the finest decimal step among the values of the same power of ten, which covers a fixed
+    It is half the finest decimal step among values of the same power of ten, which covers a fixed
     number of decimals and of significant digits; zeros have the finest step of the column.
     """
     size = np.abs(values)
@@ -132,7 +133,7 @@ def check_table(
 ) -> TableFindings:
     """Test the claim that the rows of a table are independent draws.
 
-    `correlation` [column, column] belongs to the normal variables of the Gaussian copula. The tests
+    `correlation` [column, column] is that of the normal variables of the Gaussian copula. The tests
     of columns and pairs share `risk` (Bonferroni); the test of equal rows uses the whole `risk`
     again.
     """
@@ -170,9 +171,9 @@ def check_table(
 
 
 def distance_p_values(low: Floats, high: Floats) -> tuple[float, float]:
-    """Return Kolmogorov-Smirnov p-values of values too far from or too close to F.
+    """Return Kolmogorov-Smirnov p-values for values too far from, or too close to, F.
 
-    Each value lies at the point of its interval `low` .. `high` [row] that gives the larger
+    Each value is placed at the point of its interval `low` .. `high` [row] that gives the larger
     p-value.
     """
     from scipy.stats import kstwo
@@ -185,7 +186,7 @@ def distance_p_values(low: Floats, high: Floats) -> tuple[float, float]:
 
 
 def spread_p_values(low: Floats, high: Floats) -> tuple[float, float]:
-    """Return the p-values of the sum of squared normal scores: too narrow, too wide."""
+    """Return p-values of the sum of squared normal scores being too small or too large."""
     ends = ndtri(np.clip([low, high], 0.0, 1.0)) ** 2
     n, most = len(low), float(ends.max(axis=0).sum())
     least = float(np.where((low <= 0.5) & (high >= 0.5), 0.0, ends.min(axis=0)).sum())
@@ -204,12 +205,12 @@ def _check_correlations(
     columns: Sequence[Column], correlation: Floats, pairs: Sequence[tuple[int, int]], risk: float
 ) -> list[PairCorrelation]:
     """Compare rank correlations with the stated ones; ties may be in any order."""
-    # Evenly spaced rows: the first ones of a sorted table are no sample of it.
+    # Evenly spaced rows are used, because a table may be sorted.
     values = [v[:: -(-v.size // _MOST_CORRELATED)] for v in (column.values for column in columns)]
     contradictions = []
     for i, j in pairs:
         n, normal = len(values[i]), float(correlation[i, j])
-        # Mean of the rank correlation of n pairs of normal variables (Moran 1948), and its limit.
+        # Mean rank correlation of n pairs of normal variables (Moran 1948), and its limit.
         mean = np.arcsin(normal) + (n - 2) * np.arcsin(0.5 * normal)
         mean, stated = 6.0 / np.pi * mean / (n + 1), 6.0 / np.pi * np.arcsin(0.5 * normal)
         least, most = (_rank_correlation(values[i], sign * values[j]) * sign for sign in (-1, 1))
@@ -222,7 +223,7 @@ def _check_correlations(
 
 
 def _rank_correlation(x: Floats, y: Floats) -> float:
-    """Return Spearman's correlation, the largest that any order of ties gives."""
+    """Return Spearman's correlation, the largest for any order of tied values."""
     n, ranks = len(x), np.empty((2, len(x)))
     for rank, keys in zip(ranks, ((y, x), (x, y)), strict=True):
         rank[np.lexsort(keys)] = np.arange(n)
@@ -232,9 +233,9 @@ def _rank_correlation(x: Floats, y: Floats) -> float:
 def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) -> EqualRows | None:
     """Compare the number of equal rows with the number that rounding explains.
 
-    Only rows that are not at an atom in every column count. Two rows are rounded to the same values
-    with the product of the probabilities of these values; of correlated columns only the smallest
-    probability is a factor.
+    Only rows that are not at an atom in every column are counted. The probability that two rows are
+    rounded to the same values is the product over the columns; of correlated columns only the
+    smallest probability is a factor.
     """
     rows = np.flatnonzero(np.logical_or.reduce([column.continuous_rows for column in columns]))
     n, alike, left = len(columns[0].values), np.ones(rows.size), set(range(len(columns)))
@@ -257,7 +258,7 @@ def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) ->
 
 
 def _connected(start: int, correlation: Floats) -> set[int]:
-    """Return the columns that correlations connect with a column."""
+    """Return the columns connected with a column by correlations."""
     group, new = {start}, {start}
     while new:
         neighbours: Ints = np.flatnonzero((correlation[sorted(new)] != 0.0).any(axis=0))

@@ -1,8 +1,8 @@
 """Points of the unknown parameters at which requirements are judged.
 
-An unknown has the same value in every flight of a programme, and only its bounds are known. A
-dispersion is drawn for each flight; an unknown is judged at points of its box, with coordinates
-from -1 (lower bound) to 1 (upper bound). All points use the same samples of the dispersions.
+An unknown has the same value in every flight of a programme, and only its bounds are known.
+Dispersions are drawn for each flight; unknowns are judged at points of a box, with coordinates from
+-1 (lower bound) to 1 (upper bound). All points use the same samples of the dispersions.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,30 +16,31 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.verdicts import Status, Verdict
 
-SEARCH_FLIGHTS = 256  # at each point that is tried, if the campaign has as many
-FEWEST_SEARCHED = 32  # at each point, of a campaign of fewer flights
-SEARCH_QUANTILE = 0.95  # of their severity beyond the limit, by which points are ranked
+SEARCH_FLIGHTS = 256  # maximum number of search flights per point
+FEWEST_SEARCHED = 32  # number of search flights per point in small campaigns
+SEARCH_QUANTILE = 0.95  # quantile of the severities by which points are ranked
 MOST_UNKNOWNS = 64
 _HALTON = 32
-# for each requirement; half of them about the worst of all, half about the worst that is no corner
+# search steps per requirement, near the worst point and near the worst one that is no corner
 _STEPS = 64
-_FIRST_STEP, _SHRINK = 0.5, 0.95  # half-boxes; at each miss
-_ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7  # unknowns
-_SHOWING = 2  # failures for about an even chance that a point is the worst of a search
+_FIRST_STEP, _SHRINK = 0.5, 0.95  # initial step in half-boxes, and its factor after each miss
+# largest numbers of unknowns for judging and for trying all corners
+_ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7
+_SHOWING = 2  # failures for about an even chance that a search finds the point
 
 
 class Trial(NamedTuple):
     """Results of the search flights at points, by requirement; larger values are worse."""
 
-    severity: Floats  # [point, requirement] quantile of the severity, by which the search ranks
-    failures: NDArray[np.int64]  # [point, requirement]
-    largest: Floats  # [point, requirement] severity of the worst flight
+    severity: Floats  # severity quantile that ranks the points [point, requirement]
+    failures: NDArray[np.int64]  # number of failures [point, requirement]
+    largest: Floats  # severity of the worst flight [point, requirement]
 
 
 class Search(NamedTuple):
     """Points tried for one controller, without repetition, and their results."""
 
-    points: Floats  # [point, unknown]
+    points: Floats  # coordinates [point, unknown]
     trial: Trial
 
 
@@ -49,23 +50,23 @@ class MostFailures(NamedTuple):
     search: int  # index of the controller
     requirement: int
     point: int
-    failures: int  # of the flights of the search at the point
+    failures: int  # failures among the search flights at the point
 
 
 class JudgedPoints(NamedTuple):
-    """Points at which requirements are judged; the first `shared` for all requirements."""
+    """Points at which requirements are judged, the first `shared` for all requirements."""
 
-    points: Floats  # [point, unknown]
+    points: Floats  # coordinates [point, unknown]
     shared: int
-    most_failures: tuple[MostFailures, ...]  # requirement for which each further point is judged
+    most_failures: tuple[MostFailures, ...]  # Each further point is judged for one requirement.
 
 
 def corners(unknowns: int) -> Floats:
-    """Return all corners [2**unknowns, unknown]; beyond seven unknowns 128 of them.
+    """Return all corners [2**unknowns, unknown], or 128 of them beyond seven unknowns.
 
     The 128 corners are a design of resolution IV: each further column is a product of an odd number
-    of the first seven, so that no interaction of two unknowns is confounded with a main effect, and
-    the design contains the opposite of each corner (Box, Hunter & Hunter 2005, chapter 6).
+    of the first seven columns, so that no interaction of two unknowns is confounded with a main
+    effect, and each corner's opposite is included (Box, Hunter & Hunter 2005, chapter 6).
     """
     full = np.array(list(product((-1.0, 1.0), repeat=min(unknowns, _ALL_CORNERS_TRIED))))
     if unknowns <= _ALL_CORNERS_TRIED:
@@ -82,11 +83,11 @@ def corners(unknowns: int) -> Floats:
 def search_worst(
     evaluate: Callable[[Floats], Trial], unknowns: int, draw: np.random.Generator
 ) -> Search:
-    """Search the box for the values of the unknowns that are worst for each requirement.
+    """Search for the values of the unknowns that are worst for each requirement.
 
     ``evaluate`` simulates the flights at points [point, unknown]. Corners, centre and Halton points
-    are tried first, in this order, then for each requirement two chains of Gaussian steps, from the
-    worst of all points and from the worst that is not a corner.
+    are tried first. For each requirement, two chains of Gaussian steps follow, from the worst point
+    of all and from the worst that is not a corner.
     """
     from scipy.stats import qmc
 
@@ -96,7 +97,7 @@ def search_worst(
     first = evaluate(tried)
     points, trials = [tried], [first]
     inner = first.severity[len(ends) :].argmax(axis=0) + len(ends)
-    columns = np.tile(np.arange(first.severity.shape[1]), 2)  # of the chains
+    columns = np.tile(np.arange(first.severity.shape[1]), 2)  # requirement of each chain
     best = np.concatenate([first.severity.argmax(axis=0), inner])
     center, worst = tried[best], first.severity[best, columns]
     size = np.full(len(best), _FIRST_STEP)
@@ -110,7 +111,8 @@ def search_worst(
         center[worse], worst[worse] = step[worse], value[worse]
         size[~worse] *= _SHRINK
     tried = np.vstack(points)
-    _, unique = np.unique(tried, axis=0, return_index=True)  # steps may be clipped to one corner
+    # Clipping may move several steps to one corner.
+    _, unique = np.unique(tried, axis=0, return_index=True)
     rows = np.sort(unique)
     return Search(
         tried[rows], Trial(*(np.vstack(values)[rows] for values in zip(*trials, strict=True)))
@@ -118,12 +120,12 @@ def search_worst(
 
 
 def search_size(runs: int) -> int:
-    """Return the search flights at each point of a campaign with `runs` flights at each point."""
+    """Return the number of search flights per point, given ``runs`` flights per point."""
     return min(SEARCH_FLIGHTS, max(FEWEST_SEARCHED, runs))
 
 
 def search_flights(unknowns: int, requirements: int, runs: int) -> int:
-    """Return the number of flights that the search of one controller takes."""
+    """Return the number of flights in the search of one controller."""
     return search_size(runs) * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
 
 
@@ -135,7 +137,7 @@ def most_points(unknowns: int, searches: int) -> int:
 def standing_points(unknowns: int) -> Floats:
     """Return the points [point, unknown] that are always judged.
 
-    These are the centre and, for up to four unknowns, all corners.
+    The points are the centre and, for up to four unknowns, all corners.
     """
     ends = corners(unknowns) if unknowns <= _ALL_CORNERS_FLOWN else np.empty((0, unknowns))
     return np.vstack([ends, np.zeros((1, unknowns))])
@@ -144,14 +146,14 @@ def standing_points(unknowns: int) -> Floats:
 def choose_points(
     unknowns: int, searches: Sequence[Search], extra_points: Floats | None = None
 ) -> JudgedPoints:
-    """Choose the points at which requirements are judged, from the search of each controller.
+    """Choose the points at which requirements are judged, from each controller's search.
 
-    Up to four unknowns these are all corners, the centre and the worst point of each controller and
-    requirement; beyond four, the worst corner of each and its opposite replace the corners. Each
+    For up to four unknowns these are all corners, the centre and the worst point of each controller
+    and requirement. Beyond four, each worst corner and its opposite replace the corners. Each
     requirement is also judged at the point with the most failures in a search, unless a judged
-    point had as many: the quantile that ranks points does not depend on failures of less than 5 %
-    of the flights. If no flight failed at any point, that is the point of the flight nearest to the
-    limit. `extra_points` [point, unknown] are added to the judged points.
+    point had as many, because the quantile that ranks points ignores failures of less than 5 % of
+    the flights. Without any failure, the point of the flight nearest to the limit is used.
+    `extra_points` [point, unknown] are added.
     """
     ends, rows = corners(unknowns), [*standing_points(unknowns)]
     for points, trial in searches:
@@ -193,7 +195,7 @@ def _key(point: Floats) -> tuple[float, ...]:
 def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
     """Return the excess failure factor that a search detects with about an even chance.
 
-    Two failures are expected there; simulated by `benchmarks/unknowns.py` for a single corner.
+    At this factor two failures are expected; `benchmarks/unknowns.py` simulates a single corner.
     """
     return _SHOWING / (flights * (1.0 - probability))
 
@@ -201,9 +203,9 @@ def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
 def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:
     """Return the verdict over all points, and the index of the point furthest from a PASS.
 
-    The verdict has the counts of that point. It is PASS if every point passes: an
-    intersection-union test, whose risk is that of one point (Berger 1982). It is FAIL if the mean
-    of the points' E_fail reaches 1 / producer_risk: if every point meets the requirement, each
+    The verdict has the counts of that point. PASS requires a PASS at every point: this is an
+    intersection-union test, whose risk is that of one point (Berger 1982). FAIL requires that the
+    mean of the points' E_fail reaches 1 / producer_risk: if every point meets the requirement, each
     E_fail is an e-value at any number of flights, and so is their mean (Vovk & Wang 2021).
     """
     if len(verdicts) == 1:

@@ -18,29 +18,27 @@ from abhv_mc.statistics.evidence import (
 
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
-UNSEARCHED = "its worst values of the unknowns were not searched for: a new folder does that"
-MOST_TIMES = 10  # times the present number of flights: largest extension advised
-_LIKELY = 0.5  # chance of PASS with which an extension is advised
+UNSEARCHED = "the worst values of the unknowns were not searched for; use a new folder"
+MOST_TIMES = 10  # largest recommended extension, as a multiple of the present flights
+_LIKELY = 0.5  # minimum chance of PASS of a recommended extension
 _TRIED = 40  # allowed numbers of failures for which an extension is examined
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one requirement for one controller, with the counts it follows from."""
+    """Verdict on one requirement for one controller, with the counts that determine it."""
 
     status: Status
-    failures: int  # including flights that were not computed
+    failures: int  # failures, including flights that were not computed
     flights: int
-    probability: float  # the required success probability
-    consumer_risk: float  # of a PASS of a system that just misses the requirement
-    producer_risk: float  # of a FAIL of a system that just meets it
-    E_pass: float  # evidence that it is met: PASS from 1 / consumer_risk on
-    # evidence that it is missed: FAIL from 1 / producer_risk on; 0 with fewer than two failures
+    probability: float  # required success probability
+    consumer_risk: float  # risk of a PASS for a system that just misses the requirement
+    producer_risk: float  # risk of a FAIL for a system that just meets the requirement
+    E_pass: float  # evidence for a PASS, which needs at least 1 / consumer_risk
+    # evidence for a FAIL, which needs at least 1 / producer_risk; 0 below two failures
     E_fail: float
-    uncomputed: int = (
-        0  # flights that the machine could not compute: failures for a PASS, successes for a FAIL
-    )
-    note: str = ""  # reason of the status if the counts do not determine it
+    uncomputed: int = 0  # flights that failed to run: failures for a PASS, successes for a FAIL
+    note: str = ""  # reason for the status if the counts do not determine it
 
     @property
     def p_value(self) -> float:
@@ -58,11 +56,11 @@ def judge(
 ) -> Verdict:
     """Return PASS, FAIL or NOT SHOWN for `failures` in `flights` independent flights.
 
-    A system that just misses the required success `probability` gets a PASS at any time with a
-    chance of at most `consumer_risk`. One that just meets it gets a FAIL with a chance of at most
-    `producer_risk` (default: the consumer's). `uncomputed` of the flights are not among the
-    failures: a PASS must hold if they count as failures, a FAIL if they count as successes. Raise
-    ValueError if a count or a probability is out of range.
+    If a system just misses the required success `probability`, its chance of a PASS is at most
+    `consumer_risk`; if it just meets it, its chance of a FAIL is at most `producer_risk` (default:
+    the consumer's risk). Both hold at any number of flights. The `uncomputed` flights are not among
+    the failures: a PASS must hold if they count as failures, a FAIL if they count as successes.
+    Raise ValueError if a count or a probability is out of range.
     """
     producer_risk = consumer_risk if producer_risk is None else producer_risk
     if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
@@ -106,16 +104,16 @@ def _exp(logarithm: float) -> float:
 
 @dataclass(frozen=True)
 class Extension:
-    """Number of flights with which all verdicts are likely to be PASS."""
+    """Number of flights at which all verdicts are likely to be PASS."""
 
-    flights: int  # in all
-    chance: float  # for independent failure rates; larger if they are correlated
+    flights: int  # total number of flights
+    chance: float  # chance of PASS for independent failure rates; larger if they are correlated
 
 
 def predict_pass(verdict: Verdict, flights: int) -> float:
     """Return the chance that the verdict of a campaign extended to `flights` is PASS.
 
-    The number of added failures is beta-binomial: the failure rate has the posterior distribution
+    The number of added failures is beta-binomial: the failure rate is distributed as the posterior
     of Jeffreys' prior.
     """
     added = flights - verdict.flights
@@ -131,10 +129,10 @@ def predict_pass(verdict: Verdict, flights: int) -> float:
 
 
 def advise(verdicts: Sequence[Verdict]) -> Extension | None:
-    """Return the smallest number of flights with which all verdicts are likely to be PASS.
+    """Return the smallest number of flights at which all verdicts are likely to be PASS.
 
-    None if no number up to MOST_TIMES the flights is. The chances are multiplied as if the failure
-    rates were independent.
+    Return None if no number up to MOST_TIMES the flights suffices. The chances are multiplied as if
+    the failure rates were independent.
     """
     flights = max(verdict.flights for verdict in verdicts)
     rules = {(verdict.probability, verdict.consumer_risk) for verdict in verdicts}
@@ -157,12 +155,13 @@ def advise(verdicts: Sequence[Verdict]) -> Extension | None:
 def tolerance_limit(
     worse: Floats, uncomputed: int, probability: float, consumer_risk: float
 ) -> float | None:
-    """Return the severity that a share `probability` of all flights stays below.
+    """Return the severity below which a share `probability` of all flights lies.
 
-    It is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest number
-    of failures with which this number of flights passes. Return None if even no failure would pass.
-    The limit holds with a confidence of 1 - `consumer_risk` at any number of flights; a requirement
-    passes if the limit lies within its bound. Lost and uncomputed flights count as +infinity.
+    The limit is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest
+    number of failures for which this number of flights passes. Return None if even no failure
+    would pass. The limit holds with a confidence of 1 - `consumer_risk` at any number of flights; a
+    requirement passes if the limit lies within its bound. Lost and uncomputed flights count as
+    +infinity.
     """
     rank = most_failures(worse.size + uncomputed, probability, consumer_risk) - uncomputed
     if rank + uncomputed < 0:
@@ -171,7 +170,7 @@ def tolerance_limit(
 
 
 def verdict_words(verdict: Verdict, flies: bool = True) -> str:
-    """Return a verdict as text: 'NOT SHOWN: 1 failure in 1000 flights; extend to ...'."""
+    """Return a verdict as text, such as 'NOT SHOWN: 1 failure in 1000 flights'."""
     counts = (
         f"{verdict.status}: {_count(verdict.failures, 'failure')} in "
         f"{_count(verdict.flights, 'flight')}"
@@ -209,7 +208,7 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
 
 
 def about(chance: float) -> str:
-    """Return a predicted chance as 'about 53 %', never 0 or 100 %."""
+    """Format a predicted chance as 'about 53 %', never as 0 or 100 %."""
     return f"about {min(max(round(100.0 * chance), 1), 99)} %"
 
 

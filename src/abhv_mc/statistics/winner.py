@@ -1,9 +1,9 @@
 """Comparison of two controllers in one metric on the same flights.
 
-The winner has the smaller value on more than half of the flights that differ, is not shown to be
-worse in the tails and does not lose more flights. The majority is tested by a mean of likelihood
-ratios against a fair coin, valid at any number of flights. All comparisons of a campaign share the
-risk of a false winner (Bonferroni).
+The winner has the smaller value on more than half of the flights that differ, is not significantly
+worse in the tails and does not lose more flights. The majority is tested by a mean likelihood ratio
+against a fair coin, valid at any number of flights. All comparisons of a campaign share the risk of
+a false winner (Bonferroni).
 """
 
 from collections.abc import Sequence
@@ -21,22 +21,22 @@ from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 Side = Literal["a", "b", ""]
 
-RISK = 0.05  # of naming any winner in a campaign without differences
-TAILS = (0.95, 0.9973)  # quantiles in which a winner is not worse
+RISK = 0.05  # risk of naming any winner in a campaign without differences
+TAILS = (0.95, 0.9973)  # quantiles in which a winner must not be worse
 
 
 @dataclass(frozen=True)
 class Decision:
     """Comparison of one metric of `a` and `b` on the same flights."""
 
-    closer: Side  # on more than half of the flights that differ, '' if not shown
-    worse: tuple[float, ...] = ()  # quantiles in which the closer one is shown to be worse
-    uncompared: tuple[float, ...] = ()  # quantiles for which the flights are too few
-    loses_more: bool = False  # whether the closer one is shown to lose more flights
+    closer: Side  # controller with smaller values on most differing flights; '' if not shown
+    worse: tuple[float, ...] = ()  # quantiles in which `closer` is significantly worse
+    uncompared: tuple[float, ...] = ()  # quantiles for which there are too few flights
+    loses_more: bool = False  # whether `closer` significantly loses more flights
 
     @property
     def winner(self) -> Side:
-        """The closer controller, unless it is worse in a tail or loses more flights."""
+        """Return `closer`, unless it is worse in a tail or loses more flights."""
         return "" if self.worse or self.loses_more else self.closer
 
 
@@ -53,11 +53,11 @@ def decide(
     better, worse = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
     if log_coin_evidence(max(better, worse), min(better, worse)) < log(
         2.0 * comparisons / risk
-    ):  # either may win
+    ):  # Either controller may win.
         return Decision("")
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
-    # Now `a` is better on more flights.
+    # From here on, `a` is better on more flights.
     tails, uncompared = worse_tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
     loses_more = lost.only_a > lost.only_b and lost.p_value <= risk
@@ -67,8 +67,8 @@ def decide(
 def agree(decisions: Sequence[Decision]) -> Decision:
     """Return the decision that holds at every point of the unknowns.
 
-    Nobody is closer if the points disagree. A winner wins at each point, so that the number of
-    points does not reduce the risk of each test.
+    If the points disagree, neither controller is closer. A winner must win at each point, so that
+    several points need no smaller risk per test.
     """
     sides = {decision.closer for decision in decisions}
     if len(sides) > 1:
@@ -87,12 +87,12 @@ def worse_tails(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the quantiles in which `a` is worse, and those that cannot be compared.
 
-    If a quantile cannot be compared, the outermost one that the flights bound replaces it.
-    `confidence` is two-sided: a quantile is falsely called worse with a chance of at most half of 1
-    - confidence.
+    A quantile that cannot be compared is replaced by the outermost one that the flights bound.
+    `confidence` is two-sided: a quantile is falsely called worse with a chance of at most (1 -
+    confidence) / 2.
     """
     worse, uncompared = [], []
-    # The flights bound no quantile beyond this one.
+    # The flights bound no quantile beyond the outermost one.
     outermost = float(((1.0 - confidence) / 4.0) ** (1.0 / a.size))
     for level in TAILS:
         difference = quantile_difference(a, b, level, confidence)

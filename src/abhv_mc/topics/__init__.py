@@ -1,6 +1,6 @@
-"""Topics of a report: one package each, with numbers, figures, sentences and a section.
+"""Report topics, one package each, with numbers, figures, sentences and a section.
 
-The public names serve custom topics.
+The public names support custom topics.
 """
 
 from importlib import import_module
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from abhv_mc.kernel.cache import cache_root
 
-cache_root()  # before matplotlib is imported, which keeps files there if there is no home folder
+cache_root()  # Matplotlib needs this cache folder on import if there is no home folder.
 
 if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign

@@ -13,7 +13,7 @@ _TEXT = (
 
 
 def credibility_fold(names: Names) -> Fold:
-    """Return the table of the eight factors."""
+    """Return the table of the eight credibility factors."""
     rows = tuple(
         (Cell(name, head=True), Cell(evidence), Cell("")) for name, evidence in _factors(names)
     )
@@ -54,7 +54,7 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
     yield (
         "Results robustness",
-        "The drivers of each error in this report; `worst` and `rare` search beyond it.",
+        "Drivers of each error are in this report; `worst` and `rare` search for further ones.",
     )
     started = f"Run {manifest.started}. " if manifest.started else ""
     yield "Use history", f"{started}Earlier uses are not recorded."

@@ -1,4 +1,4 @@
-"""Failure analysis: the map of failures, and rules of one or two dispersed parameters."""
+"""Failure analysis: the failure map, and rules in one or two dispersed parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,10 +27,10 @@ from abhv_mc.topics.topic import Topic
 
 @dataclass(frozen=True, kw_only=True)
 class FailureRule(Rule[str]):
-    """Region of the dispersions with more failures."""
+    """Region of the dispersions with an increased failure rate."""
 
-    where: str  # in words
-    rule: str  # the same with its shares
+    where: str  # description in words
+    rule: str  # description with shares of the flights
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ class Failures:
 
     controllers: Mapping[str, tuple[FailureKind, ...]]
     map: Mapping[str, ControllerFailures] | None = (
-        None  # by controller; None where it was not made of these flights
+        None  # failure map by controller; None if not computed from these flights
     )
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
-    fewest_failures: int = FEWEST_FAILURES  # that tell anything
+    fewest_failures: int = FEWEST_FAILURES  # minimum number of failures for a rule
 
 
 def compute_failures(results: FlownCampaign) -> Failures:
-    """Return rules for every failure mode that occurred."""
+    """Return the rules for every failure mode that occurred."""
     names = results.controllers if results.dispersed else ()
     failure_map = read_map(results.folder, results.manifest.digest)
     return Failures(
@@ -115,10 +115,10 @@ def _rule(
 
 
 def _parameter_words(rule: Rule[int], names: list[str], parameters: Parameters) -> str:
-    """Return the conditions of a rule in words.
+    """Describe the conditions of a rule.
 
-    Examples are 'wind north above 25 m/s and lift at most -5 %' and, for both ends, 'density at
-    most -7 % or above +7 %'.
+    Examples are 'wind north above 25 m/s and lift at most -5 %' and, for two thresholds, 'density
+    at most -7 % or above +7 %'.
     """
 
     def side(condition: Condition[int]) -> str:
@@ -140,10 +140,10 @@ def _difference_words(
     failed: Mask,
     column: Callable[[int], Floats],
 ) -> str:
-    """Return how two inputs deviate in a rule's region, with the failures' medians.
+    """Describe how two inputs deviate in a rule's region, with medians of the failures.
 
-    The text is 'density and drag off in opposite directions (e.g. density -7 %, drag +9 %)' if that
-    holds for each failure, else 'density far below drag, each in its own range'.
+    Return 'density and drag deviating in opposite directions (e.g. density -7 %, drag +9 %)' if
+    this holds for each failure, else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.parameter, condition.minus or 0
@@ -158,7 +158,7 @@ def _difference_words(
     )
     off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
     if np.all(off[0] * off[1] < 0.0):
-        description = f"{first} and {second} off in opposite directions"
+        description = f"{first} and {second} deviating in opposite directions"
     elif rule.either:
         description = f"{first} and {second} far apart, each in its own range"
     else:
@@ -169,11 +169,11 @@ def _difference_words(
 
 
 TITLE = "Failure analysis"
-_LISTED = 2  # rules of a kind
+_LISTED = 2  # maximum number of rules per failure mode
 
 
 def failure_section(failures: Failures, names: Names) -> Section:
-    """Return the map of failures if it exists, else the rules of every failure mode."""
+    """Return the section with the failure map, or with rules if there is no map."""
     if failures.map is None:
         return _rules_section(failures, names)
     text = Text(
@@ -190,7 +190,7 @@ def failure_section(failures: Failures, names: Names) -> Section:
 
 
 def map_table(failure_maps: Mapping[str, ControllerFailures], names: Names) -> Table:
-    """Return a row per failure group of each controller, and unexplained failures."""
+    """Return a table of each controller's failure groups and unexplained failures."""
     heads = (
         names.campaign.kind.capitalize(),
         "Failed",
@@ -239,7 +239,7 @@ def _map_group(controller: str, failure_map: ControllerFailures, names: Names) -
 
 
 def _typical(dispersion: Dispersed, names: Names) -> str:
-    """Return '-35 % (-40 % to -31 %)', or the value of a single flight."""
+    """Return a typical value with its range, such as '-35 % (-40 % to -31 %)'."""
     values = dispersion.least, dispersion.median, dispersion.largest
     low, middle, high = (
         shown_value(dispersion.parameter, value, names.campaign.parameters) for value in values
@@ -248,9 +248,9 @@ def _typical(dispersion: Dispersed, names: Names) -> str:
 
 
 def _rest(failure_map: ControllerFailures) -> str:
-    """Return counts of failures in no group.
+    """Return counts of failures that belong to no group.
 
-    An example is '3 of 50 not explained by a set that was tried'.
+    For example, '3 of 50 not explained by any tested set'.
     """
     total = failure_map.looked_at
     tried = " by any tested set" if failure_map.unexplained else ""
@@ -263,7 +263,7 @@ def _rest(failure_map: ControllerFailures) -> str:
 
 
 def _rules_section(failures: Failures, names: Names) -> Section:
-    """Return failure modes and their rules, controllers with most failures first."""
+    """Return the section on failure modes and rules, most failures first."""
     items: list[Item] = []
     ranked = sorted(
         failures.controllers.items(), key=lambda entry: -sum(kind.failures for kind in entry[1])

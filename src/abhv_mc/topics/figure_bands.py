@@ -17,45 +17,45 @@ from abhv_mc.array_types import Floats
 from abhv_mc.folder.histories import MOST_MEDIAN
 from abhv_mc.topics.figure_style import DASHES, INK, new_panels, put_legend, styled
 
-# Widest first; (lower, upper, opacity, words)
+# Bands, widest first: lower and upper quantile, opacity and legend text.
 BANDS = (
     ("min", "max", 0.18, "all flights"),
     ("q0.135", "q99.865", 0.30, "0.135–99.865 %"),
     ("q5", "q95", 0.45, "5–95 %"),
 )
-_LABEL = 18  # characters of a line of a row's label
+_LABEL = 18  # maximum number of characters per line of a row label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
-_INSET = (0.3, 0.66, 0.69, 0.34)  # of the axes: left, lower edge, width, height
-_SHOWN = 3.0  # s on either side of the largest move
+_INSET = (0.3, 0.66, 0.69, 0.34)  # inset in axes coordinates: left, lower edge, width, height
+_SHOWN = 3.0  # seconds shown on either side of the largest move
 
 
 @dataclass(frozen=True)
 class EnvelopePanel:
-    """One channel of one controller; every curve is (x, y)."""
+    """Panel of one channel and one controller; every curve is a pair (x, y)."""
 
-    x: Floats  # [time] s, or what the bands are drawn against
+    x: Floats  # time in s, or another abscissa
     bands: Mapping[
         str, Floats
-    ]  # min, q0.135, q5, q50, q95, q99.865, max -> [time]; with unknowns q50_most
+    ]  # bands [time]: min, q0.135, q5, q50, q95, q99.865, max; q50_most with unknowns
     reference: tuple[Floats, Floats] | None = None
-    flights: Sequence[tuple[Floats, Floats]] = ()  # single flights, the worst first
+    flights: Sequence[tuple[Floats, Floats]] = ()  # single flights (x, y), worst first
     levels: Sequence[float] = ()  # limits of requirements
 
 
 @dataclass(frozen=True)
 class EnvelopeRow:
-    """Panels that share their axes, one a controller."""
+    """Panels that share their axes, one per controller."""
 
-    label: str  # of the y axis, with its unit
+    label: str  # label of the y axis, with its unit
     panels: Sequence[EnvelopePanel]
-    inset: bool = False  # whether a sheet shows its largest move larger
+    inset: bool = False  # whether a sheet enlarges its largest move
 
 
 def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
-    """Draw the bands of a controller; the worst flight is in front, others are thin."""
+    """Draw a controller's bands; the worst flight is in front, other flights are thin."""
     faint = 0.5 if panel.flights else 1.0
     for low, high, opacity, _ in [band for band in BANDS if band[0] in panel.bands]:
         area = panel.bands[low], panel.bands[high]
@@ -75,7 +75,7 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
 def _legend(
     figure: Figure, rows: Sequence[EnvelopeRow], band_names: Sequence[str], lines: Sequence[Line2D]
 ) -> None:
-    """Add a legend of the drawn bands, the lines and the reference."""
+    """Add a legend of the drawn bands, lines and reference."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
     handles: list[Patch | Line2D] = [
@@ -109,7 +109,7 @@ def plot_envelopes(
             if r == len(rows) - 1:
                 axes.set_xlabel("time (s)")
         flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
-        if flown.size:  # every flight may have ended early
+        if flown.size:  # Every flight may have terminated early.
             grid[r, 0].set_xlim(float(flown.min()), float(flown.max()) or 1.0)
         _set_y_limits(grid[r, 0], row)
     if any(panel.flights for row in rows for panel in row.panels):
@@ -134,7 +134,7 @@ def plot_envelopes(
 def plot_sheet(
     rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
-    """Plot small multiples with all controllers: all flights, 5 to 95 %, median."""
+    """Plot a panel per channel with all controllers: full range, 5 to 95 %, median."""
     figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24, lettered=False)
     looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
     for k, (axes, row) in enumerate(zip(grid.flat, rows, strict=False)):
@@ -156,7 +156,7 @@ def plot_sheet(
 
 def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
     for k, (panel, (color, dash)) in enumerate(zip(row.panels, looks, strict=True)):
-        on_top = 1.0 - k / len(looks)  # the first is the subject
+        on_top = 1.0 - k / len(looks)  # The first controller is drawn on top.
         for low, high, opacity, _ in [band for band in BANDS[::2] if band[0] in panel.bands]:
             area = panel.bands[low], panel.bands[high]
             axes.fill_between(
@@ -173,7 +173,7 @@ def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> 
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
-    """Draw the seconds about the largest move in an inset above the curves."""
+    """Draw the seconds around the largest move in an inset above the curves."""
     peaks = []
     for panel in row.panels:
         middle = np.nanmedian(panel.bands["q50"])
@@ -196,7 +196,7 @@ def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) 
 
 
 def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
-    """Set limits from the values inside the x range, with a margin, never empty."""
+    """Set y limits from the values in the x range, with a margin and non-zero height."""
     low, high = np.inf, -np.inf
     left, right = axes.get_xlim()
     for panel in row.panels:
@@ -214,17 +214,17 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
 
 
 def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
-    """Return a channel less its reference [time], unchanged without one; ``x`` in s."""
+    """Subtract the reference [time], if there is one, from a channel; ``x`` in s."""
     return y if reference is None else y - np.interp(x, time, reference)
 
 
 def bands_off(
     x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None
 ) -> dict[str, Floats]:
-    """Return the bands of a channel less its reference [time], if they are meaningful.
+    """Subtract the reference [time], if there is one, from a channel's bands.
 
-    Minimum and maximum cover all control ticks between two samples. Less a moving reference they
-    would show its change instead of the flights' error, and are left out.
+    Minimum and maximum cover all control ticks between two samples. They are omitted for a moving
+    reference, because its change would appear as an error.
     """
     moves = reference is not None and float(np.ptp(reference)) > 0.0
     drawn_bands = {

@@ -24,14 +24,14 @@ from abhv_mc.folder.layout import write_bytes
 
 P = ParamSpec("P")
 
-WIDTH = 7.2  # in, two columns of a journal
+WIDTH = 7.2  # width of two journal columns, inches
 DPI = 200
-_MOST_STEPS = 2000  # of a distribution curve
-_COLORS = 128  # of a figure: a third of the bytes without visible difference
-SMALLEST = 8.0  # pt, of all text: figures are printed at the drawn width
+_MOST_STEPS = 2000  # maximum number of steps of a distribution curve
+_COLORS = 128  # colours in a PNG palette: a third of the bytes without visible difference
+SMALLEST = 8.0  # size of all text, pt; figures are printed at the drawn width
 
-# Okabe & Ito's palette (jfly.uni-koeln.de/color), in the order in which controllers take it.
-# The last two are darker than theirs: legible on white.
+# Okabe and Ito's palette (jfly.uni-koeln.de/color), in the order of the controllers.
+# The last two colours are darker than the original ones, to be legible on white.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
     "#0072B2",
     "#D55E00",
@@ -44,7 +44,7 @@ CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
-PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # behind the number of a tick, as in the text
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of tick labels, as in the text
 GRID = "#80808050"
 
 _RC: dict[Any, Any] = {
@@ -53,7 +53,7 @@ _RC: dict[Any, Any] = {
     "font.size": SMALLEST,
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # placed, not sought
+    "axes.titley": 1.0,  # A fixed title position needs no search.
     "axes.labelsize": SMALLEST,
     "axes.edgecolor": INK,
     "axes.linewidth": 0.6,
@@ -93,9 +93,8 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """Return an empty figure, sizes in inches; its layout avoids overlaps."""
-    # The layout rests on the size of text, which hinting makes depend on the resolution: the final
-    # one, then.
+    """Return an empty figure, sizes in inches, with a layout that avoids overlaps."""
+    # The layout depends on the text size, which depends on the resolution: use the final one.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -111,12 +110,12 @@ def new_panels(
     lettered: bool = True,
     **shared: Any,
 ) -> tuple[Figure, Any]:
-    """Return a figure and axes [row, column] for ``count`` panels; spare ones are hidden.
+    """Return a figure with axes [row, column] for ``count`` panels; spare ones are hidden.
 
-    Heights are in inches. ``row_height`` is that of axes, ``top`` the space for titles, and
-    ``between`` the space beside and below axes; labels and legend have space left of and below all.
-    The layout is fixed, because measuring text takes as long as drawing. Panels are ``lettered``
-    unless they are a matrix. ``shared`` goes to :meth:`Figure.subplots`.
+    Sizes are in inches. ``row_height`` is the height of the axes, ``top`` the space for titles, and
+    ``between`` the space beside and below axes. The layout is fixed, because measuring text takes
+    as long as drawing. If ``lettered``, panels are marked with letters. ``shared`` is passed to
+    :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     left, bottom, right = 0.68, 0.72, 0.12
@@ -162,7 +161,7 @@ def label_lowest(grid: Any, count: int, label: str) -> None:
 
 
 def legend_below(figure: Figure, *panels: Axes) -> None:
-    """Add one legend under all panels, each label once."""
+    """Add one legend below all panels, with each label once."""
     entries = {
         label: handle
         for axes in panels
@@ -172,7 +171,7 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
 
 
 def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Add a legend in one line at the lower edge, denser if there are many entries."""
+    """Add a one-line legend at the lower edge, denser if there are many entries."""
     letters = sum(map(len, labels)) + 6 * len(labels)
     figure.legend(
         handles,
@@ -198,9 +197,9 @@ def pad_if_flat(axes: Axes) -> None:
 
 
 def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
-    """Return finite values, ascending, and the cumulative share of each.
+    """Return the finite values in ascending order and the cumulative share of each.
 
-    Points are thinned to what is visible.
+    Points are thinned to the visible resolution.
     """
     ascending = np.sort(values)
     share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
@@ -214,7 +213,7 @@ def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
 def write_png(figure: Figure, path: Path) -> tuple[int, int]:
     """Write a figure at print resolution; return width and height, px.
 
-    Raise StorageFullError, InputError.
+    Raise StorageFullError or InputError.
     """
     from PIL import Image
 
@@ -231,9 +230,9 @@ def write_png(figure: Figure, path: Path) -> tuple[int, int]:
 
 
 def write_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as reproducible SVG with text as text.
+    """Write a figure as reproducible SVG, with text stored as text.
 
-    Raise errors as :func:`write_png`.
+    Raise the same errors as :func:`write_png`.
     """
     file = BytesIO()
     with context(["default", _RC, {"svg.hashsalt": "abhv-mc", "svg.fonttype": "none"}]):
@@ -242,7 +241,7 @@ def write_svg(figure: Figure, path: Path) -> None:
 
 
 def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -> bool:
-    """Make an axis logarithmic if all but the smallest values span more than 20 to 1."""
+    """Make an axis logarithmic if all but the smallest values span a factor above 20."""
     finite = np.concatenate([v[np.isfinite(v)] for v in values])
     if not finite.size or finite.min() <= 0.0:
         return False

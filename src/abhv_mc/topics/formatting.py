@@ -11,13 +11,13 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def _decimals(error: float) -> int:
-    """Return decimals that show an error's first digit, or two if it begins with 1."""
+    """Return the decimals that show an error's first digit, or two digits if it is 1."""
     magnitude = math.floor(math.log10(error))
     return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Return a number with a true minus sign; negative `decimals` round tens."""
+    """Format a number with a true minus sign; negative `decimals` round to tens."""
     text = f"{round(value, decimals):,.{max(decimals, 0)}f}".replace(",", THIN)
     return (
         text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
@@ -25,7 +25,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """Return a number to ``digits`` significant digits, an em dash for none."""
+    """Format a number to ``digits`` significant digits, or None as an em dash."""
     if value is None or not math.isfinite(value):
         return "\N{EM DASH}"
     if value == 0.0:
@@ -34,42 +34,42 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def ends_of(interval: Interval) -> tuple[float | None, float | None, float | None]:
-    """Return value, low and high end; None if missing or open."""
+    """Return value, lower and upper end of an interval; None if missing or open."""
     ends = interval.value, interval.low, interval.high
     value, low, high = (end if math.isfinite(end) else None for end in ends)
     return value, low, high
 
 
 def _places(interval: Interval) -> int | None:
-    """Return decimals for an interval from half its width.
+    """Return the number of decimals for an interval, from half its width.
 
-    An interval open on one side counts its other side. The result is within one and four digits of
-    the largest number.
+    An interval open on one side uses its other side. The largest number has between one and four
+    significant digits.
     """
     value, *bounds_of = ends_of(interval)
     ends = [end for end in bounds_of if end is not None]
     if value is None or not ends:
         return None
-    # rounding may swap the ends
+    # Rounding may swap the ends.
     error = abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)
     if not error:
         return None
     largest = max(map(abs, (value, *ends)))
     leading = -math.floor(math.log10(largest)) if largest else 0
     decimals = min(max(_decimals(error), leading), leading + 3)
-    # An end that is not zero should not read as zero.
+    # An end that is not zero should not be printed as zero.
     return decimals + any(end and round(end, decimals) == 0.0 for end in ends)
 
 
 def estimate(interval: Interval) -> str:
-    """Return an interval's value to the digits its width allows, at most four."""
+    """Format an interval's value to the digits its width allows, at most four."""
     decimals = _places(interval)
     value = ends_of(interval)[0]
     return significant(value) if decimals is None or value is None else fixed(value, decimals)
 
 
 def bounds(interval: Interval) -> str:
-    """Return the ends of an interval to the digits of its value; open ends are named."""
+    """Format the ends of an interval to the digits of its value; open ends are named."""
     decimals, (value, low, high) = _places(interval), ends_of(interval)
     if value is None or (low is None and high is None):
         return ""
@@ -83,9 +83,9 @@ def bounds(interval: Interval) -> str:
 
 
 def percent(share: float | None, digits: int = 3) -> str:
-    """Return a share as a percentage.
+    """Format a share as a percentage.
 
-    Near 0 and 100 % the distance from there has `digits` significant digits.
+    Near 0 and 100 % the distance from that end has `digits` significant digits.
     """
     if share is None:
         return "\N{EM DASH}"
@@ -100,24 +100,25 @@ def percent(share: float | None, digits: int = 3) -> str:
 
 
 def count_of(count: int, total: int, noun: str = "") -> str:
-    """Return '3 of 1000 flights' with grouped digits."""
+    """Format a count, such as '3 of 1000 flights', with grouped digits."""
     text = f"{count:,} of {total:,}".replace(",", THIN)
     return f"{text} {noun}".rstrip()
 
 
 def p_value(value: float) -> str:
-    """Return a p-value as printed, never 0."""
+    """Format a p-value, never as 0."""
     return "< 0.0001" if value < 1e-4 else significant(value, 2)
 
 
 def joined(items: Sequence[str]) -> str:
-    """Return 'a', 'a and b', 'a, b and c'."""
+    """Join items as 'a', 'a and b' or 'a, b and c'."""
     return (
         items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""
     )
 
 
-_UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")  # groups that are not named
+# parameter groups omitted from names in sentences
+_UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")
 _FAILURE_KINDS = {
     "stuck_time": "sticking time",
     "loss_time": "loss time",
@@ -128,14 +129,14 @@ _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
 
 def is_factor(name: str, parameters: Parameters = OURS) -> bool:
-    """Return whether a parameter multiplies (1 = nominal) rather than adds."""
+    """Return whether a parameter is a factor (1 = nominal) rather than an increment."""
     return name not in parameters or parameters[name].is_factor
 
 
 def shown_value(name: str, value: float | None, parameters: Parameters = OURS) -> str:
-    """Return '+8.1 %' for a factor of 1.081, '0.3 deg' for radians.
+    """Format a value: '+8.1 %' for a factor of 1.081, '0.3 deg' for radians.
 
-    A failure that does not occur (inf or None) is 'never'.
+    A failure that does not occur (inf or None) is shown as 'never'.
     """
     if value is None or not math.isfinite(value):
         return (
@@ -153,7 +154,7 @@ def shown_value(name: str, value: float | None, parameters: Parameters = OURS) -
 
 
 def axis_unit(name: str, parameters: Parameters = OURS) -> tuple[str, float]:
-    """Return unit of a parameter's axis and factor for its values: ('deg', 57.3)."""
+    """Return the unit of a parameter's axis and its conversion factor: ('deg', 57.3)."""
     if is_factor(name, parameters):
         return "factor", 1.0
     unit = parameters[name].unit
@@ -162,9 +163,9 @@ def axis_unit(name: str, parameters: Parameters = OURS) -> tuple[str, float]:
 
 
 def spoken_name(name: str) -> str:
-    """Return 'lift' for 'aero.lift', 'wind north' for 'wind.north'.
+    """Return a parameter's name for a sentence, such as 'lift' for 'aero.lift'.
 
-    A component reads 'yawing moment due to sideslip'.
+    Components of coefficients become, for example, 'yawing moment due to sideslip'.
     """
     group, _, suffix = name.partition(".")
     if not suffix:

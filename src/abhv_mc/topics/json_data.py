@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-DRAWN = "drawn"  # metadata of a field that serves figures only and is not in JSON
+DRAWN = "drawn"  # metadata key of fields that serve figures only and are not in JSON
 
 
 def json_data(value: Any) -> Any:
@@ -21,7 +21,7 @@ def json_data(value: Any) -> Any:
             for item in fields(value)
             if not item.metadata.get(DRAWN)
         }
-    if hasattr(value, "_asdict"):  # a named tuple
+    if hasattr(value, "_asdict"):  # named tuple
         value = value._asdict()
     if isinstance(value, Mapping):
         return {str(key): json_data(item) for key, item in value.items()}
@@ -35,5 +35,5 @@ def json_data(value: Any) -> Any:
 
 
 def level_name(level: float) -> str:
-    """Return 'q95' for 0.95, 'q99.73' for 0.9973."""
+    """Return the name of a quantile level, such as 'q95' for 0.95."""
     return f"q{100.0 * level:g}"

@@ -15,7 +15,7 @@ EARLY = "ended early"
 
 
 def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
-    """Return a mask [flight] of failures of a requirement.
+    """Return a mask [flight] of the failures to meet a requirement.
 
     Early terminations count unless the requirement takes them as measured.
     """
@@ -34,17 +34,17 @@ def failed_anyhow(
 
 
 def requirement_words(requirement: Requirement, records: Mapping[str, Metric]) -> str:
-    """Return 'Altitude error, max < 50 m'."""
+    """Return a requirement as text, such as 'Altitude error, max < 50 m'."""
     return limit_words(records[requirement.metric], requirement.limits)
 
 
 def limit_words(metric: Metric, limits: Bounds) -> str:
-    """Return the text of a metric with its limits."""
+    """Return the printed name of a metric with its limits."""
     return f"{metric.label} {metric.with_unit(limits.symbols)}"
 
 
 def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Return mode and mask [flight] of each failure that occurred."""
+    """Return each failure mode that occurred, with its mask [flight]."""
     early = results.flights[controller].failed
     kinds = [(EARLY, early)]
     kinds += [

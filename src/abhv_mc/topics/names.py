@@ -16,12 +16,12 @@ _INITIALS = ("tlc", "lqr")
 
 
 def controller_label(name: str) -> str:
-    """Return a controller's printed name: 'LQR robust' for 'lqr_robust'."""
+    """Return a controller's printed name, such as 'LQR robust' for 'lqr_robust'."""
     return " ".join(word.upper() if word in _INITIALS else word for word in name.split("_"))
 
 
 def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Return labels of a campaign's controllers; the paper's LQR is marked."""
+    """Return printed names of a campaign's controllers; the paper's LQR is marked."""
     paper = _controller_text(shipped_files("control")["lqr"])
     flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
     return {
@@ -38,11 +38,11 @@ def _controller_text(path: Path) -> bytes:
 
 @dataclass(frozen=True)
 class Names:
-    """Labels of controllers, records of metrics, the folder, campaign and results."""
+    """Printed names of a campaign's controllers and metrics, with its folder and results."""
 
-    controllers: Mapping[str, str]  # name -> label, in the campaign's order
-    metrics: Mapping[str, Metric]  # records by name
-    asked: tuple[str, ...]  # leading metrics
+    controllers: Mapping[str, str]  # controller -> label, in the campaign's order
+    metrics: Mapping[str, Metric]  # metric records by name
+    asked: tuple[str, ...]  # names of the leading metrics
     requirements: tuple[Requirement, ...]
     folder: str
     campaign: Experiment
@@ -53,7 +53,7 @@ class Names:
         return self.controllers.get(controller, controller)
 
     def subject(self, controller: str) -> str:
-        """Return a controller's name for a sentence; a name in lower case is quoted."""
+        """Return a controller's name for a sentence; lower-case names are quoted."""
         label = self.label(controller)
         return (
             f"\N{LEFT DOUBLE QUOTATION MARK}{label}\N{RIGHT DOUBLE QUOTATION MARK}"
@@ -63,7 +63,7 @@ class Names:
 
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
-    """Return a campaign's names; its folder is relative to that of ``page``, if given."""
+    """Return a campaign's names, with its folder relative to that of ``page`` if given."""
     labels, campaign = full_labels(results.folder, results.controllers), results.campaign
     target = results.folder
     if page is not None:

@@ -1,4 +1,4 @@
-"""Reproducibility: question, program, machine, digests and hashes of a campaign."""
+"""Reproducibility: campaign, program, machine, digests and hashes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ class Provenance:
     controllers: tuple[str, ...]
     labels: Mapping[str, str]
     stops_when_proven: bool
-    pooled_seeds: tuple[int, ...]  # of the flights that a merge joined
+    pooled_seeds: tuple[int, ...]  # seeds of the merged campaigns
     independent_flights: bool
-    digests: Mapping[str, str]  # by controller
+    digests: Mapping[str, str]  # digests by controller
 
 
 def compute_provenance(results: FlownCampaign) -> Provenance:
@@ -49,7 +49,7 @@ _TOLD_ELSEWHERE = (
 
 
 def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    """Yield the entries of the manifest, flattened, as pairs of texts."""
+    """Yield the flattened entries of the manifest as pairs of texts."""
     for key, value in manifest.items():
         if key in _TOLD_ELSEWHERE:
             continue

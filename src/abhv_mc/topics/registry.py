@@ -1,4 +1,4 @@
-"""Topics of a report in their order: built in, of installed packages, of a notebook."""
+"""Registry of report topics: built in, from installed packages or from a notebook."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -30,14 +30,14 @@ def register(topic: Topic[Any]) -> None:
     Raise InputError for an invalid name.
     """
     if not topic.name.isidentifier():
-        raise InputError("topic", describe(topic.name), "a name as Python's are")
+        raise InputError("topic", describe(topic.name), "a valid Python name")
     if topic.name in {built_in.name for built_in in BUILT_IN}:
         raise InputError("topic", f"'{topic.name}', which is built in", "another name")
     REGISTERED[topic.name] = topic
 
 
 def all_topics(users: Sequence[Topic[Any]] | None = None) -> tuple[Topic[Any], ...]:
-    """Return all topics in the order of a page; confidence and provenance come last.
+    """Return all topics in page order; confidence and provenance come last.
 
     ``users`` are custom topics, by default all installed and registered ones.
     """
@@ -46,12 +46,12 @@ def all_topics(users: Sequence[Topic[Any]] | None = None) -> tuple[Topic[Any], .
 
 
 def make_figures(models: Models) -> dict[str, Iterator[Drawn]]:
-    """Return iterators of the figures for which the campaign has data, by topic."""
+    """Return iterators of figures by topic, for figures with data in the campaign."""
     return {topic.name: models.figures(topic) for topic in all_topics(models.users)}
 
 
 def find_topic(name: str) -> Topic[Any]:
-    """Return the topic with a name. Raise InputError for an unknown one."""
+    """Return the topic with a given name. Raise InputError if it is unknown."""
     topics = {topic.name: topic for topic in all_topics()}
     if name not in topics:
         raise InputError("topic", describe(name), one_of(topics, name))

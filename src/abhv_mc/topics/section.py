@@ -1,6 +1,6 @@
-"""Sections of a report as values, drawn by a page, a terminal or a notebook.
+"""Report sections as data, drawn on a page, in a terminal or in a notebook.
 
-Text between backticks is literal: a command, a file, a key.
+Text between backticks is literal: a command, a file name or a key.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,13 +19,13 @@ class Cell:
     """Cell of a table."""
 
     text: str
-    note: str = ""  # small text beside it: an interval, 'binding'
-    rows: int = 1  # number of rows it spans; the rows below omit it
+    note: str = ""  # small text next to the value, such as an interval
+    rows: int = 1  # number of rows that the cell spans; the lower rows omit it
     columns: int = 1
-    head: bool = False  # whether it is the row's head
-    verdict: bool = False  # whether it is PASS, FAIL, NOT SHOWN or ESTIMATE
+    head: bool = False  # whether the cell is a row header
+    verdict: bool = False  # whether the cell is a verdict: PASS, FAIL, NOT SHOWN or ESTIMATE
     flight: tuple[str, int] | None = (
-        None  # controller and number of the flight that the page shows at a click
+        None  # controller and flight number that the page shows on a click
     )
     hint: str = ""  # tooltip
 
@@ -43,22 +43,22 @@ Row: TypeAlias = tuple[Cell, ...]
 
 
 def grouped(rows: Sequence[Row], *heads: Cell) -> tuple[Row, ...]:
-    """Return rows behind head cells that span all of them."""
+    """Return the rows with head cells that span all of them."""
     return ((*(replace(head, rows=len(rows)) for head in heads), *rows[0]), *rows[1:])
 
 
 @dataclass(frozen=True)
 class Table:
-    """Table whose groups are rows that share cells spanning several of them."""
+    """Table of groups of rows; cells may span several rows of a group."""
 
     title: str
     heads: tuple[str, ...]
     groups: tuple[tuple[Row, ...], ...]
-    caption: str = ""  # printed above it if the title is not enough
-    numbers: bool = True  # whether its cells are mostly numbers
+    caption: str = ""  # text above the table if the title is not enough
+    numbers: bool = True  # whether most cells are numbers
 
     def plain_rows(self) -> list[list[str]]:
-        """Return every cell as text; spanning cells are repeated."""
+        """Return every cell as text, repeated over the rows and columns that it spans."""
         rows: list[list[str]] = []
         for group in self.groups:
             lines = [[""] * len(self.heads) for _ in group]
@@ -71,9 +71,9 @@ class Table:
         return rows
 
     def without_constant(self) -> "Table":
-        """Return the table with constant columns moved to its caption.
+        """Return the table with its constant columns moved to the caption.
 
-        Single rows and heads stay.
+        Single rows and row headers stay.
         """
         (rows,) = self.groups
         texts = {column: {row[column].text for row in rows} for column in range(len(self.heads))}
@@ -135,9 +135,9 @@ class Table:
 
 
 def _places(group: tuple[Row, ...]) -> list[list[tuple[int, Cell]]]:
-    """Return each row's cells with their columns, allowing for cells from rows above."""
+    """Return each row's cells with their columns, allowing for cells that span rows."""
     rows: list[list[tuple[int, Cell]]] = []
-    below: dict[int, int] = {}  # column -> rows that a cell from above still takes
+    below: dict[int, int] = {}  # column -> number of further rows covered by a spanning cell
     for row in group:
         position, located = 0, []
         for cell in row:
@@ -160,7 +160,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Lead:
-    """Summary in words, the first item of a report and the only bold text."""
+    """Summary of a report, its first item and its only bold text."""
 
     answer: str
     because: tuple[str, ...] = ()
@@ -169,7 +169,7 @@ class Lead:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All sentences."""
+        """All sentences of the summary."""
         return tuple(filter(None, (self.answer, *self.because, self.sure, self.next)))
 
 
@@ -184,15 +184,15 @@ class Bullets:
 class FigureText:
     """File name and texts of a figure."""
 
-    name: str  # of the file, without its suffix
+    name: str  # file name without suffix
     title: str
     caption: str
-    alt: str = "The caption and the tables say what it shows."  # for screen readers
+    alt: str = "The caption and the tables say what it shows."  # description for screen readers
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Location of a figure by its name; empty if the figure was not made."""
+    """Reference to a figure by name; empty if the figure was not made."""
 
     name: str
 
@@ -213,7 +213,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Fold:
-    """Foldable items; printed unfolded on paper."""
+    """Collapsible items, shown expanded in print."""
 
     title: str
     items: "tuple[Item, ...]"
@@ -228,10 +228,10 @@ class Section:
 
     title: str
     items: tuple[Item, ...] = field(default=())
-    part: bool = False  # whether it belongs under the heading of the section before
+    part: bool = False  # whether the section belongs under the previous section's heading
 
     def without_idle(self) -> "Section":
-        """Return the section, its tables without empty or zero columns."""
+        """Return the section with empty and zero columns removed from its tables."""
         return replace(self, items=_without_idle(self.items))
 
     def tables(self) -> list[Table]:

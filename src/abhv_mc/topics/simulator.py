@@ -11,12 +11,12 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
 
-_SHOWN = 20  # reasons per system
+_SHOWN = 20  # maximum number of reasons per system
 _NO_REASON = "no reason is stored"
 _EVENTS = {
     "restarts": "process restarted after a crash, a time-out or an invalid answer",
     "surplus": "output without a request",
-    "repeated": "flight re-run, because its answer could belong to another one",
+    "repeated": "flight re-run because its answer could belong to another flight",
 }
 _PREFIX = "inputs/simulator/"
 
@@ -27,7 +27,7 @@ class FailureReason:
 
     reason: str
     flights: int
-    first: int  # number of the first such flight
+    first: int  # number of the first flight with this reason
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class SimulatorFacts:
     """Facts about a user's simulator; empty for the built-in one."""
 
     repeatable: str | None
-    events: Mapping[str, Mapping[str, int]]  # of its processes: counts by system and event
-    notes: tuple[str, ...]  # on its runs: surplus output, undeclared files, noise
-    files: tuple[str, ...]  # of the simulator
-    reasons: Mapping[str, tuple[FailureReason, ...]]  # by system, most frequent first
+    events: Mapping[str, Mapping[str, int]]  # counts of process events, by system and event
+    notes: tuple[str, ...]  # notes on surplus output, undeclared files and noise
+    files: tuple[str, ...]  # files of the simulator
+    reasons: Mapping[str, tuple[FailureReason, ...]]  # reasons by system, most frequent first
 
 
 def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
-    """Return the facts from the manifest and the flights."""
+    """Return a simulator's facts from the manifest and the flights."""
     manifest, can = results.manifest, results.campaign.simulator.capabilities
     reasons = {}
     for name, flights in results.flights.items():

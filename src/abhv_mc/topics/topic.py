@@ -1,4 +1,4 @@
-"""Topic: a question about a campaign, answered for the page, JSON, terminal and Python."""
+"""Report topic with its numbers, section, sentences and figures."""
 
 import sys
 import traceback
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 M = TypeVar("M")
-Drawn: TypeAlias = "tuple[FigureText, Figure]"  # a figure and its words
+Drawn: TypeAlias = "tuple[FigureText, Figure]"  # figure with its texts
 
 
 def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
-    """Return the function that draws a package's ``figures``.
+    """Return a function that draws the figures of a package's ``figures`` module.
 
-    That module, and matplotlib, is imported on the first drawing.
+    The module and matplotlib are imported on the first call.
     """
 
     def draw(model: Any, names: Names) -> Iterator[Drawn]:
@@ -36,18 +36,18 @@ def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
 
 @dataclass(frozen=True)
 class Topic(Generic[M]):
-    """Topic whose ``compute`` makes a model, a frozen dataclass of numbers.
+    """Report topic whose ``compute`` returns a model, a frozen dataclass of numbers.
 
     Sections, sentences and figures are made from the model alone. A field with ``metadata={DRAWN:
     True}`` (:mod:`abhv_mc.topics.json_data`) serves figures only and is not in JSON.
     """
 
-    # of its numbers in report.json, of `abhv-mc show NAME DIR`, of an attribute of the results
+    # name in report.json, in `abhv-mc show NAME DIR` and in the results
     name: str
     model: type[M]
     compute: Callable[[FlownCampaign], M]
-    section: Callable[[M, Names], Section | None]  # None if there is nothing to report
-    # the answer in words
+    section: Callable[[M, Names], Section | None]  # section, or None if there is nothing to report
+    # sentences that summarize the topic
     sentences: Callable[[M, Names], Sequence[str]] = lambda _model, _names: ()
     figures: Callable[[M, Names], Iterator[Drawn]] = lambda _model, _names: iter(())
 
@@ -56,7 +56,7 @@ class Models:
     """Models of a campaign's topics, each computed on first use."""
 
     def __init__(self, results: FlownCampaign, page: Path | None = None) -> None:
-        """Set up the models; commands name the results folder relative to ``page``, a folder."""
+        """Set up the models; commands show the results folder relative to ``page``."""
         self.results = results
         self._page = page
         self._held: dict[str, Any] = {}
@@ -92,7 +92,7 @@ class Models:
         return section and section.without_idle()
 
     def sentences(self, topic: Topic[Any]) -> Sequence[str]:
-        """Return a topic's answer in sentences."""
+        """Return a topic's summary sentences."""
         return topic.sentences(self[topic], self.names)
 
     def figures(self, topic: Topic[Any]) -> Iterator[Drawn]:
@@ -100,11 +100,11 @@ class Models:
         return topic.figures(self[topic], self.names)
 
 
-REGISTERED: dict[str, Topic[Any]] = {}  # in this process
+REGISTERED: dict[str, Topic[Any]] = {}  # custom topics registered in this process
 
 
 def user_topics() -> tuple[Topic[Any], ...]:
-    """Return custom topics of installed packages and notebooks that can be imported.
+    """Return the importable custom topics of installed packages and notebooks.
 
     Raise InputError for an entry point that is no topic.
     """

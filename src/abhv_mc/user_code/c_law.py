@@ -1,8 +1,8 @@
-"""Control laws in C: loading of the library and the compiled loop that calls it.
+"""Control laws in C: loading the library, and the compiled loop that calls it.
 
-The loop over the lanes fills the structs of abhv_law.h and calls the step function. A flight's
-state is kept in memory of the call; its lane holds the index of the state. Native code runs in
-workers and the child process, never in the launching process.
+The loop over the lanes fills the structs of abhv_law.h and calls the step function. The lane of a
+flight holds the index of its state in memory. Native code runs in workers and the child process,
+never in the launching process.
 """
 
 import ctypes
@@ -40,13 +40,13 @@ _SYSTEM = (
     sys.prefix,
     sys.base_prefix,
 )
-_LINE = 64  # bytes of the alignment of states
+_LINE = 64  # alignment of states, bytes
 _COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # offset of the command in the buffer
 _NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # offset of the memory's numbers
 
 
 class CLibrary(NamedTuple):
-    """Loaded library: addresses of its functions, 0 for missing optional ones."""
+    """Addresses of the functions of a loaded library, 0 for missing optional functions."""
 
     init: int
     step: int
@@ -58,9 +58,9 @@ class CLibrary(NamedTuple):
 
 @functools.lru_cache(maxsize=16)
 def load_library(source: UserSource) -> CLibrary:
-    """Load a control law's library into this process.
+    """Load the shared library of a control law into this process.
 
-    Raise InputError if it is no control law, or built for another interface.
+    Raise InputError if the library is not a control law or was built for another interface.
     """
     check_may_run()
     recipe: Any = source.recipe
@@ -73,12 +73,12 @@ def load_library(source: UserSource) -> CLibrary:
         missing = f"files: [{message.partition(':')[0]}] in its controller file"
         expected = missing if "cannot open shared object" in message else "a shared library"
         raise InputError(
-            source.file, f"a library that does not load ({message})", expected
+            source.file, f"the library cannot be loaded ({message})", expected
         ) from None
     allowed = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (path.parent, *_SYSTEM))
     for loaded in sorted(_mapped() - before):
         if not loaded.startswith(allowed):
-            problem = f"a library that links to {loaded}, which it does not declare"
+            problem = f"the library links to {loaded}, which is not declared"
             raise InputError(
                 source.file, problem, f"files: [{Path(loaded).name}] in its controller file"
             )
@@ -91,24 +91,30 @@ def load_library(source: UserSource) -> CLibrary:
     for name in ("state_size", "init", "step"):
         if not find(name):
             raise InputError(
-                source.file, f"a library without abhv_law_{name}", "that of abhv_law.h"
+                source.file,
+                f"the library has no function abhv_law_{name}",
+                "the function declared in abhv_law.h",
             )
     if (get == 0) != (put == 0):
         problem = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
-        raise InputError(source.file, problem, "both of abhv_law_state_get and _set, or none")
+        raise InputError(
+            source.file, problem, "both abhv_law_state_get and abhv_law_state_set, or neither"
+        )
     if address := find("interface"):
         version = ctypes.string_at(address).decode(errors="replace")
         expected = f"{interface(recipe['onboard'])} {describe_layout(recipe['settings'])}"
         if version != expected:
-            problem = f"a library built with other headers ({version})"
+            problem = f"the library was built with other headers ({version})"
             raise InputError(
-                source.file, problem, f"one built with those of this controller ({expected})"
+                source.file,
+                problem,
+                f"a library built with the headers of this controller ({expected})",
             )
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
 
 
 def _mapped() -> set[str]:
-    """Return the files from which this process has loaded code, if the system tells."""
+    """Return the files from which this process has loaded code, if the system lists them."""
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -117,10 +123,10 @@ def _mapped() -> set[str]:
 
 
 def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str, float] | None:
-    """Return the initial numbers of a control law's memory by name, or None.
+    """Return the initial values of a control law's memory by name, or None.
 
-    The result is None if the law does not expose them. Call it in the child process. Raise
-    InputError.
+    The result is None if the law does not expose its memory. Call the function in the child
+    process. Raise InputError if the law fails.
     """
     library = load_library(source)
     if not library.get:
@@ -131,7 +137,7 @@ def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[s
     if call(library.init)(
         setting_values.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data
     ):
-        raise InputError(source.file, "a law whose abhv_law_init fails", "0 from it")
+        raise InputError(source.file, "abhv_law_init failed", "0 from it")
     read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
     count = read(state.ctypes.data, None)
     if not 0 <= count <= MAX_MEMORY:
@@ -152,9 +158,9 @@ def open_c_law(
 ) -> OpenLaw:
     """Return the control law for ``width`` lanes and ``n_states`` simultaneous flights.
 
-    ``effectors`` are those of the vehicle. With ``memory`` numbers the lanes' rows hold them, as
-    for a compiled law, and the state is rebuilt from them at each tick. The first ``seen`` measured
-    quantities are passed, the others are NaN.
+    ``effectors`` are those of the vehicle. If the law exposes ``memory`` numbers, the lanes' rows
+    hold them, as for a compiled law, and the state is rebuilt from them at each tick. The first
+    ``seen`` measured quantities are passed; the others are NaN.
     """
     library = load_library(source)
     recipe: Any = source.recipe
@@ -177,10 +183,10 @@ def open_c_law(
 def compile_adapter(
     width: int, memory: int | None, n_measured: int, onboard: bool, effectors: tuple[int, ...]
 ) -> Any:
-    """Return the compiled loop, which is the same for every control law.
+    """Return the compiled loop that calls a control law in C.
 
     ``memory`` and ``n_measured`` (``seen``) are as in :func:`open_c_law`. ``effectors`` are the
-    rows of commanded effectors.
+    rows of the commanded effectors.
     """
     commanded = (*COMMAND_ROWS, *effectors)
     lane_row = functools.partial(lane_of, width)

@@ -48,15 +48,13 @@ def find_compiler() -> str:
             check=True,
         )
     except (OSError, subprocess.SubprocessError) as error:
-        problem = f"no C compiler here ({error})"
-        raise InputError(
-            "cc", problem, "the system's compiler, or 'library' in place of 'sources'"
-        ) from None
+        problem = f"no C compiler is installed ({error})"
+        raise InputError("cc", problem, "a C compiler, or 'library' instead of 'sources'") from None
     return completed.stdout.splitlines()[0]
 
 
 def make_header(onboard: bool = False) -> str:
-    """Return the text of abhv_law.h for this version's measurements, reference and commands."""
+    """Return the text of abhv_law.h for the current measurements, reference and commands."""
     fields = {"MEASURED": Measured._fields, "REFERENCE": REFERENCE, "COMMAND": COMMAND_FIELDS}
     text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface(onboard))
     seen = "\n    abhv_onboard onboard;" if onboard else ""
@@ -73,7 +71,7 @@ def make_header(onboard: bool = False) -> str:
 
 
 def _struct(kind: Any) -> str:
-    """Return a named tuple as a C struct, after the structs of its fields."""
+    """Return a named tuple as a C struct, preceded by the structs of its fields."""
     inner = [
         hint for hint in dict.fromkeys(kind.__annotations__.values()) if hasattr(hint, "_fields")
     ]
@@ -88,7 +86,7 @@ def _struct(kind: Any) -> str:
 
 
 def interface(onboard: bool = False) -> str:
-    """Return the interface ID of abhv_law.h, which a library must have."""
+    """Return the interface ID of abhv_law.h that a library must contain."""
     groups = Measured._fields, REFERENCE, (*COMMAND_FIELDS, f"effectors[{MAX_ACTUATORS}]")
     names = ";".join(",".join(group) for group in groups) + (
         ";" + ",".join(onboard_fields()) if onboard else ""
@@ -97,10 +95,10 @@ def interface(onboard: bool = False) -> str:
 
 
 def make_settings_header(layout: Layout) -> str:
-    """Return the text of abhv_settings.h, the struct of a controller file's settings."""
+    """Return the text of abhv_settings.h, with a struct of the controller's settings."""
     fields = [f"    double {name}{f'[{length}]' if length else ''};" for name, length in layout]
     fields = fields or ["    double none; /* no settings */"]
-    head = "/* The settings of the controller file, SI and radians; written from it. */\n"
+    head = "/* Settings of the controller file, SI and radians; generated from the file. */\n"
     description = describe_layout(layout)
     return (
         f'{head}#define ABHV_SETTINGS "{description}"\n\ntypedef struct {{\n'
@@ -110,14 +108,14 @@ def make_settings_header(layout: Layout) -> str:
 
 
 def describe_layout(layout: Layout) -> str:
-    """Return the settings as text; a library built with abhv_settings.h contains it."""
+    """Return a text of the settings, contained in libraries built with abhv_settings.h."""
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 
 def with_library(source: UserSource) -> UserSource:
-    """Return a control law's source with its library, built once per content.
+    """Return the source of a control law with its library, built once for each content.
 
-    Raise InputError with cc's first error.
+    Raise InputError with the first error of cc.
     """
     recipe = source.recipe
     if recipe is None or not recipe.get("sources"):
@@ -150,7 +148,7 @@ def with_library(source: UserSource) -> UserSource:
                 )
             except subprocess.TimeoutExpired:
                 raise InputError(
-                    source.file, f"a build of more than {_LONGEST:g} s", "C code"
+                    source.file, f"the build takes longer than {_LONGEST:g} s", "C code"
                 ) from None
             if completed.returncode:
                 raise _explain(source, completed.stderr)
@@ -158,7 +156,7 @@ def with_library(source: UserSource) -> UserSource:
 
 
 def _explain(source: UserSource, output: str) -> InputError:
-    """Return the compiler's first error at the user's line."""
+    """Return the compiler's first error as an InputError at the user's line."""
     root = Path(source.file.removesuffix(source.files[0][0]))
     match = _ERROR.search(output)
     if match is None:
@@ -167,10 +165,12 @@ def _explain(source: UserSource, output: str) -> InputError:
             output[-200:],
         )
         return InputError(
-            source.file, f"what cc does not link ({message.strip():.300})", "C that links"
+            source.file, f"the law cannot be linked ({message.strip():.300})", "C that links"
         )
     missing = re.match(r"([\w./-]+): No such file", match["words"])
-    expected = f"files: [{missing[1]}] in its controller file" if missing else "C that cc compiles"
+    expected = (
+        f"files: [{missing[1]}] in its controller file" if missing else "C code that compiles"
+    )
     column = int(match["column"]) if match["column"] else None
     return InputError(
         root / match["file"], f"'{match['words']:.300}'", expected, int(match["line"]), column
@@ -178,17 +178,15 @@ def _explain(source: UserSource, output: str) -> InputError:
 
 
 def refuse_platform(source: UserSource) -> str | None:
-    """Return why a control law's library cannot run here, or None."""
+    """Return why the library of a control law cannot run on this machine, or None."""
     recipe, current = source.recipe, describe_platform()
     if recipe is None or recipe["platform"] == current:
         return None
-    return (
-        f"another platform ({current}) than the law's library is built for ({recipe['platform']})"
-    )
+    return f"the platform ({current}) is not that of the law's library ({recipe['platform']})"
 
 
 def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:
-    """Write abhv_law.h and abhv_settings.h, which a control law in C includes."""
+    """Write the headers abhv_law.h and abhv_settings.h for a control law in C."""
     texts = {"abhv_law.h": make_header(onboard), "abhv_settings.h": make_settings_header(layout)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")

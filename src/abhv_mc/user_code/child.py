@@ -1,4 +1,4 @@
-"""Separate process or thread for custom code, which may crash, hang or read files.
+"""Separate process or thread for custom code that may crash, hang or read files.
 
 One child process serves all calls. It ends with this process and is replaced if it dies.
 """
@@ -29,7 +29,7 @@ _child: "_Child | None" = None
 
 
 class LostError(Exception):
-    """The child process ended, or exceeded its time limit (``hung``)."""
+    """Error: the child process ended or exceeded its time limit (``hung``)."""
 
     def __init__(self, reason: str, hung: bool, process: int) -> None:
         super().__init__(reason, hung, process)
@@ -50,14 +50,14 @@ def may_run_here() -> bool:
 def check_may_run() -> None:
     """Raise RuntimeError if custom native code must not run in this process."""
     if not _may_run:
-        raise RuntimeError("native code of a user's is run by workers and the child alone")
+        raise RuntimeError("custom native code runs only in workers and child processes")
 
 
 def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = None) -> T:
-    """Return or raise the result of a module's function, called in the child process.
+    """Call a module-level function in the child process; return or raise its result.
 
-    A process that may crash itself calls the function directly. Raise LostError, at the latest
-    after ``limit`` s.
+    A process that may crash calls the function directly. Raise LostError if the child ends or takes
+    longer than ``limit`` s.
     """
     global _child  # noqa: PLW0603  one for all calls
     if _may_run:
@@ -78,20 +78,20 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
 
 @contextlib.contextmanager
 def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[None]:
-    """Call a module's function for its side effects in another process inside the context."""
+    """Run a module-level function in another process during the context."""
     child = _Child()
     caller = threading.Thread(target=child.leave_to, args=(function, arguments), daemon=True)
     caller.start()
     try:
         yield
     finally:
-        child.kill()  # ends the call before its pipe is closed
+        child.kill()  # The call must end before its pipe is closed.
         caller.join()
         child.end()
 
 
 def describe_exit(code: int | None) -> str:
-    """Return how a process ended, in words."""
+    """Return a text on how a process ended."""
     return (
         f"killed by {signal.Signals(-code).name}"
         if code is not None and code < 0
@@ -106,9 +106,9 @@ class _Child:
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603  Python itself
                 [sys.executable, "-P", "-c", _START, str(theirs.fileno()), str(_ROOT)],
-                stdin=subprocess.PIPE,  # it exits at the end of this pipe
+                stdin=subprocess.PIPE,  # The child exits when this pipe closes.
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # Ctrl-C is for the process that the user sees
+                start_new_session=True,  # Ctrl-C must not reach the child.
             )
         atexit.register(self.end)
 
@@ -125,7 +125,7 @@ class _Child:
         try:
             self._connection.send((function, arguments))
             if not self._connection.poll(limit):
-                raise LostError(f"it was not done in {limit:g} s", True, self._process.pid)
+                raise LostError(f"it did not finish within {limit:g} s", True, self._process.pid)
             return self._connection.recv()
         except (EOFError, ConnectionError):
             reason = f"its process ended: {describe_exit(self._process.wait())}"
@@ -136,7 +136,7 @@ class _Child:
             self._process.kill()
 
     def end(self) -> None:
-        if self._pid != os.getpid():  # a fork's copy
+        if self._pid != os.getpid():  # copy in a forked process
             return
         self.kill()
         self._process.wait()
@@ -147,7 +147,7 @@ class _Child:
 
 
 def serve(descriptor: int) -> None:
-    """Answer calls in the child process until the parent closes the connection."""
+    """Execute calls in the child process until the parent closes the connection."""
     allow_here()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with Connection(descriptor) as connection:
@@ -173,9 +173,9 @@ def _end_with_parent() -> None:
 
 
 def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
-    """Return or raise the result of ``work``, run in a thread that can be abandoned.
+    """Run ``work`` in a thread that can be abandoned, and return or raise its result.
 
-    This thread still receives Ctrl-C. Raise TimeoutError after ``limit`` s.
+    The calling thread still receives Ctrl-C. Raise TimeoutError after ``limit`` s.
     """
     done: list[T] = []
     failed: list[BaseException] = []

@@ -1,4 +1,4 @@
-"""Compilation of control laws to a loop over lanes, cached by a hash of its text."""
+"""Compilation of control laws to loops over lanes, cached by a hash of the loop's text."""
 
 import functools
 import hashlib
@@ -40,15 +40,15 @@ from abhv_mc.user_code.table import LookUp
 from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
-COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # of a Command
-LAW_FAILED = 50.0  # abhv_mc.flight.outcome.Outcome.LAW_FAILED, which is a layer above
-_GIVEN = "float('inf')"  # in the text of a loop: abhv_mc.user_code.law_interface.NOT_GIVEN
-_MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # of whatever numbers
+COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # rows of a Command
+LAW_FAILED = 50.0  # value of flight.outcome.Outcome.LAW_FAILED, a layer above
+_GIVEN = "float('inf')"  # source text of law_interface.NOT_GIVEN
+_MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # classes built from any numbers
 ONBOARD_ROWS = (
     *range(ONBOARD, ONBOARD + N_ONBOARD),
     *range(s.CMD, s.CMD + 4),
-)  # of Onboard's numbers
-COMMANDS = "commands."  # before the name of a column that is one
+)  # rows of the numbers of Onboard
+COMMANDS = "commands."  # prefix of columns of commands
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
     r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return "
@@ -67,9 +67,9 @@ def compile_law(
     """Return the compiled loop over ``width`` lanes, with its ``address``.
 
     ``gains`` are the names of the gain columns; ``effectors`` are the vehicle's, for a law that
-    commands some of them. ``dispersed_row`` is the first row of the flights' own values of
-    dispersable settings, 0 if they have none. Raise InputError, with the user's line, for code
-    that does not compile.
+    commands effectors. ``dispersed_row`` is the first row of the dispersed settings of each flight,
+    or 0 if no setting is dispersed. Raise InputError, with the user's line, for code that does not
+    compile.
     """
     law = load_law(source)
     with refuse_in_words(source, "a law", WANTED):
@@ -92,10 +92,10 @@ def compile_law(
 
 @functools.lru_cache(maxsize=64)
 def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) -> Any:
-    """Return the compiled loop over ``width`` lanes of a measurement filter.
+    """Return the compiled loop of a measurement filter over ``width`` lanes.
 
-    Its attribute is ``address``. Raise InputError, with the user's line, for code that does not
-    compile.
+    The loop has the attribute ``address``. Raise InputError, with the user's line, for code that
+    does not compile.
     """
     law = load_law(source)
     lane = functools.partial(lane_of, width)
@@ -119,7 +119,7 @@ def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) 
 
 
 def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of designed gains, and those of commands, which follow them."""
+    """Split column names into those of designed gains and of commands."""
     commands = tuple(name for name in names if name.startswith(COMMANDS))
     return names[: len(names) - len(commands)], commands
 
@@ -131,7 +131,7 @@ def make_gains_class(names: tuple[str, ...]) -> Any:
 
 
 def tuple_text(kind: str, parts: Iterable[str]) -> str:
-    """Return the text that builds a named tuple."""
+    """Return the source text that constructs a named tuple."""
     return f"_{kind}({', '.join(parts)})"
 
 
@@ -141,23 +141,23 @@ REFERENCE_TEXT = tuple_text(
 
 
 def lane_of(width: int, row: int) -> str:
-    """Return the text of a row of the current lane."""
+    """Return a function that gives the source text of a row of the current lane."""
     return f"Z[{row * width} + lane]"
 
 
 def indent(spaces: int, lines: list[str]) -> str:
-    """Return indented lines, at least one."""
+    """Return the lines indented by ``spaces``, or one empty statement."""
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 
 def loop_text(width: int, once: list[str], inside: list[str]) -> str:
-    """Return the text of a loop over the lanes: lines before it, and lines per lane."""
+    """Return the source text of a loop over lanes: lines run once, and lines per lane."""
     lines = [indent(4, once), f"    for lane in range({width}):", indent(8, inside)]
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 
 
 def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
-    """Return the compiled function ``loop`` of a generated text. Raise InputError."""
+    """Compile generated source text and return its ``loop``. Raise InputError if it fails."""
     try:
         return build_loop(f"{module.source.hash} {salt}", text, names)
     except Uncompilable as error:
@@ -165,29 +165,31 @@ def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> A
 
 
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
-    """Return the compiled function ``loop`` of a text with ``names``.
+    """Compile source text that uses ``names`` and return its function ``loop``.
 
-    ``salt`` identifies the names for the cache. Raise Uncompilable.
+    ``salt`` identifies the names in the cache. Raise Uncompilable if compilation fails.
     """
     key = hashlib.sha256(f"{salt} {text} {code_hash()}".encode()).hexdigest()[:24]
     path = laws_folder() / f"law_{key}.py"
     if not path.exists():
         with atomic_write(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    home = types.ModuleType(f"abhv_mc_loop_{key}")  # numba finds cached code by a module's name
+    home = types.ModuleType(
+        f"abhv_mc_loop_{key}"
+    )  # numba finds cached code by the name of its module.
     sys.modules[home.__name__] = home
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(
         compile(text, str(path), "exec", dont_inherit=True), home.__dict__
-    )  # generated text with the user's functions
+    )  # The text is generated and calls custom functions.
     with compilation_lock(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
 
 
 def compiled_names(module: Module) -> dict[str, Any]:
-    """Return a file's names with functions, tables and classes prepared for numba.
+    """Return the global names of a file, with objects prepared for numba.
 
-    Tables become look-ups, and classes functions that convert to floats.
+    Tables become look-up functions, and classes become functions that convert to floats.
     """
     folder = str(unpack(module.source)) + os.sep if module.source.files else ""
     return dict(_compile_names(module.names, folder, {}, tuple_codes(module.source)))
@@ -199,27 +201,25 @@ def _compile_names(
     namespaces: dict[int, dict[str, Any]],
     codes: dict[str, types.CodeType],
 ) -> dict[str, Any]:
-    """Return the names of a module, and of modules imported from the law's ``folder``.
+    """Return the names of a module and of the modules it imports from the law's ``folder``.
 
-    ``codes`` has functions that are compiled from a text other than the user's.
+    ``codes`` contains functions that are compiled from rewritten text.
     """
     if id(globals_of_module) in namespaces:
         return namespaces[id(globals_of_module)]
     name = globals_of_module["__name__"]
     mark = hashlib.sha256(folder.encode()).hexdigest()[
         :16
-    ]  # of a module of the law's own, whose name others may have
+    ]  # Modules of different laws may have the same name.
     home = types.ModuleType(name if name.startswith(MODULE) else f"{MODULE}{mark}_{name}")
-    sys.modules[home.__name__] = (
-        home  # numba finds what it kept of a function under its module's name
-    )
+    sys.modules[home.__name__] = home  # numba caches functions under their module name.
     names = home.__dict__
     names.update({**globals_of_module, "__name__": home.__name__})
     namespaces[id(globals_of_module)] = names
     for (
         name,
         value,
-    ) in globals_of_module.items():  # by type: isinstance() would ask the objects themselves
+    ) in globals_of_module.items():  # isinstance() would call code of the objects.
         if type(value) is types.FunctionType and value.__globals__ is globals_of_module:
             copy = types.FunctionType(
                 codes.get(name, value.__code__), names, name, value.__defaults__, value.__closure__
@@ -252,9 +252,9 @@ def _is_in(folder: str, names: dict[str, Any]) -> bool:
 
 
 def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
-    """Return a compiled function that makes a named tuple of floats from any numbers.
+    """Return a compiled function that converts numbers to a named tuple of floats.
 
-    Effectors are a tuple.
+    Effectors are passed as a tuple.
     """
     defaults = {name: value for name, value in defaults.items() if name != "effectors"}
     parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
@@ -269,7 +269,7 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
 
 
 def _make_effect_maker(home: str) -> Any:
-    """Return a compiled function that makes an Effect with a float force and moment."""
+    """Return a compiled function that makes an Effect with float force and moment."""
     names: dict[str, Any] = {"_kind": Effect, "_sensed": Sensed(), "__name__": home}
     nothing = "(0.0, 0.0, 0.0)"
     floats = ", ".join(
@@ -288,8 +288,8 @@ def _measured_text(lane: Callable[[int], str]) -> str:
 def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
     """Return the lines that build a law's memory from its rows, if it has one.
 
-    At the start the memory has its default values. numba takes no call with more than 30 arguments
-    one of which is a choice.
+    At the start the memory has its default values. numba cannot compile a call with more than 30
+    arguments of which one is a conditional expression.
     """
     if "memory" not in law.arguments:
         return []
@@ -301,7 +301,7 @@ def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
 
 
 def _returned(law: Law, name: str) -> str:
-    """Return the assignment targets of a law's result."""
+    """Return the source text of the assignment targets for a law's result."""
     return f"{name}, after" if "memory" in law.arguments else name
 
 
@@ -314,9 +314,9 @@ def _keep_memory(law: Law, lane: Callable[[int], str]) -> list[str]:
 def _make_loop(
     law: Law, gains: tuple[str, ...], width: int, effectors: tuple[str, ...], dispersed_row: int
 ) -> str:
-    """Return the text of the loop over lanes.
+    """Return the source text of the loop over lanes.
 
-    The number of lanes is a constant of the text, so that the loop is vectorized.
+    The number of lanes is a constant in the text, so that the loop is vectorized.
     """
     lane = functools.partial(lane_of, width)
     columns = [f"column[tick * {len(gains)} + {i}]" for i in range(len(gains))]
@@ -359,7 +359,7 @@ def _make_loop(
 
 
 def _explain(module: Module, error: Uncompilable) -> InputError:
-    """Return numba's message at the user's line, shortened."""
+    """Return a shortened numba message as an InputError at the user's line."""
     source = module.source
     line: int | None = error.line if error.file == source.file else None
     for match in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.message):
@@ -369,8 +369,8 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     message_lines = [text.strip() for text in error.message.splitlines()]
     useful = [text for text in message_lines if text and not _NOISE.match(text)]
     if "Unknown attribute 'aileron'" in error.message or "wrong tuple length" in error.message:
-        expected = "return Command(...), or Command(...), Memory(...) of one that remembers"
-        return InputError(source.file, "a law that returns something else", expected, line)
+        expected = "return Command(...), or Command(...), Memory(...) for a law with memory"
+        return InputError(source.file, "the law does not return a Command", expected, line)
     return InputError(
-        source.file, f"what does not compile ({'; '.join(useful[:3]):.300})", WANTED, line
+        source.file, f"the code does not compile ({'; '.join(useful[:3]):.300})", WANTED, line
     )

@@ -1,4 +1,4 @@
-"""Model passed to the ``design`` of a custom control law, and its resulting gains."""
+"""Model passed to the ``design`` function of a custom control law, and resulting gains."""
 
 import functools
 from collections import namedtuple
@@ -33,7 +33,7 @@ INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 
 class LinearPlant(NamedTuple):
-    """Linear plant ``x' = A x + B u`` of deviations from the nominal, SI and radians."""
+    """Linear plant ``x' = A x + B u`` for deviations from nominal, in SI units and radians."""
 
     A: Floats  # [state, state]
     B: Floats  # [state, input]
@@ -41,14 +41,14 @@ class LinearPlant(NamedTuple):
     inputs: tuple[str, ...]
 
     def take(self, states: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[Floats, Floats]:
-        """Return A and B for some of the states and inputs, in the order given."""
+        """Return A and B reduced to the given states and inputs, in the given order."""
         rows = [self.states.index(name) for name in states]
         columns = [self.inputs.index(name) for name in inputs]
         return self.A[np.ix_(rows, rows)], self.B[np.ix_(rows, columns)]
 
 
 class Trim(NamedTuple):
-    """Nominal controls of the reference at a time, SI and radians."""
+    """Nominal controls of the reference at one time, SI and radians."""
 
     angle_of_attack: float
     bank: float
@@ -57,15 +57,13 @@ class Trim(NamedTuple):
 
 
 class DesignModel:
-    """Nominal vehicle along the mission, for designs before the flight."""
+    """Nominal vehicle along the mission, for the design of gains before a flight."""
 
     def __init__(
         self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables
     ) -> None:
         self.vehicle, self.mission, self.trim_tables = vehicle, mission, trim_tables
-        self.table = (
-            reference  # [tick, column] in the order of abhv_mc.kernel.laws.columns.REFERENCE
-        )
+        self.table = reference  # [tick, column], ordered as kernel.laws.columns.REFERENCE
 
     @property
     def earth(self) -> Earth:
@@ -74,7 +72,7 @@ class DesignModel:
 
     @functools.cached_property
     def reference(self) -> Any:
-        """The reference along the mission: each quantity an array [tick]."""
+        """Reference along the mission; each quantity is an array [tick]."""
         return Reference(*self.table.T)
 
     @property
@@ -116,9 +114,9 @@ class DesignModel:
 
 
 def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
-    """Return rates of STATES for values of STATES and INPUTS.
+    """Return the time derivatives of STATES for values of STATES and INPUTS.
 
-    They follow equations (1), (13) and (3) with the full tables.
+    The derivatives follow equations (1), (13) and (3) with the full aerodynamic tables.
     """
     altitude, speed, gamma, chi, alpha, beta, bank = x[:7]
     environment, mass = nominal.environment, nominal.mass
@@ -150,9 +148,9 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
 def watched_design(
     source: UserSource, model: DesignModel, settings: Floats
 ) -> tuple[tuple[str, ...], Floats]:
-    """Return names and columns [tick, gain] of a control law's design.
+    """Return the names and columns [tick, gain] of the gains designed for a control law.
 
-    The design runs in the child process under the watch. Raise InputError.
+    The design runs in the child process, which checks its file reads. Raise InputError if it fails.
     """
     recipe = source.recipe
     design: Any = load_law(source).design if recipe is None else recipe["design"]
@@ -164,13 +162,13 @@ def watched_design(
 
 
 def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
-    """Return gains of a CSV file, linear between its times and constant outside."""
+    """Return gains from a CSV file, interpolated linearly and constant outside its times."""
     table = read_foreign_table(path)
     time = table.find(["time"]).get("time")
     indices = [i for i in range(len(table.heads)) if not time or i != time.position]
     if not time or not indices:
-        expected = "the column time_s, and others"
-        raise table.error(None, None, "a design without times or gains", expected)
+        expected = "the column time_s and columns of gains"
+        raise table.error(None, None, "the design has no times or no gains", expected)
     own = NumberTable(
         table, {"time": time}, table.numbers([time.position]) * table.factor(time, "s")
     )
@@ -188,7 +186,7 @@ def _design(
     if recipe is None:
         kind = load_law(source).settings
         settings_tuple = kind and kind(*numbers)
-    else:  # the Python file of the design with all declared files
+    else:  # A Python file of the design; all declared files are available.
         root = source.file.removesuffix(source.files[0][0])
         files = {recipe["design"]: b"", **dict(source.files)}
         source = UserSource(
@@ -200,23 +198,24 @@ def _design(
         }
         settings_tuple = namedtuple("Settings", values)(**values)
     ticks, file = len(model.table), source.file
-    expected = f"design(model, settings) that gives a named tuple of numbers or arrays [{ticks}]"
+    expected = f"design(model, settings) that returns a named tuple of numbers or arrays [{ticks}]"
     with in_its_folder(source), watching(source), refuse_in_words(source, "a design", expected):
         design = run_module(source).names["design"]
         designed, line = design(model, settings_tuple), design.__code__.co_firstlineno
         if not (isinstance(designed, tuple) and hasattr(designed, "_fields")):
-            raise InputError(
-                file, f"a design that returns {type(designed).__name__}", expected, line
-            )
+            raise InputError(file, f"the design returns {type(designed).__name__}", expected, line)
         columns = np.empty((ticks, len(designed)))
         for i, (name, value) in enumerate(zip(designed._fields, designed, strict=True)):
             try:
                 columns[:, i] = np.asarray(value, dtype=np.float64)
             except (TypeError, ValueError):
-                problem = f"the gain '{name}' of the shape {np.shape(value)}"
+                problem = f"the gain '{name}' has the shape {np.shape(value)}"
                 raise InputError(file, problem, f"a number, or an array [{ticks}]", line) from None
             if not np.isfinite(columns[:, i]).all():
                 raise InputError(
-                    file, f"the gain '{name}' with what is not a number", "finite numbers", line
+                    file,
+                    f"the gain '{name}' has a value that is not a number",
+                    "finite numbers",
+                    line,
                 )
         return designed._fields, columns

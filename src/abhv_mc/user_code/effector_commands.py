@@ -1,7 +1,7 @@
 """Direct effector commands of control laws.
 
-An example is ``Command(..., effectors={"left_flap": 0.1})``. Compiled code has no dictionaries, so
-their values become a tuple in the order of their names.
+An example is ``Command(..., effectors={"left_flap": 0.1})``. Compiled code cannot use dictionaries,
+so the values are passed as a tuple, sorted by name.
 """
 
 import ast
@@ -21,13 +21,13 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.actuators import drive, name_effectors
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 
-_EXPECTED = 'Command(..., effectors={"name": ...}), the same names in each Command of the law'
+_EXPECTED = 'Command(..., effectors={"name": ...}), with the same names in each Command of the law'
 
 
 def find_commanded(source: UserSource) -> tuple[str, ...]:
-    """Return the effectors that a control law commands, sorted for Python laws.
+    """Return the names of the effectors that a control law commands directly.
 
-    The result is empty for a law that leaves the effectors to their mix.
+    The names are sorted for Python laws. The result is empty for a law that uses the control mix.
     """
     if source.recipe is not None:
         return tuple(source.recipe["effectors"])
@@ -43,19 +43,19 @@ def find_commanded(source: UserSource) -> tuple[str, ...]:
 
 
 def effector_rows(source: UserSource, effectors: tuple[str, ...]) -> tuple[int, ...]:
-    """Return rows of the lane memory of the ``effectors`` that a control law commands."""
+    """Return the rows of lane memory for the effectors that a control law commands."""
     return tuple(s.EFFECTOR_COMMAND + effectors.index(name) for name in find_commanded(source))
 
 
 def commands_effectors(source: UserSource) -> bool:
-    """Return whether a control law commands effectors in any Command."""
+    """Return whether any Command of a control law commands effectors."""
     if source.recipe is not None:
         return bool(find_commanded(source))
     return any(argument is not None for _, argument in _commands(ast.parse(source.text)))
 
 
 def parse_law(source: UserSource) -> ast.Module:
-    """Return the syntax tree with tuples for effectors. Raise InputError if impossible."""
+    """Return the syntax tree with tuples of effectors. Raise InputError for unequal names."""
     tree = ast.parse(source.text)
     names = find_commanded(source)
     calls = _commands(tree)
@@ -69,7 +69,7 @@ def parse_law(source: UserSource) -> ast.Module:
         if not isinstance(argument, ast.Dict) or tuple(sorted(map(str, keys))) != names:
             raise InputError(
                 source.file,
-                "other effectors in a Command",
+                "a Command with different effectors",
                 _EXPECTED,
                 call.lineno,
                 call.col_offset + 1,
@@ -77,7 +77,7 @@ def parse_law(source: UserSource) -> ast.Module:
         values = dict(zip(keys, argument.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
-            for name in names  # all of one type
+            for name in names  # All values must have one type.
         ]
         for keyword in call.keywords:
             if keyword.arg == "effectors":
@@ -86,7 +86,7 @@ def parse_law(source: UserSource) -> ast.Module:
 
 
 def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
-    """Return code of functions with such tuples by name, empty without any."""
+    """Return the code of functions rewritten with tuples of effectors, by function name."""
     if not find_commanded(source):
         return {}
     code = compile(parse_law(source), source.file, "exec", dont_inherit=True)
@@ -98,9 +98,10 @@ def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
 
 
 def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
-    """Return a vehicle's effectors if it has actuators or a law commands some.
+    """Return the vehicle's effectors if it has actuators or a law commands effectors.
 
-    Nothing is run. The result is empty if a file is invalid; making plans reports the error.
+    No custom code is run. The result is empty if a file is invalid; the error is reported when
+    plans are made.
     """
     try:
         content = read_document(vehicle).data
@@ -119,7 +120,7 @@ def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
 
 
 def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
-    """Return the vehicle with actuators if a control law commands effectors.
+    """Return the vehicle, with actuators added if a control law commands effectors.
 
     Raise InputError for effectors that the vehicle does not have.
     """
@@ -133,7 +134,7 @@ def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
 
 
 def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:
-    """Return each Command call with its ``effectors`` argument, None without one."""
+    """Return each Command call with its ``effectors`` argument, or None if it has none."""
     calls = [
         node
         for node in ast.walk(tree)

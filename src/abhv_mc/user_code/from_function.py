@@ -1,4 +1,4 @@
-"""Control laws defined in a notebook, converted to the text of a file by ``inspect``."""
+"""Conversion of control laws defined in a notebook to the text of a Python file."""
 
 import inspect
 import textwrap
@@ -14,14 +14,14 @@ _HEAD = "from typing import NamedTuple\n\nfrom abhv_mc.extend import controller\
 
 
 def make_law_text(function: Callable[..., Any]) -> str:
-    """Return a Python file with the control law and all names that it uses.
+    """Return the text of a Python file with the control law and all names that it uses.
 
-    These are its Settings, Memory and design, and their dependencies. Raise InputError for values
-    without a text, such as arrays: ``design`` returns arrays.
+    The names include Settings, Memory, design and their dependencies. Raise InputError for values
+    without source text, such as arrays, which ``design`` has to return.
     """
     if not isinstance(function, types.FunctionType):
         raise InputError(
-            "controller", f"{function!r:.60}", "a function, or a controller's name or file"
+            "controller", f"{function!r:.60}", "a function, or the name or file of a controller"
         )
     definitions: dict[str, str] = {}
     arguments = inspect.signature(function).parameters
@@ -36,7 +36,7 @@ def make_law_text(function: Callable[..., Any]) -> str:
 
 
 def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str, str]) -> None:
-    """Add the definition of a name after those of its dependencies."""
+    """Add the definition of a name after the definitions of its dependencies."""
     if name in definitions or name in dir(__builtins__):
         return
     if isinstance(value, types.ModuleType):
@@ -46,7 +46,7 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
     ):
         definitions[name] = _describe_tuple(name, value)
     elif isinstance(value, types.FunctionType) and value.__globals__ is law.__globals__:
-        definitions[name] = ""  # functions may be recursive
+        definitions[name] = ""  # Functions may be recursive.
         for used in _names(value.__code__):
             if used in value.__globals__ and used != "controller":
                 _take(used, value.__globals__[used], law, definitions)
@@ -55,21 +55,23 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
             definitions[name] = textwrap.dedent(inspect.getsource(value))
         except OSError:
             raise InputError(
-                name, "a function without its text", "one of a cell or a file"
+                name,
+                "the source text of the function is not available",
+                "a function defined in a notebook cell or a file",
             ) from None
     elif isinstance(value, int | float | str | tuple):
         definitions[name] = f"{name} = {value!r}\n"
     elif hasattr(value, "__module__") and hasattr(value, "__name__"):
         definitions[name] = f"from {value.__module__} import {value.__name__} as {name}\n"
     else:
-        problem = f"'{name}', a {type(value).__name__}, in the law {law.__name__}"
+        problem = f"the law {law.__name__} uses '{name}', a {type(value).__name__}"
         raise InputError(
-            "controller", problem, "numbers, functions and named tuples; arrays from design()"
+            "controller", problem, "numbers, functions and named tuples; design() may return arrays"
         )
 
 
 def _names(code: types.CodeType) -> list[str]:
-    """Return global names used by code and the functions inside it."""
+    """Return the global names used by a code object and its nested functions."""
     inner = (constant for constant in code.co_consts if isinstance(constant, types.CodeType))
     return list(
         dict.fromkeys(
@@ -79,7 +81,7 @@ def _names(code: types.CodeType) -> list[str]:
 
 
 def _describe_tuple(name: str, kind: Any) -> str:
-    """Return the definition of a named tuple; a notebook has no text of classes."""
+    """Return source text that defines a named tuple, since notebooks store none of classes."""
     defaults = kind._field_defaults
     rows = [
         f"    {field}: float" + (f" = {defaults[field]!r}" if field in defaults else "")

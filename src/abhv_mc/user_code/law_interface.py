@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 from abhv_mc.kernel.laws.columns import REFERENCE
 
-NOT_GIVEN = float("inf")  # of an optional command: then the reference's
+NOT_GIVEN = float("inf")  # An omitted optional command takes the value of the reference.
 
 
 class Command(NamedTuple):
-    """Command of a control law.
+    """Command returned by a control law at one tick.
 
     The engine is commanded by its equivalence ratio or its throttle; the default is the minimum.
-    Path, angle of attack and bank are the values with which metrics and figures compare; the
-    default is the reference.
+    Metrics and figures compare the flight with the commanded flight-path angle, angle of attack and
+    bank; their default is the reference.
     """
 
     aileron: float  # rad
@@ -25,11 +25,11 @@ class Command(NamedTuple):
     angle_of_attack: float = NOT_GIVEN
     bank: float = NOT_GIVEN
     throttle: float = NOT_GIVEN
-    effectors: Any = ()  # rad by name: of the vehicle's effectors themselves, without the mix
+    effectors: Any = ()  # rad by effector name, bypassing the control mix
 
 
-COMMAND_FIELDS = Command._fields[:-2]  # of laws in C and FMUs, which give the engine as one number
-# Of laws that leave the effectors to their mix.
+COMMAND_FIELDS = Command._fields[:-2]  # outputs of laws in C and FMUs
+# Command of a law that does not command effectors directly.
 MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Command._fields[:-1]])  # type: ignore[misc]
 
 
@@ -48,29 +48,29 @@ class Measured(NamedTuple):
     yaw_rate: float
     airspeed: float  # m/s
     mach: float
-    load_factor: float  # g, magnitude of the specific force
-    pitch: float  # rad, Euler angles to north, east, down
+    load_factor: float  # magnitude of the specific force, g
+    pitch: float  # Euler angles relative to north-east-down, rad
     roll: float
     yaw: float
     latitude: float
     longitude: float
-    north: float  # m, integral of the north ground speed at altitude
+    north: float  # integral of the northward ground speed at altitude, m
     east: float
-    equivalent_airspeed: float  # m/s, with the density at sea level
-    cross_track: float  # m, to the left of the reference's heading at the tick
-    acceleration_x: float  # m/s2, specific force at the centre of gravity in body axes
+    equivalent_airspeed: float  # referred to sea-level density, m/s
+    cross_track: float  # deviation to the left of the reference heading, m
+    acceleration_x: float  # specific force at the centre of gravity, body axes, m/s2
     acceleration_y: float
     acceleration_z: float
 
 
 Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
 Reference.__doc__ = (
-    """Reference of the mission and its nominal controls at a tick, SI and radians."""
+    """Reference of the mission and nominal controls at one control tick, SI and radians."""
 )
 
 
 class Moment(NamedTuple):
-    """Moment about the centre of gravity in body axes, N m, or its slope, N m/rad."""
+    """Moment about the centre of gravity in body axes, N m, or its derivative, N m/rad."""
 
     roll: float
     pitch: float
@@ -78,7 +78,7 @@ class Moment(NamedTuple):
 
 
 class Inertia(NamedTuple):
-    """Inertia matrix, kg m2; ``xz`` is its element 13."""
+    """Inertia matrix, kg m2; ``xz`` is the element in row 1, column 3."""
 
     xx: float
     yy: float
@@ -105,10 +105,10 @@ class Onboard(NamedTuple):
     moment_by_aileron: Moment
     moment_by_rudder: Moment
     moment_by_elevator: Moment
-    lift: float  # N, across the velocity
+    lift: float  # normal to the velocity, N
     drag: float
     thrust: float
-    lift_by_angle_of_attack: float  # N/rad, thrust's part not in it
+    lift_by_angle_of_attack: float  # without the contribution of thrust, N/rad
     drag_by_angle_of_attack: float
     thrust_by_angle_of_attack: float
     lift_by_equivalence_ratio: float  # N
@@ -123,7 +123,7 @@ def nest(
     numbers: Iterator[Any],
     make: Callable[[Any, list[Any]], Any] = lambda kind, values: kind(*values),
 ) -> Any:
-    """Return ``make`` applied to a named tuple class and its values, recursively."""
+    """Construct a nested named tuple from a flat iterator of numbers with ``make``."""
     hints = kind.__annotations__.values()
     return make(
         kind,
@@ -135,7 +135,7 @@ def nest(
 
 
 def onboard_fields(kind: Any = Onboard) -> list[str]:
-    """Return names of the numbers in their order: 'mach', 'moment.roll'."""
+    """Return the flattened field names in order, such as 'mach' and 'moment.roll'."""
     return [
         f"{name}.{inner}" if inner else name
         for name, hint in kind.__annotations__.items()
@@ -144,7 +144,7 @@ def onboard_fields(kind: Any = Onboard) -> list[str]:
 
 
 class Air(NamedTuple):
-    """Flow conditions passed to a vehicle's functions."""
+    """Flow conditions passed to the aerodynamics and engine functions of a vehicle."""
 
     altitude: float  # m
     mach: float
@@ -166,10 +166,10 @@ class Rates(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Result of an aerodynamics function: forces and moments about its reference point.
+    """Result of an aerodynamics function: force and moment coefficients.
 
-    Forces depend on the frame. ``body``: CX, CY, CZ; ``stability``: CL, CD and CY along body y;
-    ``wind``: CL, CD and CC to the right.
+    Moments are about the reference point. The force components depend on the frame. ``body``: CX,
+    CY, CZ; ``stability``: CL, CD and CY along body y; ``wind``: CL, CD and CC to the right.
     """
 
     CX: float = 0.0
@@ -196,16 +196,16 @@ class Thrust(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Motion of the vehicle as an argument of custom dynamics, in body axes.
+    """Motion of the vehicle in body axes, passed to custom dynamics.
 
     Accelerations are due to all other forces at this time: aerodynamics, thrust and, except for
     the angular ones, gravity. The specific force is ``acceleration`` minus ``gravity``.
     """
 
-    u: float  # m/s, velocity relative to the Earth
+    u: float  # velocity relative to the Earth, m/s
     v: float
     w: float
-    q0: float  # attitude, body to north-east-down
+    q0: float  # attitude quaternion, body to north-east-down
     q1: float
     q2: float
     q3: float
@@ -213,7 +213,7 @@ class Motion(NamedTuple):
     pitch_rate: float
     yaw_rate: float
     mass: float  # kg
-    acceleration_x: float  # m/s2, of the centre of gravity
+    acceleration_x: float  # acceleration of the centre of gravity, m/s2
     acceleration_y: float
     acceleration_z: float
     roll_acceleration: float  # rad/s2
@@ -226,13 +226,15 @@ class Motion(NamedTuple):
 
 _N_MEASURED = len(Measured._fields)
 Sensed: Any = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0.0]])  # type: ignore[misc]
-Sensed.__doc__ = """Effect of custom states on sensors, added to the measurements in their units."""
+Sensed.__doc__ = (
+    """Contributions of custom states to the measurements, in the units of the measurements."""
+)
 
 
 class Effect(NamedTuple):
-    """Result of custom dynamics: rates in the order of the states, and loads.
+    """Result of custom dynamics: time derivatives of the states, and loads.
 
-    Force (N) and moment (N m) are in body axes.
+    Rates follow the order of the states. Force (N) and moment (N m) are in body axes.
     """
 
     rates: Any
@@ -245,7 +247,7 @@ Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED 
 Filtered.__doc__ = """Result of a measurement filter; omitted fields keep the measured values."""
 FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
-# Arguments that a law may name, and the rest, which its file defines.
+# Classes of the arguments that the program defines.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "design"}
 ARGUMENTS = (
@@ -260,7 +262,7 @@ ARGUMENTS = (
     "dt",
 )
 
-_UNITS = {  # of measurements, reference and commands, SI; what is in no group is a plain number
+_UNITS = {  # SI units of measurements, reference and commands; other names are dimensionless
     "m": ("altitude", "north", "east", "radius", "cross_track"),
     "m/s": ("speed", "altitude_rate", "sound_speed", "airspeed", "equivalent_airspeed"),
     "m/s2": ("speed_rate", "gravity", "acceleration_x", "acceleration_y", "acceleration_z"),
@@ -286,9 +288,9 @@ _UNITS = {  # of measurements, reference and commands, SI; what is in no group i
 
 
 def find_unit(name: str) -> str | None:
-    """Return the SI unit of an argument or a command, such as measured.altitude.
+    """Return the SI unit of an argument or command, such as measured.altitude.
 
-    The unit is None for a gain and onboard quantities.
+    The unit is None for gains and onboard quantities.
     """
     group, _, field = name.rpartition(".")
     if group.startswith(("gains", "onboard")) or not field:

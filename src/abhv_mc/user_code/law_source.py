@@ -1,4 +1,4 @@
-"""Code named by a controller file, read without running it."""
+"""Custom code named by a controller file, read without running it."""
 
 import json
 from pathlib import Path
@@ -25,9 +25,9 @@ _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onbo
 
 
 def law_place(controller: UserController) -> Path:
-    """Return the file of a control law, by the path in its controller file.
+    """Return the file of a control law from the path in its controller file.
 
-    The path may lead out of the folder.
+    The path may point outside the folder of the controller file.
     """
     if isinstance(controller, CController):
         return controller.library or controller.sources[0]
@@ -35,9 +35,10 @@ def law_place(controller: UserController) -> Path:
 
 
 def read_law_source(controller: UserController) -> UserSource:
-    """Return a controller's code with its declared files, without building it.
+    """Return the code and declared files of a controller, without building it.
 
-    The text of a law in C or an FMU is a recipe: build, platform and wiring. Raise InputError.
+    For a law in C or an FMU the text describes build, platform and wiring. Raise InputError if a
+    file is invalid.
     """
     paths = find_files(controller)
     if isinstance(controller, PythonController):
@@ -79,7 +80,7 @@ def read_law_source(controller: UserController) -> UserSource:
 
 
 def check_wiring(document: Document, controller: FmuController) -> None:
-    """Raise InputErrors for unknown sources of inputs and missing outputs."""
+    """Raise InputErrors for unknown input sources and missing outputs of an FMU."""
     errors = []
     for name, source in controller.wired.items():
         group, _, field = source.partition(".")
@@ -99,14 +100,14 @@ def check_wiring(document: Document, controller: FmuController) -> None:
             errors.append(document.error(("inputs", name), problem, expected))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        problem = f"no output for {', '.join(missing)}"
-        errors.append(document.key_error(("outputs",), problem, "all four controls"))
+        problem = f"no output is assigned to {', '.join(missing)}"
+        errors.append(document.key_error(("outputs",), problem, "outputs for all four controls"))
     if errors:
         raise InputErrors(errors)
 
 
 def read_trusted_law(controller: UserController) -> UserSource:
-    """Return a controller's code to be run. Raise InputError for an untrusted copy."""
+    """Return the code of a controller. Raise InputError if it is an untrusted copy."""
     source = read_law_source(controller)
     if is_in_a_folder(law_place(controller)):
         check_trusted(source)

@@ -1,6 +1,6 @@
 """Loading and checks of control laws in Python files.
 
-Code that cannot be compiled is reported in terms of the user's file.
+Errors of code that cannot be compiled name the line of the user's file.
 """
 
 import ast
@@ -47,9 +47,9 @@ _REFUSED_CALLS = {
 
 @functools.lru_cache(maxsize=64)
 def load_law(source: UserSource) -> Law:
-    """Run a controller's file and return its law. Raise InputError for the first problem."""
+    """Run a controller's file and return its control law. Raise InputError if it is invalid."""
     module = run_module(source)
-    with refuse_in_words(source, "a law", "a plain function, and named tuples of numbers"):
+    with refuse_in_words(source, "a law", "an ordinary function, and named tuples of numbers"):
         controllers = module.marked(CONTROLLER)
         if len(controllers) != 1:
             problem = (
@@ -57,7 +57,11 @@ def load_law(source: UserSource) -> Law:
                 if controllers
                 else "no function with @controller or @measurement_filter"
             )
-            raise InputError(source.file, problem, "one: from abhv_mc.extend import controller")
+            raise InputError(
+                source.file,
+                problem,
+                "exactly one; import the decorator with 'from abhv_mc.extend import controller'",
+            )
         ((name, function),) = controllers.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
         allowed = FILTER_ARGUMENTS if mark.filters else ARGUMENTS
@@ -77,7 +81,7 @@ def load_law(source: UserSource) -> Law:
 
 
 def _check_classes(law: Law, line: int) -> None:
-    """Check that arguments are defined and classes hold finite numbers. Raise InputError."""
+    """Raise InputError if an argument is undefined or a class has invalid fields."""
     file = law.source.file
     for argument, class_name in CLASSES.items():
         kind = law.module.names.get(class_name)
@@ -87,7 +91,7 @@ def _check_classes(law: Law, line: int) -> None:
                 if class_name == "design"
                 else f"class {class_name}(NamedTuple)"
             )
-            raise InputError(file, f"'{argument}' in a file without it", expected, line)
+            raise InputError(file, f"the file does not define '{argument}'", expected, line)
         if (
             kind is None
             or class_name == "design"
@@ -98,7 +102,7 @@ def _check_classes(law: Law, line: int) -> None:
         if not (isinstance(kind, type) and hasattr(kind, "_fields")):
             raise InputError(
                 file,
-                f"{class_name} that is no NamedTuple",
+                f"{class_name} is not a NamedTuple",
                 f"class {class_name}(NamedTuple)",
                 class_line,
             )
@@ -155,9 +159,9 @@ def _check_dispersable(law: Law, line: int) -> None:
 
 
 def check_functions(module: Module, name: str, texts: dict[str, Any] | None = None) -> None:
-    """Check that a function and the functions it calls can be compiled.
+    """Check that a function, and each function that it calls, can be compiled.
 
-    ``texts`` replaces the module's syntax trees. Raise InputError.
+    ``texts`` replaces the module's syntax trees. Raise InputError if a construct is not allowed.
     """
     texts, seen, pending = texts or module.texts, {name}, [name]
     while pending:
@@ -196,33 +200,30 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     if construct is not None:
         return (
             construct,
-            (
-                f"numbers, named tuples and functions of them: {construct} are not allowed in "
-                "compiled code"
-            ),
+            (f"numbers, named tuples and functions; {construct} are not allowed in compiled code"),
         )
     if isinstance(node, ast.Global | ast.Nonlocal):
         return (
-            f"'{node.names[0]}', a global that changes",
-            "a field of Memory: a law sees one flight only",
+            f"the global variable '{node.names[0]}' is modified",
+            "a field of Memory; variables cannot be shared between flights",
         )
     if isinstance(node, ast.Name) and node.id not in local:
         if isinstance(names.get(node.id), list | dict | set | np.ndarray):
             kind = type(names[node.id]).__name__
             return (
-                f"'{node.id}', a global {kind}, which may change",
+                f"the global {kind} '{node.id}' may change",
                 "numbers, table(...), or gains from design()",
             )
         if node.id not in names and not hasattr(builtins, node.id):
             return (
-                f"the name '{node.id}', which is nowhere defined",
-                "a name of the file or an argument",
+                f"the name '{node.id}' is not defined",
+                "a name defined in the file, or an argument",
             )
     return None
 
 
 def _fields_of(law: Law) -> dict[str, Any]:
-    """Return the classes of a law's arguments."""
+    """Return the class of each argument of a law."""
     kinds: dict[str, Any] = {
         argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
     }
@@ -234,9 +235,9 @@ def _fields_of(law: Law) -> dict[str, Any]:
 
 
 def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
-    """Raise InputError for attributes that arguments do not have.
+    """Raise InputError for attributes that the arguments of a function do not have.
 
-    ``kinds`` are the classes of the arguments.
+    ``kinds`` gives the class of each argument.
     """
     for node in _walk(module.texts[name]):
         if (
@@ -250,14 +251,14 @@ def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
                 expected = one_of(fields, node.attr)
                 raise InputError(
                     module.source.file,
-                    f"{argument}.{node.attr}, which there is not",
+                    f"{argument}.{node.attr} does not exist",
                     expected,
                     *location,
                 )
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Check that all paths return a Command (or Filtered), and the memory if there is one."""
+    """Check that each return statement has a Command (or Filtered), and Memory if defined."""
     function, remembers = law.module.texts[name], "memory" in law.arguments
     result_class = "Filtered" if law.mark.filters else "Command"
     wrong = [
@@ -268,9 +269,7 @@ def _check_returns(law: Law, name: str) -> None:
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
         expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"
-        problem = (
-            f"'{ast.unparse(last):.60}'" if wrong else "a way through the law without 'return'"
-        )
+        problem = f"'{ast.unparse(last):.60}'" if wrong else "the law can end without 'return'"
         raise InputError(law.source.file, problem, expected, last.lineno, last.col_offset + 1)
 
 

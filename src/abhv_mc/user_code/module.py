@@ -1,4 +1,4 @@
-"""Custom Python files, run as modules after one watched run in a child process."""
+"""Custom Python files, run as modules after a first, monitored run in a child process."""
 
 import ast
 import contextlib
@@ -20,23 +20,23 @@ from abhv_mc.user_code.source import UserSource, compile_text
 from abhv_mc.user_code.unpack import in_its_folder, laws_folder, unpack
 from abhv_mc.user_code.watch import watching
 
-_LONGEST = 600.0  # s that a file may run
-MODULE = "abhv_mc_own_"  # how the modules that are made of such files are called
+_LONGEST = 600.0  # time limit for running a file, s
+MODULE = "abhv_mc_own_"  # prefix of the names of custom modules
 CONTROLLER, CHANNEL, DYNAMICS = (
     "_abhv_mc_controller",
     "_abhv_mc_channel",
     "_abhv_mc_dynamics",
-)  # attributes that the decorators set
+)  # attributes set by the decorators
 
 
 @dataclass(frozen=True)
 class ControllerMark:
     """Arguments of the decorator ``controller``."""
 
-    units: dict[str, str] = field(default_factory=dict)  # of settings
+    units: dict[str, str] = field(default_factory=dict)  # units of settings
     compiled: bool = True
-    dispersable: tuple[str, ...] = ()  # settings that a campaign may vary from flight to flight
-    filters: bool = False  # a measurement, before a law of the program; it is no law itself
+    dispersable: tuple[str, ...] = ()  # settings that a campaign may disperse
+    filters: bool = False  # The function is a measurement filter.
 
 
 @dataclass(frozen=True)
@@ -49,26 +49,26 @@ class ChannelMark:
 
 
 def texts_of(tree: ast.Module) -> dict[str, Any]:
-    """Return the syntax trees of functions and classes of a file by name."""
+    """Return the syntax trees of a file's functions and classes, by name."""
     return {
         node.name: node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)
     }
 
 
 def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
-    """Return all arguments that can be passed by name or position."""
+    """Return all arguments of a function except ``*args`` and ``**kwargs``."""
     return [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
 
 
 @dataclass(frozen=True)
 class Module:
-    """Custom file that was run."""
+    """Custom Python file after it was run."""
 
     source: UserSource
-    names: dict[str, Any]  # its globals
+    names: dict[str, Any]  # global names of the file
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
-        """Return the functions with a decorator of ours, by name."""
+        """Return the functions with a given decorator of ``abhv_mc.extend``, by name."""
         functions = {
             name: value for name, value in self.names.items() if type(value) is types.FunctionType
         }
@@ -76,14 +76,14 @@ class Module:
 
     @functools.cached_property
     def texts(self) -> dict[str, Any]:
-        """Syntax trees of its functions and classes by name."""
+        """Syntax trees of the module's functions and classes, by name."""
         return texts_of(ast.parse(self.source.text))
 
     def check_arguments(self, function: str, allowed: Iterable[str]) -> tuple[str, ...]:
-        """Return the arguments of a function. Raise InputError for an unknown one."""
+        """Return the arguments of a function. Raise InputError for an unknown argument."""
         if not isinstance(self.texts.get(function), ast.FunctionDef):
-            problem = f"a decorator on '{function}', which is no function of the file"
-            raise InputError(self.source.file, problem, "one above 'def' at the left margin")
+            problem = f"a decorator is applied to '{function}', which is not a function of the file"
+            raise InputError(self.source.file, problem, "a decorator of a function at module level")
         function_arguments = arguments_of(self.texts[function])
         for argument in function_arguments:
             if argument.arg not in allowed:
@@ -97,15 +97,15 @@ class Module:
 
 @dataclass(frozen=True)
 class Law:
-    """Control law of a file: the function, its arguments and classes."""
+    """Control law defined in a file: the function, its arguments and its classes."""
 
     module: Module
     function: Callable[..., Any]
     mark: ControllerMark
     arguments: tuple[str, ...]
-    memory: Any  # class of its memory, None without
-    settings: Any  # class of its settings, None without
-    commands: Any  # class of its commands, None without
+    memory: Any  # class of the law's memory, or None
+    settings: Any  # class of the law's settings, or None
+    commands: Any  # class of the law's commands, or None
     design: Callable[..., Any] | None
 
     @property
@@ -116,7 +116,7 @@ class Law:
 def check_closure(source: UserSource) -> None:
     """Run a Python file in the child process, once for each content.
 
-    Raise InputError if it fails or reads undeclared files.
+    Raise InputError if the file fails or reads undeclared files.
     """
     key = hashlib.sha256(f"{source.hash} {source.file} {code_hash()}".encode()).hexdigest()[:24]
     note = laws_folder() / f"closed_{key}"
@@ -125,20 +125,20 @@ def check_closure(source: UserSource) -> None:
     try:
         in_child(_run_watched, source, limit=_LONGEST)
     except LostError as lost:
-        problem = f"a file that does not run: {lost.words}"
-        raise InputError(source.file, problem, "a file that runs on its own") from None
+        problem = f"the file cannot be run: {lost.words}"
+        raise InputError(source.file, problem, "a file that runs without errors") from None
     note.touch()
 
 
 def _run_watched(source: UserSource) -> None:
-    run_module.cache_clear()  # a module that ran already opens nothing
+    run_module.cache_clear()  # A cached module would open no files.
     with watching(source):
         run_module(source)
 
 
 @functools.cache
 def code_hash() -> str:
-    """Return the hash of this package's code, on which compiled custom code depends."""
+    """Return the hash of this package's code for the cache of compiled custom code."""
     folder = Path(__file__).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.glob("*.h")), folder.parent / "extend.py"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
@@ -146,7 +146,7 @@ def code_hash() -> str:
 
 @functools.lru_cache(maxsize=64)
 def run_module(source: UserSource) -> Module:
-    """Return a custom file that was run. Raise InputError, with the line, if it fails."""
+    """Run a custom file as a module. Raise InputError, with the line, if it fails."""
     linecache.cache[source.file] = (
         len(source.text),
         None,
@@ -156,16 +156,19 @@ def run_module(source: UserSource) -> Module:
     module = types.ModuleType(f"{MODULE}{source.hash[:16]}")
     module.__file__ = str(unpack(source) / source.files[0][0]) if source.files else source.file
     code = compile_text(source)
-    with refuse_in_words(source, "a file", "a file that runs on its own"), in_its_folder(source):
-        exec(code, module.__dict__)  # the user's own file
+    with (
+        refuse_in_words(source, "a file", "a file that runs without errors"),
+        in_its_folder(source),
+    ):
+        exec(code, module.__dict__)  # the user's file
     return Module(source, module.__dict__)
 
 
 @contextlib.contextmanager
 def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
-    """Raise InputError, with the line, for any exception of custom code in the context.
+    """Convert exceptions of custom code in the context to InputErrors with the line.
 
-    Full disks or exhausted memory outside the custom code are not converted.
+    Errors due to a full disk or exhausted memory outside custom code are not converted.
     """
     try:
         yield
@@ -174,7 +177,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
     except Exception as error:
         line = _line_in(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
-            problem = f"{what} that {missed[0]}, which it does not declare"
+            problem = f"{what} that {missed[0]}, which is not declared"
             raise InputError(
                 source.file, problem, f"files: [{missed[1]}] in its controller file", line
             ) from None
@@ -186,16 +189,16 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
-    """Return text on a missing file or module, and its entry for ``files``.
+    """Return a message on an undeclared file or module, and its entry for ``files``.
 
-    The result is None unless the file is next to the control law.
+    The result is None if the file is not in the folder of the control law.
     """
     beside = Path(source.file).parent
     if isinstance(error, ModuleNotFoundError):
         top = str(error.name).partition(".")[0]
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
-    if isinstance(error, FileNotFoundError):  # numpy names the file only in the message
+    if isinstance(error, FileNotFoundError):  # numpy gives the file only in the message.
         candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
         named = (os.path.relpath(beside / word, beside) for word in candidates)
         entry = next(
@@ -207,7 +210,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
 
 
 def _describe(error: Exception) -> str:
-    """Return type and text of an exception; computing the text may fail."""
+    """Return the type and text of an exception, even if ``str`` of it fails."""
     name = type(error).__name__
     try:
         return f"{name}: {error!s:.300}"
@@ -216,7 +219,7 @@ def _describe(error: Exception) -> str:
 
 
 def _line_in(error: Exception, file: str) -> int | None:
-    """Return the last line number of ``file`` in a traceback; None if it is not in it."""
+    """Return the line of the last frame of ``file`` in a traceback, or None."""
     lines = [
         frame.lineno
         for frame in traceback.extract_tb(error.__traceback__)

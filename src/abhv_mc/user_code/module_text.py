@@ -1,7 +1,7 @@
-"""Writing of Python modules by importers: names, numbers, statements, layout, files.
+"""Functions with which importers write Python modules.
 
-A statement consists of the importer's own text, identifiers and numbers. Texts of the imported file
-are comments and docstrings, which :func:`abhv_mc.io.xml_reader.fold` has made safe.
+Statements contain only text of the importer, identifiers and numbers. Text of the imported file is
+written only to comments and docstrings, made safe by :func:`abhv_mc.io.xml_reader.fold`.
 """
 
 import ast
@@ -22,11 +22,13 @@ WIDTH = 116
 INDENT = "    "
 _LONGEST = 60  # maximum length of a name
 _BUILTINS = frozenset(dir(builtins))
-_UNEDITED = "# A second import replaces this file unless it is edited. SHA-256 of the text above: "
+_UNEDITED = (
+    "# A repeated import replaces this file unless it was edited. SHA-256 of the text above: "
+)
 
 
 class Line(NamedTuple):
-    """Statement or head with its comment: one line, printable."""
+    """Statement or header line with a comment, as one printable line."""
 
     text: str
     words: str = ""
@@ -34,29 +36,29 @@ class Line(NamedTuple):
 
 
 def call(function: str, arguments: Iterable[str]) -> str:
-    """Return a call."""
+    """Return the source text of a function call."""
     return f"{function}({', '.join(arguments)})"
 
 
 def define(head: str, docstring: str, body: Iterable[Line]) -> list[Line]:
-    """Return a function or class of the module."""
+    """Return the lines that define a function or class."""
     inner = [Line(f'"""{docstring}"""'), *body]
     return [Line(head), *(line._replace(indent=INDENT) for line in inner)]
 
 
 def declare(field: str, comment: str, value: float | None = None) -> Line:
-    """Return a field of a class of floats."""
+    """Return the line that declares a float field of a class."""
     return Line(f"{field}: float" + ("" if value is None else f" = {number(value)}"), comment)
 
 
 def names_in(lines: Iterable[Line]) -> set[str]:
-    """Return every name in the statements."""
+    """Return all names used in the statements."""
     tree = ast.parse("\n".join(line.indent + line.text for line in lines))
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
 def free_name(text: str, taken: Collection[str] = ()) -> str:
-    """Return a free Python name for a text, unchanged if possible."""
+    """Return an unused Python name similar to a text, identical if possible."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
     name = name if name[:1].isalpha() else f"x{name}"
     while (
@@ -72,21 +74,21 @@ def number(value: float) -> str:
 
 
 def sequence(values: Any) -> str:
-    """Return nested numbers as Python tuples."""
+    """Return nested sequences of numbers as source text of tuples."""
     return str(tuple(map(sequence, values))).replace("'", "") if np.ndim(values) else number(values)
 
 
 def import_names(
     used: Collection[str], modules: Iterable[tuple[str, Iterable[str]]]
 ) -> Iterator[Line]:
-    """Yield the lines that import what is used of modules, each given with its names."""
+    """Yield import lines for the used names; ``modules`` maps each module to its names."""
     for module, exported in modules:
         if imported := sorted(set(used) & set(exported)):
             yield Line(f"from {module} import {', '.join(imported)}")
 
 
 def lay_out(docstring: str, statements: Iterable[Line]) -> str:
-    """Return the text of a module, in lines of at most ``WIDTH`` if possible."""
+    """Return the text of a module, with lines of at most ``WIDTH`` if possible."""
     lines, before = [f'"""{docstring}\n"""'], ""
     for text, comment, indent in statements:
         kind = next(
@@ -109,7 +111,7 @@ def lay_out(docstring: str, statements: Iterable[Line]) -> str:
 
 
 def _break(text: str, indent: str) -> list[str]:
-    """Return the lines of a statement; a long one is broken within its brackets."""
+    """Return the lines of a statement; long statements are broken within brackets."""
     if len(indent + text) <= WIDTH:
         return [indent + text]
     first, last, inner = text.index("(") + 1, text.rindex(")"), indent + INDENT
@@ -131,7 +133,7 @@ def _break(text: str, indent: str) -> list[str]:
 def write_unless_edited(
     folder: Path, texts: Mapping[str, str]
 ) -> tuple[list[Path], tuple[Path, ...]]:
-    """Write files that end with a hash of their text, except edited ones.
+    """Write files that end with a hash of their text, without replacing edited files.
 
     The new version of an edited file is written next to it.
     """

@@ -1,4 +1,4 @@
-"""Loop over the lanes that calls native code, shared by laws in C and FMUs."""
+"""Loop over lanes that calls native code, used for laws in C and FMUs."""
 
 from collections.abc import Callable, Iterable, Mapping
 from textwrap import indent
@@ -13,7 +13,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class OpenLaw(NamedTuple):
-    """Control law for the flights of one call, with all objects that must stay alive."""
+    """Control law opened for one call, with all objects that must stay alive."""
 
     address: int
     context: int
@@ -22,15 +22,16 @@ class OpenLaw(NamedTuple):
 
 
 class LawBackend(NamedTuple):
-    """Functions that make a control law in native code ready to fly.
+    """Functions that prepare a control law in native code for flights.
 
-    ``open`` takes the source, names of gains, lanes, flights at the same time, numbers of memory in
-    the lanes' rows or None, measured values and names of effectors; it raises InputError.
-    ``find_memory`` takes the source, the settings and the first row of the reference, and returns
-    the numbers that the law remembers at the start by name, or None if it does not give them.
-    ``find_misfits`` takes the source and returns what of the controller file does not fit the law:
-    keys, what is found and what is expected. Both run in a child process. A package registers a
-    backend in the group ``abhv_mc.law_backends``, by the value of ``law`` in the controller file.
+    ``open`` takes the source, names of gains, the numbers of lanes and of simultaneous flights, the
+    number of memory values in the lanes' rows or None, the number of measured values, and names of
+    effectors; it raises InputError. ``find_memory`` takes the source, the settings and the first
+    row of the reference, and returns the initial values of the law's memory by name, or None if the
+    law does not expose them. ``find_misfits`` takes the source and returns mismatches between
+    controller file and law: keys, value found and value expected. ``find_memory`` and
+    ``find_misfits`` run in a child process. A package registers a backend in the group
+    ``abhv_mc.law_backends``, by the value of ``law`` in the controller file.
     """
 
     open: Callable[..., OpenLaw]
@@ -48,13 +49,13 @@ def build_native(
     slot: tuple[int, str] | None,
     names: dict[str, Any],
 ) -> Any:
-    """Return the compiled loop over lanes that calls native code.
+    """Compile the loop over lanes that calls native code.
 
     ``before`` are lines before the loop, ``body`` the lines per lane, and ``written`` the values
     stored in each row afterwards. The body sets ``total``, NaN if the law cannot be evaluated,
-    ``failed``, which ends the flight if ``bad`` holds, and the ``outputs`` numbers ``out``. The
-    memory of a flight has an index, which its lane holds: ``slot`` gives the position of the next
-    index in the context and the number of indices. It is None if the lanes' rows hold the memory.
+    ``failed``, which ends the flight if ``bad`` holds, and the ``outputs`` numbers ``out``. A
+    flight's lane holds the index of its memory; ``slot`` gives the position of the next index in
+    the context and the number of indices, or is None if the lanes' rows hold the memory.
     """
     lane = f"""\
 if Z[{FAULT * width} + lane] > 0.0:

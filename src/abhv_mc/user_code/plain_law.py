@@ -1,6 +1,6 @@
-"""Control laws in plain Python, called like compiled ones, for prototypes.
+"""Control laws in plain Python for prototypes, called like compiled laws.
 
-They may use any library, and any object as their memory.
+A plain law may use any library, and any object as its memory.
 """
 
 import ctypes
@@ -29,14 +29,14 @@ from abhv_mc.user_code.watch import watching
 _SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double
 )
-_told: set[str] = set()  # hashes of laws whose traceback was printed
+_told: set[str] = set()  # hashes of laws whose tracebacks were printed
 
 
 class PlainLaw:
-    """Adapter that calls a control law; ``address`` is valid during its lifetime.
+    """Adapter that calls a control law in Python from compiled code.
 
-    The memory is any object, stored here. With ``memory_in_rows`` it is a named tuple of numbers in
-    the lanes' rows.
+    ``address`` is valid as long as the adapter exists. The memory is any object, stored in the
+    adapter; with ``memory_in_rows`` it is a named tuple of numbers in the lanes' rows.
     """
 
     def __init__(
@@ -52,12 +52,12 @@ class PlainLaw:
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
         self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
-        self._memories: dict[int, Any] = {}  # by the number in the flight's lane
+        self._memories: dict[int, Any] = {}  # memories by the index in the flight's lane
         self._callback = _SOCKET(self._call)
 
     @property
     def address(self) -> int:
-        """Address for compiled code."""
+        """Address of the function that compiled code calls."""
         return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
 
     def _call(
@@ -92,7 +92,7 @@ class PlainLaw:
                 self._memories[len(self._memories)] = None
             elif (
                 lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]
-            ):  # a spare lane that repeats a flight
+            ):  # spare lane that repeats a flight
                 block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
                 continue
             number = int(block[MEMORY, lane])
@@ -103,18 +103,16 @@ class PlainLaw:
     def _try_lane(
         self, block: Floats, lane: int, memory: Any, shared_values: dict[str, Any]
     ) -> Any:
-        """Return a flight's memory after one tick.
+        """Run the law for one flight and tick, and return the flight's new memory.
 
-        An exception is printed once and ends the flight.
+        An exception ends the flight; its traceback is printed once per law.
         """
         try:
             if shared_values["time"] == 0.0 and self._remembers:
                 memory = self._law.memory()
             with in_its_folder(self._law.source), watching(self._law.source):
                 return self._fly_lane(block, lane, memory, shared_values)
-        except (
-            BaseException
-        ):  # SystemExit, too: compiled code is above, which would fly on with the last command
+        except BaseException:  # Also SystemExit: the compiled caller would continue the flight.
             block[FAULT, lane] = LAW_FAILED
             block[list(COMMAND_ROWS), lane] = 0.0
             if self._law.source.hash not in _told:
@@ -134,7 +132,7 @@ class PlainLaw:
         returned = law.function(*(values[name] for name in law.arguments))
         command, memory = returned if self._remembers else (returned, None)
         if not isinstance(command, Command):
-            raise TypeError(f"the law returns {type(command).__name__}; wanted Command(...)")
+            raise TypeError(f"the law returns {type(command).__name__}; expected Command(...)")
         engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
         block[list(COMMAND_ROWS), lane] = (*command[:3], engine, *command[4:7])
         for name, value in dict(command.effectors).items():

@@ -1,7 +1,7 @@
-"""Rules on files that custom code may read, shared by control laws and simulators.
+"""Rules for the files that custom control laws and simulators may read.
 
-The module needs only the standard library, because the process of a user's simulator imports it by
-its path.
+The module imports only the standard library, because the process of a custom simulator loads it by
+path.
 """
 
 import contextlib
@@ -20,12 +20,12 @@ PROGRAMS = ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.sys
 EVENTS = ("open", "import", "ctypes.dlopen", "sqlite3.connect")
 SYSTEM = ("/bin", "/dev", "/etc", "/lib", "/lib32", "/lib64", "/libx32", "/opt", "/proc", "/run",
           "/sbin", "/sys", "/usr", "/var")  # fmt: skip
-_CLOCK_STEP = 0.01  # s by which the clock of a file system may lag
+_CLOCK_STEP = 0.01  # possible lag of a file system's clock, s
 _SEPARATORS = re.compile(r"[\s=<>|;&\"'`(),]+")
 
 
 class ReadGuard:
-    """Guard that allows declared files, own files, and those of packages and the system."""
+    """Guard that allows reads of declared, own, package and system files."""
 
     def __init__(
         self,
@@ -39,8 +39,8 @@ class ReadGuard:
     ) -> None:
         """Set up the guard from paths.
 
-        ``studies`` are folders of the user's files, in which only ``packages`` may be read. ``own``
-        is the process's folder, which it may read entirely. Files created after ``started`` (s
+        ``studies`` are folders of the user's files, in which only ``packages`` may be read. All
+        files in ``own``, the folder of the process, may be read. Files created after ``started`` (s
         since the epoch) belong to the process.
         """
         self.declared = {os.path.realpath(path) for path in declared}
@@ -57,7 +57,7 @@ class ReadGuard:
     def allows(self, real: str) -> bool:
         """Return whether the file at a real path may be read."""
         if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
-            with contextlib.suppress(ValueError):  # a name that Python does not give
+            with contextlib.suppress(ValueError):  # not a name of a module
                 real = importlib.util.source_from_cache(real)
         if real in self.declared or real in self.written:
             return True
@@ -71,12 +71,12 @@ class ReadGuard:
         ) or (not studies and real.startswith(self.system))
 
     def find_reads(self, event: str, arguments: Sequence[Any]) -> Iterator[str]:
-        """Yield paths that an audit event (PEP 578) reads; note the files it creates."""
+        """Yield the paths read in an audit event (PEP 578), and record created files."""
         if event not in EVENTS:
             return
         name = arguments[1] if event == "import" else arguments[0]
         if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
-            return  # an open file, or a module found earlier
+            return  # an open file, or a module already found
         path = os.fsdecode(name)
         if event == "sqlite3.connect":
             path = path.removeprefix("file:").partition("?")[0]
@@ -91,7 +91,7 @@ class ReadGuard:
         yield path
 
     def find_programs(self, event: str, arguments: Sequence[Any]) -> Iterator[str]:
-        """Yield the program and files in the arguments of an event that starts a program."""
+        """Yield the program and the file arguments of an event that starts a program."""
         if event not in PROGRAMS:
             return
         first = 1 if event == "os.spawn" else 0
@@ -122,13 +122,13 @@ class ReadGuard:
 
 
 def package_folders() -> set[str]:
-    """Return the folders of the interpreter and of installed packages in ``sys.path``."""
+    """Return the folders of the interpreter and of the packages in ``sys.path``."""
     folders = {*sysconfig.get_paths().values(), sys.prefix, sys.base_prefix, sys.exec_prefix}
     return folders | {entry for entry in sys.path if entry and any(Path(entry).glob("*.dist-info"))}
 
 
 def cache_folders() -> set[str]:
-    """Return the user's folders of caches and settings."""
+    """Return the user's cache and configuration folders."""
     names = (
         "NUMBA_CACHE_DIR",
         "MPLCONFIGDIR",
@@ -144,9 +144,9 @@ def cache_folders() -> set[str]:
 def simulator_guard(
     declared: Iterable[str], folder: str, campaign: str, own: str, started: float
 ) -> ReadGuard:
-    """Return the guard of a user's simulator in ``folder`` with ``declared`` files.
+    """Return the guard for a custom simulator in ``folder`` with ``declared`` files.
 
-    ``campaign`` is the folder of the campaign.
+    ``campaign`` is the folder of the campaign file.
     """
     ours = set(map(str, Path(__file__).parents[2].glob("abhv_mc*")))
     return ReadGuard(
@@ -159,17 +159,19 @@ def simulator_guard(
 
 
 def watch_reads(guard: ReadGuard, folder: str) -> None:
-    """Raise PermissionError from now on if this process reads a file not allowed."""
+    """Install an audit hook that raises PermissionError for reads of other files."""
 
     def check(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in EVENTS and event not in PROGRAMS:
             return
         for path in (*guard.find_reads(event, arguments), *guard.find_programs(event, arguments)):
             if event == "ctypes.dlopen" and os.sep not in path:
-                continue  # the loader searches the system's libraries
+                continue  # The loader searches system libraries.
             real = os.path.realpath(path)
             if is_regular(real) and not guard.allows(real):
-                guard.packages |= set(map(_as_folder, package_folders()))  # sys.path may have grown
+                guard.packages |= set(
+                    map(_as_folder, package_folders())
+                )  # sys.path may have been extended.
                 if not guard.allows(real):
                     raise PermissionError(undeclared_words(real, folder))
 
@@ -177,14 +179,14 @@ def watch_reads(guard: ReadGuard, folder: str) -> None:
 
 
 def undeclared_words(real: str, folder: str) -> str:
-    """Return the sentence on an undeclared file, named relative to ``folder``."""
+    """Return a message on an undeclared file, named relative to ``folder``."""
     simulator_folder = Path(os.path.realpath(folder))
     if Path(real).is_relative_to(simulator_folder):
-        return f"it reads {Path(real).relative_to(simulator_folder)}, which 'files' does not name"
-    remedy = "link it into the simulator's folder and name the link"
+        return f"it reads {Path(real).relative_to(simulator_folder)}, which 'files' does not list"
+    remedy = "link the file into the simulator's folder and list the link"
     if Path(real).is_relative_to(simulator_folder.parent):
-        remedy = "with 'folder: ..' it can name files one folder up"
-    return f"it reads {real}, which 'files' does not name ({remedy})"
+        remedy = "with 'folder: ..' the entry 'files' can list files one folder up"
+    return f"it reads {real}, which 'files' does not list ({remedy})"
 
 
 def is_regular(path: str) -> bool:
@@ -196,7 +198,7 @@ def is_regular(path: str) -> bool:
 
 
 def _created(path: str) -> float:
-    """Return the latest creation time of a file, s since the epoch, or -inf."""
+    """Return the time of a file's last status change, s since the epoch, or -inf."""
     try:
         return os.stat(path).st_ctime  # noqa: PTH116
     except (OSError, ValueError):
@@ -204,7 +206,7 @@ def _created(path: str) -> float:
 
 
 def _expand(word: str) -> str:
-    """Return a word with ``~`` and variables expanded as by a shell."""
+    """Return a word with ``~`` and variables expanded as in a shell."""
     return os.path.expandvars(os.path.expanduser(word))  # noqa: PTH111
 
 

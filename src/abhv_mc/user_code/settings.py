@@ -1,4 +1,4 @@
-"""Settings and commands of custom control laws from controller files."""
+"""Settings and commands of custom control laws, read from controller files."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def make_user_settings(document: Document, controller: PythonController, law: Law) -> Floats:
-    """Return the numbers of class ``Settings`` in order, SI. Raise InputErrors."""
+    """Return the values of class ``Settings``, SI. Raise InputErrors for invalid entries."""
 
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
@@ -39,7 +39,7 @@ def _read_fields(
     entries: Mapping[str, Any],
     read: Callable[[str, str, float], T],
 ) -> dict[str, T]:
-    """Return ``read`` of name, unit and default for each field of a class.
+    """Read the entry of each field of a class with ``read(name, unit, default)``.
 
     Raise InputErrors with locations.
     """
@@ -71,11 +71,11 @@ class CommandSteps(NamedTuple):
     """Commands of a control law as step functions of time."""
 
     names: tuple[str, ...]
-    times: tuple[Floats, ...]  # [step] of each, s, the first 0
-    values: tuple[Floats, ...]  # [step] of each, SI
+    times: tuple[Floats, ...]  # step times [step] of each command, s; the first is 0
+    values: tuple[Floats, ...]  # values [step] of each command, SI
 
     def columns(self, time: Floats) -> Floats:
-        """Return values [tick, command] at control ticks ``time``, s."""
+        """Return the values [tick, command] at the control ticks ``time``, s."""
         columns_of_values = [
             values[np.searchsorted(times, time + 1e-9, side="right") - 1]
             for times, values in zip(self.times, self.values, strict=True)
@@ -85,7 +85,7 @@ class CommandSteps(NamedTuple):
         )
 
     def column_names(self) -> tuple[str, ...]:
-        """Return names of these columns among the gains'."""
+        """Return the names of the command columns in the table of gains."""
         return tuple(f"{COMMANDS}{name}" for name in self.names)
 
 
@@ -93,9 +93,9 @@ NO_COMMANDS = CommandSteps((), (), ())
 
 
 def make_commands(document: Document, controller: PythonController, law: Law) -> CommandSteps:
-    """Return a law's commands in the order of class ``Commands``.
+    """Return the commands of a law in the order of class ``Commands``.
 
-    Raise InputErrors with locations.
+    Raise InputErrors with the source locations of all invalid entries.
     """
 
     def steps(name: str, unit: str, default: float) -> tuple[Floats, Floats]:
@@ -107,10 +107,13 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
         ]
         if not start_times or start_times[0] != 0.0 or sorted(set(start_times)) != start_times:
             raise Refusal(
-                f"values from {', '.join(map(str, by_time))} on", "times that rise from 0 s"
+                f"values for the times {', '.join(map(str, by_time))}",
+                "times that increase from 0 s",
             )
         if not np.isfinite(step_values).all():
-            raise Refusal(f"no value for '{name}'", "one here, or a default in the class")
+            raise Refusal(
+                f"no value for '{name}'", "a value in the file, or a default in the class"
+            )
         return np.array(start_times, dtype=np.float64), np.array(step_values, dtype=np.float64)
 
     kind = law.commands if "commands" in law.arguments else None

@@ -1,4 +1,4 @@
-"""Products, Cholesky factors and solutions of small matrices in custom laws: tuples of rows.
+"""Linear algebra of small matrices for custom laws; matrices are tuples of rows.
 
 The functions are plain Python. While numba compiles a law, it runs them once with values that emit
 an instruction for each operation. The compiled code has no loops or arrays and returns the same
@@ -39,7 +39,7 @@ def matmul(a: Any, b: Any) -> Any:
 
 
 def cholesky(a: Any) -> Any:
-    """Return the lower triangular L with L L' = a, of a positive definite matrix.
+    """Return the Cholesky factor L of a positive definite matrix a = L L'.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def cholesky(a: Any) -> Any:
 
 
 def solve(a: Any, b: Any) -> Any:
-    """Return x with a x = b, by elimination with row pivoting.
+    """Solve a x = b by Gaussian elimination with row pivoting.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _dot(x: Any, y: Any) -> Any:
 
 
 def _less(value: Any, x: Any, y: Any) -> Any:
-    """Return a value minus the products of two rows, subtracted in order."""
+    """Return a value minus the products of the elements of two rows, subtracted in order."""
     for u, v in zip(x, y, strict=True):
         value = value - u * v
     return value
@@ -141,7 +141,7 @@ def _choose(condition: Any, x: Any, y: Any) -> Any:
 
 
 class _Emitted:
-    """Number of compiled code, whose operations emit instructions."""
+    """Number in compiled code; its operations emit LLVM instructions."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
@@ -177,10 +177,10 @@ def _compile_all() -> None:
     from numba.extending import intrinsic, overload
 
     tuples: Any = types.BaseTuple
-    emit: Any = intrinsic  # numba passes the first argument of the functions below
+    emit: Any = intrinsic  # numba passes the first argument of the functions.
 
     def identity(kind: Any, row: int | None = None) -> Any:
-        """Return an identity matrix in the shape of a tuple type."""
+        """Return the identity matrix with the shape of a tuple type."""
         if not isinstance(kind, tuples):
             raise TypeError(kind)
         return tuple(
@@ -214,7 +214,7 @@ def _compile_all() -> None:
         return ir.Constant(ir.DoubleType(), value)
 
     def make(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return the result's numba type and code generator; None if the shapes do not fit."""
+        """Return the numba type and code generator of the result, or None if shapes mismatch."""
         try:
             result = type_of(function(*map(identity, arguments)))
         except (ValueError, IndexError, TypeError):

@@ -18,18 +18,18 @@ from abhv_mc.shipped import PACKAGES
 
 @dataclass(frozen=True)
 class UserSource:
-    """Text and declared files of custom code; sent to workers, not stored in plans."""
+    """Text and declared files of custom code, sent to workers but not stored in plans."""
 
     text: str
-    file: str  # the user's name of it
+    file: str  # path given by the user
     files: tuple[
         tuple[str, bytes], ...
-    ] = ()  # name from the folder that holds them all, content; itself among them
-    library: bytes = b""  # of a law in C, built from these files
+    ] = ()  # (path relative to the common folder, content) of each file
+    library: bytes = b""  # built library of a law in C
 
     @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of the text and of declared names and contents; the key of trust."""
+        """SHA-256 of the text and the declared files, by which the code is trusted."""
         digest = hashlib.sha256(self.text.encode())
         for name, content in sorted(self.files):
             digest.update(f"\0{name}\0{hashlib.sha256(content).hexdigest()}".encode())
@@ -37,22 +37,22 @@ class UserSource:
 
     @functools.cached_property
     def recipe(self) -> dict[str, Any] | None:
-        """Recipe in the text of a law in C or an FMU; None for Python."""
+        """Build description in the text of a law in C or an FMU; None for Python."""
         return json.loads(self.text) if self.text.startswith('{"law": ') else None
 
 
 def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSource:
-    """Read a custom file and its declared ``files`` without running it. Raise InputError."""
+    """Read a custom file and its declared ``files``. Raise InputError if unreadable."""
     try:
         content = read_input(path)
         declared = tuple((name, read_input(location)) for name, location in (files or {}).items())
         return UserSource(content.decode(), str(path), declared if len(declared) > 1 else ())
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"a file that cannot be read ({error})", "a Python file") from None
+        raise InputError(path, f"the file cannot be read ({error})", "a Python file") from None
 
 
 def compile_text(source: UserSource, flags: int = 0) -> Any:
-    """Return the compiled text without running it. Raise InputError."""
+    """Compile the text without running it. Raise InputError for a syntax error."""
     try:
         return compile(source.text, source.file, "exec", flags, dont_inherit=True)
     except (
@@ -60,7 +60,7 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
         ValueError,
         MemoryError,
         RecursionError,
-    ) as error:  # the last three: zero bytes, deep nesting
+    ) as error:  # The last three are due to zero bytes or deep nesting.
         location = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
         raise InputError(
             source.file, f"'{getattr(error, 'msg', error)}'", "Python", *location
@@ -68,9 +68,9 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
 
 
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
-    """Return the versions of installed packages that the texts import, by name.
+    """Return the versions of the installed packages imported by custom code, by name.
 
-    The texts are not run.
+    The code is not run.
     """
     imported = {name for source in sources for name in _imported(source)}
     expected = imported - sys.stdlib_module_names - set(PACKAGES)
@@ -89,7 +89,7 @@ def _imported(source: UserSource) -> Iterator[str]:
     for text in texts or [source.text.encode()]:
         try:
             nodes = list(ast.walk(ast.parse(text)))
-        except (SyntaxError, ValueError):  # perhaps a template, which is not imported
+        except (SyntaxError, ValueError):  # The file may be a template that is never imported.
             continue
         for node in nodes:
             if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""Multilinear look-ups on custom grids and points, bit-identical compiled and plain."""
+"""Linear look-ups on custom grids and scattered points."""
 
 import functools
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from abhv_mc.io.input_error import Refusal, one_of
 from abhv_mc.kernel.jit import scalar
 
-_INSIDE = -1e-12  # smallest barycentric coordinate: rounding on a face
+_INSIDE = -1e-12  # lower limit of barycentric coordinates, for rounding
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 
 class LookUp:
-    """Base of look-ups, bit-identical compiled and in plain Python."""
+    """Base class of look-ups, bit-identical in compiled code and plain Python."""
 
     @functools.cached_property
     def _look_up(self) -> Any:
@@ -27,20 +27,20 @@ class LookUp:
         return float(look_up(*coordinates))
 
     def make_compiled(self) -> Any:
-        """Return the look-up as a function for compiled code, with constant numbers."""
+        """Return the look-up as a function for compiled code, with its numbers as constants."""
         raise NotImplementedError
 
 
 class Table(LookUp):
-    """Linear interpolation on any number of grids: ``table(grid_0, grid_1, ..., values)``.
+    """Multilinear interpolation on grids: ``table(grid_0, grid_1, ..., values)``.
 
     Parameters
     ----------
     arrays
         Ascending grids, and values [grid, grid, ...].
     extrapolate
-        Ends beyond which the table is linear instead of constant: ``neither``, ``min``, ``max`` or
-        ``both``, for all grids or for each.
+        Ends beyond which the table is extrapolated linearly instead of held constant: ``neither``,
+        ``min``, ``max`` or ``both``, for all grids or for each.
 
     Examples
     --------
@@ -53,18 +53,20 @@ class Table(LookUp):
         *grids, values = (np.ascontiguousarray(array, dtype=np.float64) for array in arrays)
         if not grids or values.shape != tuple(grid.size for grid in grids):
             raise Refusal(
-                f"{len(grids)} grids and values of the shape {values.shape}",
+                f"{len(grids)} grids and values of shape {values.shape}",
                 "values[grid, grid, ...]",
             )
         if not all(
             grid.ndim == 1 and grid.size > 1 and (np.diff(grid) > 0.0).all() for grid in grids
         ):
-            raise Refusal("a grid that does not rise", "at least two numbers that rise")
+            raise Refusal("a grid that does not increase", "at least two increasing numbers")
         if not all(np.isfinite(array).all() for array in (*grids, values)):
-            raise Refusal("a table with what is not a number", "finite numbers")
+            raise Refusal("a table with a value that is not a number", "finite numbers")
         ends = (extrapolate,) * len(grids) if isinstance(extrapolate, str) else tuple(extrapolate)
         if len(ends) != len(grids) or not all(end in ENDS for end in ends):
-            raise Refusal(f"extrapolate {extrapolate!r}", f"{one_of(ENDS)}, for all grids or each")
+            raise Refusal(
+                f"extrapolate {extrapolate!r}", f"{one_of(ENDS)}, for all grids or for each grid"
+            )
         self.grids, self.values = tuple(grids), values
         self.extrapolate = tuple(ENDS[end] for end in ends)
 
@@ -122,7 +124,7 @@ def _make_2d(
 
 
 def _make_nd(table: Table) -> Any:
-    """Return a look-up on three or more grids: the weighted sum over a cell's corners."""
+    """Return a look-up on three or more grids as a weighted sum over the cell corners."""
     axes = len(table.grids)
     grid = np.concatenate(table.grids)
     lengths = np.array([own.size for own in table.grids])
@@ -155,7 +157,7 @@ def _make_nd(table: Table) -> Any:
 
 
 class Scattered(LookUp):
-    """Linear interpolation of values at scattered points: ``scattered(points, values)``.
+    """Linear interpolation between scattered points: ``scattered(points, values)``.
 
     The look-up is linear in the simplices of the Delaunay triangulation. Outside the hull the
     nearest simplex is used with its negative coordinates set to zero.
@@ -187,7 +189,7 @@ class Scattered(LookUp):
             or not (np.isfinite(positions).all() and np.isfinite(point_values).all())
         ):
             raise Refusal(
-                f"points of the shape {positions.shape} and values {point_values.shape}",
+                f"points of shape {positions.shape} and values of shape {point_values.shape}",
                 "points[point, axis], values[point]",
             )
         if positions.shape[1] == 1:
@@ -202,8 +204,7 @@ class Scattered(LookUp):
                 ) from None
         self.axes = positions.shape[1]
         self.values = point_values[corners]  # [simplex, corner]
-        # Barycentric coordinates: transform [simplex, axis, axis] times the distance from the last
-        # corner.
+        # Barycentric coordinates are ``transform`` times the distance from the last corner.
         last = positions[corners[:, -1]]
         edges = np.swapaxes(positions[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
         self.transform, self.last = np.linalg.inv(edges), np.ascontiguousarray(last)
@@ -216,7 +217,7 @@ class Scattered(LookUp):
             best, worst = 0, -np.inf
             for k in range(
                 simplices
-            ):  # the one whose least coordinate is greatest holds the point, or is nearest
+            ):  # The containing or nearest simplex has the greatest least coordinate.
                 least, rest = np.inf, 1.0
                 for i in range(axes):
                     part = 0.0

@@ -1,6 +1,6 @@
-"""Trust in custom code: the user's list of control laws that he has run, by hash.
+"""Trust in custom code: list of the hashes of control laws that the user has run.
 
-Files in a campaign's folder may come from anywhere.
+The list is needed because a results folder may contain code of unknown origin.
 """
 
 import os
@@ -9,21 +9,21 @@ from pathlib import Path
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
-_SIGNS = ("manifest.json", "campaign.yaml")  # a campaign's folder holds both
-_trusted_now: set[str] = set()  # hashes that the user of this process trusts explicitly
+_SIGNS = ("manifest.json", "campaign.yaml")  # A results folder contains these two files.
+_trusted_now: set[str] = set()  # hashes trusted explicitly in this process
 
 
 def list_file() -> Path:
-    """Return the path of the list. Raise OSError if the user has no home folder."""
+    """Return the path of the list of hashes. Raise OSError without a home folder."""
     try:
         base = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
-    except RuntimeError as error:  # no HOME, and the system does not know the user
+    except RuntimeError as error:  # HOME is not set and the system does not know the user.
         raise FileNotFoundError(str(error)) from None
     return Path(base, "abhv-mc", "flown_laws")
 
 
 def is_trusted(source: UserSource) -> bool:
-    """Return whether this user has run exactly this text."""
+    """Return whether this user has run the source before, unchanged."""
     try:
         return source.hash in list_file().read_text(encoding="utf-8").split()
     except OSError:
@@ -31,7 +31,7 @@ def is_trusted(source: UserSource) -> bool:
 
 
 def trust(source: UserSource) -> None:
-    """Record that this user has run a source, in this process only if not writable."""
+    """Record that the user has run a source; only in memory if the list is not writable."""
     if is_trusted(source):
         return
     try:
@@ -49,14 +49,13 @@ def check_trusted(source: UserSource, trusted: bool = False) -> None:
         _trusted_now.add(source.hash)
     if source.hash not in _trusted_now and not is_trusted(source):
         problem = (
-            "Python code that you have not flown from a file of your own: it would run with your "
-            "rights"
+            "custom code that you have not run before, and that would run with your permissions"
         )
-        raise InputError(source.file, problem, "a look at it, then --trust-code")
+        raise InputError(source.file, problem, "an inspection of the code, then --trust-code")
 
 
 def is_in_a_folder(file: Path) -> bool:
-    """Return whether a file is in a campaign's folder, directly or through a link."""
+    """Return whether a file is in a results folder, directly or through a link."""
     parents = {
         parent for location in (file.absolute(), file.resolve()) for parent in location.parents
     }

@@ -1,4 +1,4 @@
-"""Hashed files of custom code on disk, from which it runs and imports."""
+"""Cached copies of custom code on disk, from which the code is run."""
 
 import contextlib
 import functools
@@ -16,27 +16,27 @@ from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
 from abhv_mc.user_code.source import UserSource
 
-BUILT = "abhv_built_law.so"  # name of the library built from a law's sources
+BUILT = "abhv_built_law.so"  # file name of the library built from a law's sources
 _modules: dict[
     str, dict[str, ModuleType]
-] = {}  # of each law's own, by hash: taken out of Python's while it rests
+] = {}  # modules of each law, by hash, while they are not in sys.modules
 _lock = threading.RLock()
 
 
 def laws_folder() -> Path:
-    """Return the folder of cached custom code."""
+    """Return the cache folder of custom code."""
     folder = code_folder(compiler()) / "laws"
     folder.mkdir(mode=0o700, exist_ok=True)
     return folder
 
 
 def filled_once(name: str, fill: Callable[[Path], None]) -> Path:
-    """Return a folder in the cache, filled by the first process that needs it."""
+    """Return a folder of the cache, which the first process that needs it fills."""
     folder = laws_folder() / name
     if not folder.exists():
         temporary = Path(tempfile.mkdtemp(dir=folder.parent))
         fill(temporary)
-        with contextlib.suppress(OSError):  # another process was first
+        with contextlib.suppress(OSError):  # Another process may have filled the folder first.
             temporary.rename(folder)
         shutil.rmtree(temporary, ignore_errors=True)
     return folder
@@ -44,14 +44,14 @@ def filled_once(name: str, fill: Callable[[Path], None]) -> Path:
 
 @functools.lru_cache(maxsize=64)
 def unpack(source: UserSource) -> Path:
-    """Return the folder that holds exactly the source's files."""
+    """Return the folder that contains exactly the files of a source."""
     files = (*source.files, (BUILT, source.library)) if source.library else source.files
 
     def fill(folder: Path) -> None:
         for name, content in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
-            (folder / name).chmod(0o700)  # some systems require executable libraries
+            (folder / name).chmod(0o700)  # Some systems require libraries to be executable.
 
     name = f"{'built' if source.library else 'files'}_{source.hash[:24]}"
     folder = laws_folder() / name
@@ -73,14 +73,16 @@ def _holds(folder: Path, files: Iterable[tuple[str, bytes]]) -> bool:
 
 @contextlib.contextmanager
 def in_its_folder(source: UserSource) -> Iterator[None]:
-    """Run a law's code in its folder, with its own modules and declared files.
+    """Run code of a law in its folder, with its own modules and declared files.
 
-    The modules are in ``sys.modules`` only inside the context, because laws may have modules of the
-    same name.
+    The law's modules are in ``sys.modules`` only inside the context, because modules of two laws
+    may have the same name.
     """
     with _lock, contextlib.ExitStack() as as_before:
         folder = str(unpack(source)) if source.files else os.curdir
-        as_before.enter_context(contextlib.chdir(folder))  # restored if the code changes the folder
+        as_before.enter_context(
+            contextlib.chdir(folder)
+        )  # The working directory is restored on exit.
         as_before.callback(sys.setrecursionlimit, sys.getrecursionlimit())
         if source.files:
             own = _modules.setdefault(source.hash, {})

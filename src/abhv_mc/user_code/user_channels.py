@@ -1,4 +1,4 @@
-"""Custom channels, compiled like control laws: one number per control tick."""
+"""Custom channels: compiled functions with one value per control tick."""
 
 import functools
 from collections import namedtuple
@@ -24,10 +24,10 @@ from abhv_mc.user_code.module import CHANNEL as MARK
 from abhv_mc.user_code.module import refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 
-# Measurements in every flight; other quantities exist only if the law requests them.
+# Measurements available in every flight, whatever the law requests.
 _NAMES = Measured._fields[: s.N_MEASURED]
 _Seen: Any = namedtuple("Measured", _NAMES)  # type: ignore[misc]
-# Rows of the true values, first in the order of Measured.
+# Rows of true values; the first are in the order of Measured.
 _ACTUAL = {
     **dict(zip(_NAMES, (X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI), strict=False)),
     **{name: variable_row(name) for name in ("angle_of_attack", "sideslip")},
@@ -47,8 +47,8 @@ _ARGUMENTS = ("actual", "measured", "memory", "reference", "command", "time", "d
 def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
     """Return the compiled loop over ``width`` lanes, with its ``address``.
 
-    ``memory`` is the class of the memory of the plan's law, None without one that is in the lanes.
-    Raise InputError.
+    ``memory`` is the class of the law's memory if the lanes hold it, else None. Raise InputError if
+    a channel cannot be compiled.
     """
     module = run_module(source)
     with refuse_in_words(source, "channels", "plain functions"):
@@ -59,8 +59,8 @@ def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
         kinds = {"actual": _Actual, "measured": _Seen} | ({"memory": memory} if memory else {})
         for name, arguments in signatures.items():
             if "memory" in arguments and not memory:
-                problem = f"'memory' in '{name}', of a controller without one"
-                expected = "controllers that are compiled laws or filters with a Memory"
+                problem = f"the channel '{name}' uses 'memory', which a controller does not have"
+                expected = "only controllers that are compiled laws or filters with a class Memory"
                 raise InputError(source.file, problem, expected, module.texts[name].lineno)
             check_functions(module, name)
             check_fields(module, name, {key: kinds[key] for key in arguments if key in kinds})

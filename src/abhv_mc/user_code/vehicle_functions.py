@@ -1,4 +1,4 @@
-"""Custom vehicle functions: run, checked, compiled to loops and evaluated."""
+"""Loading, compilation and evaluation of custom vehicle functions."""
 
 import ast
 import ctypes
@@ -29,7 +29,7 @@ from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc.vehicle.vehicle_code import N_THRUST, FunctionCode, VehicleCode, register
 
-WIDTH = 32  # points of a call on the launching side
+WIDTH = 32  # points evaluated per call outside flights
 WANTED = "floats, named tuples and functions of them"
 _AXES = ("aileron", "rudder", "elevator")
 _ARGUMENTS = {
@@ -40,7 +40,7 @@ _ARGUMENTS = {
 
 
 class Functions(NamedTuple):
-    """A vehicle's compiled functions; None for one that it does not have."""
+    """Compiled functions of a vehicle; None for functions that are not defined."""
 
     aerodynamics: Any
     propulsion: Any
@@ -49,17 +49,17 @@ class Functions(NamedTuple):
 
 @made_once
 def load_vehicle(path: str | Path) -> Vehicle:
-    """Read and pack a vehicle file; run its functions if they are trusted.
+    """Read and pack a vehicle file, and load its functions if they are trusted.
 
-    Raise :class:`abhv_mc.io.documents.InputError`.
+    Raise :class:`abhv_mc.io.documents.InputError` if the vehicle is invalid.
     """
     file = read_vehicle_file(path)
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
         problem = (
-            f"tables that fill {rows} rows (those on equal axes share rows in eights; slopes "
-            f"with deflections count)"
+            f"tables that fill {rows} rows (eight tables on equal axes share a row; derivatives "
+            "with respect to deflections count)"
         )
         raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
@@ -71,7 +71,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
 
 
 def check_vehicle_trusted(path: str | Path, trusted: bool = False) -> None:
-    """Raise InputError for untrusted functions of a vehicle in a results folder."""
+    """Raise InputError if a vehicle in a results folder has untrusted functions."""
     code = read_vehicle_file(path).code
     for function in code.functions() if code else ():
         if is_in_a_folder(Path(function.file)):
@@ -82,12 +82,12 @@ _codes: dict[bytes, VehicleCode] = {}
 
 
 def find_code(vehicle: Vehicle) -> VehicleCode | None:
-    """Return the code of a loaded vehicle, or None for tables."""
+    """Return the custom code of a loaded vehicle, or None if it has only tables."""
     return _codes.get(vehicle.foreign.digest.tobytes())
 
 
 def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
-    """Compile a vehicle's functions in this process and register them; return their record."""
+    """Compile and register a vehicle's functions in this process, and return their record."""
     functions = compile_functions(code, WIDTH)
     _codes[code.digest] = code
     register(code.digest, functools.partial(_evaluate, functions, vehicle.foreign.settings))
@@ -96,12 +96,12 @@ def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
 
 @functools.lru_cache(maxsize=16)
 def compile_functions(code: VehicleCode, width: int) -> Functions:
-    """Return the compiled loops over ``width`` lanes.
+    """Compile the functions of a vehicle to loops over ``width`` lanes.
 
     Raise InputError, with the user's line, for code that does not compile.
     """
     loops = dict.fromkeys(_ARGUMENTS)
-    first = 0  # of the function's settings among those of all functions
+    first = 0  # index of the function's first setting among all
     for key, function_code in code.named_functions():
         if function_code is None:
             continue
@@ -143,18 +143,22 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
 
 
 def _find_marked(module: Module) -> str:
-    """Return the name of the one function that is custom dynamics. Raise InputError."""
+    """Return the name of the function with @dynamics. Raise InputError unless there is one."""
     marked = module.marked(DYNAMICS)
     if len(marked) != 1:
         problem = f"{len(marked) or 'no'} functions with @dynamics"
-        raise InputError(module.source.file, problem, "one: from abhv_mc.extend import dynamics")
+        raise InputError(
+            module.source.file,
+            problem,
+            "exactly one; import the decorator with 'from abhv_mc.extend import dynamics'",
+        )
     return next(iter(marked))
 
 
 def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
-    """Raise InputError if custom dynamics do not return an Effect with a rate per state.
+    """Raise InputError if custom dynamics do not return an Effect with one rate per state.
 
-    Arithmetic errors at the trial's numbers are ignored.
+    Arithmetic errors in the trial evaluation are ignored.
     """
     try:
         effect: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
@@ -164,13 +168,15 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
     returns = [node.lineno for node in ast.walk(text) if isinstance(node, ast.Return)]
     line = (returns or [text.lineno])[0]
     if type(effect) is not Effect:
-        problem = f"custom dynamics that return {type(effect).__name__}"
+        problem = f"the custom dynamics return {type(effect).__name__}"
         raise InputError(module.source.file, problem, "return Effect(rates=(...), ...)", line)
     count = len(effect.rates) if isinstance(effect.rates, tuple) else 1
     if count != len(code.states):
         names = ", ".join(state.name for state in code.states)
         problem = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
-        raise InputError(module.source.file, problem, f"a tuple, one of each state: {names}", line)
+        raise InputError(
+            module.source.file, problem, f"a tuple with one rate for each state: {names}", line
+        )
 
 
 def function_line(code: VehicleCode) -> int | None:
@@ -193,9 +199,9 @@ def _states(code: VehicleCode) -> Any:
 
 
 def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | None]:
-    """Return the fields of class ``Settings``, empty without one. Raise InputError.
+    """Return the fields of class ``Settings``, if defined. Raise InputError for bad values.
 
-    The value of a field is None if the vehicle file sets it, else its default.
+    The value of a field is None if the vehicle file sets it, else the field's default.
     """
     kind: Any = module.names.get("Settings")
     entries, units = dict(function_code.settings), module.names.get("UNITS", {})
@@ -220,7 +226,9 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
             ) from None
         if not is_number(number):
             raise InputError(
-                function_code.file, f"no number for the setting '{name}'", "one, or a default"
+                function_code.file,
+                f"the setting '{name}' has no value",
+                "a value, or a default in class Settings",
             )
         values[name] = None if name in entries else float(number)
     return values
@@ -229,9 +237,9 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
 def _read_settings(
     width: int, values: dict[str, float | None], positions: dict[str, int], dispersed: bool
 ) -> str:
-    """Return the line that builds the function's settings.
+    """Return the source line that constructs the settings of a function.
 
-    ``dispersed``: the function is part of the plant alone, and no controller calls it.
+    If ``dispersed``, the function is only part of the plant and no controller calls it.
     """
 
     def read(position: int) -> str:
@@ -246,7 +254,7 @@ def _read_settings(
 
 
 def _read_motion(width: int, code: VehicleCode) -> list[str]:
-    """Return the lines that build the states and the motion for custom dynamics."""
+    """Return the source lines that construct states and motion for custom dynamics."""
     states = [lane_of(width, s.CUSTOM_STAGE + i) for i in range(len(code.states))]
     motion = [lane_of(width, s.MOTION + i) for i in range(len(Motion._fields))]
     return [
@@ -256,7 +264,7 @@ def _read_motion(width: int, code: VehicleCode) -> list[str]:
 
 
 def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> list[str]:
-    """Return lines that build a lane's arguments from rows of the lane memory."""
+    """Return source lines that construct the arguments from rows of lane memory."""
     lane = functools.partial(lane_of, width)
 
     def of(name: str) -> str:
@@ -282,7 +290,7 @@ def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> li
 
 
 def _write_coefficients(width: int, code: VehicleCode, _: Module) -> list[str]:
-    """Return lines that store coefficients of any frame as stability axes."""
+    """Return source lines that convert coefficients to stability axes and store them."""
     names = ("lift", "drag", "side", "made.Cl", "made.Cm", "made.Cn")
     return _FRAMES[code.frame] + [
         f"{lane_of(width, s.COEF + i)} = {name}" for i, name in enumerate(names)
@@ -290,7 +298,7 @@ def _write_coefficients(width: int, code: VehicleCode, _: Module) -> list[str]:
 
 
 def _write_thrust(width: int, code: VehicleCode, _: Module) -> list[str]:
-    """Return lines that store an engine's force, moment and fuel flow."""
+    """Return source lines that store the force, moment and fuel flow of an engine."""
     first = {"force": s.F_THRUST, "moment": s.F_MOMENT}
     lines = [
         f"{lane_of(width, first[quantity] + i)} = made.{quantity}_{axis}"
@@ -301,11 +309,11 @@ def _write_thrust(width: int, code: VehicleCode, _: Module) -> list[str]:
 
 
 def _write_effect(width: int, code: VehicleCode, module: Module) -> list[str]:
-    """Return the lines that store rates, force, moment and sensed quantities."""
+    """Return source lines that store rates, force, moment and sensed quantities."""
     rows = {f"made.rates[{i}]": s.CUSTOM_RATE + i for i in range(len(code.states))}
     rows |= {f"made.force[{i}]": s.CUSTOM_FORCE + i for i in range(3)}
     rows |= {f"made.moment[{i}]": s.CUSTOM_MOMENT + i for i in range(3)}
-    # What no call of Sensed names stays zero, and is not written at every stage.
+    # Quantities that no Sensed call names stay zero and need no code.
     called = {name for name, value in module.names.items() if value is Sensed}
     calls = [
         node
@@ -333,7 +341,7 @@ _FRAMES = {
         "side = made.CY",
     ],
     "stability": ["lift, drag, side = made.CL, made.CD, made.CY"],
-    "wind": [  # CD against the velocity, CC to the right of it
+    "wind": [  # CD is opposite to the velocity, CC to the right of it.
         "sin_b, cos_b = _sincos(air.sideslip)",
         "lift = made.CL",
         "drag = made.CD * cos_b + made.CC * sin_b",
@@ -365,7 +373,7 @@ def _evaluate(
 
 
 def call_loop(loop: Any, Z: Floats, settings: Floats) -> None:
-    """Call a compiled function for the lanes of ``Z``, with the vehicle file's settings."""
+    """Call a compiled function for the lanes of ``Z`` with the vehicle's settings."""
     pointer = ctypes.POINTER(ctypes.c_double)
     settings_pointer = settings.ctypes.data_as(pointer)
     loop.ctypes(

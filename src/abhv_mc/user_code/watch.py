@@ -1,6 +1,6 @@
-"""Watch on files that custom code opens or loads; undeclared ones are rejected.
+"""Check of the files that custom code opens or loads; undeclared files are rejected.
 
-An audit hook (PEP 578) sees what Python opens, but not files that native libraries open.
+An audit hook (PEP 578) detects files opened by Python, but not by native libraries.
 """
 
 import contextlib
@@ -24,11 +24,11 @@ from abhv_mc.user_code.read_guard import EVENTS, ReadGuard, package_folders
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
-_SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # clocks, locales
+_SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # such as clocks and locales
 
 
 class _Watch:
-    """Watch on one running law: allowed reads, written files, and the first violation."""
+    """State of the check of one running law: allowed reads, written files, first violation."""
 
     def __init__(self, source: UserSource) -> None:
         self.source = source
@@ -48,9 +48,9 @@ _watched: ContextVar[_Watch | None] = ContextVar("watched", default=None)
 
 @contextlib.contextmanager
 def watching(source: UserSource) -> Iterator[None]:
-    """Reject undeclared files that the code opens inside the context.
+    """Reject undeclared files that custom code opens inside the context.
 
-    Raise InputError with the line.
+    Raise InputError with the line that opens the file.
     """
     _install()
     watch = _Watch(source)
@@ -59,7 +59,7 @@ def watching(source: UserSource) -> Iterator[None]:
         yield
     finally:
         _watched.reset(token)
-        if watch.refused is not None:  # also if the code caught the error
+        if watch.refused is not None:  # The code may have caught the error.
             raise watch.refused
 
 
@@ -71,7 +71,7 @@ def _install() -> None:
 
 @functools.cache
 def _allowed() -> frozenset[str]:
-    """Return folders that any code may read: the interpreter, installed packages and caches."""
+    """Return folders that custom code may read: interpreter, installed packages, caches."""
     caches = (
         str(code_folder(compiler())),
         os.path.expanduser("~/.cache"),  # noqa: PTH111  Path's raises without a home
@@ -87,7 +87,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     watch = _watched.get()
     if watch is None or watch.refused is not None:
         return
-    _watched.set(None)  # files opened below are ours
+    _watched.set(None)  # The program itself opens further files.
     try:
         _check(watch, event, arguments)
     finally:
@@ -102,17 +102,17 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
             continue
         location = _find_line(watch, sys._getframe(2))
         if location is None:
-            return  # not on behalf of the law
+            return  # The law did not open the file.
         verb = "opens" if event == "open" and not real.endswith((".py", ".pyc")) else "loads"
         short = path if bare else _shorten(watch, path)
-        problem = f"code that {verb} '{short}', which it does not declare"
+        problem = f"the code {verb} '{short}', which is not declared"
         file, line = location
         watch.refused = InputError(file, problem, f"files: [{short}] in its controller file", line)
         raise watch.refused
 
 
 def _shorten(watch: _Watch, path: str) -> str:
-    """Return a file's name relative to the law's folder if it is inside."""
+    """Return the path of a file, relative to the law's folder if inside."""
     source_path = importlib.util.source_from_cache(path) if path.endswith(".pyc") else path
     for folder in (watch.folder, os.path.dirname(watch.source.file)):  # noqa: PTH120
         short = os.path.relpath(
@@ -124,7 +124,7 @@ def _shorten(watch: _Watch, path: str) -> str:
 
 
 def _find_line(watch: _Watch, frame: FrameType | None) -> tuple[str, int] | None:
-    """Return file and line of the law's running code."""
+    """Return the file and line of the law's code that is running."""
     while frame is not None:
         name = frame.f_code.co_filename
         if name == watch.source.file:

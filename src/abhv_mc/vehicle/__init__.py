@@ -1,1 +1,1 @@
-"""Vehicle files and their packed tables."""
+"""Vehicle files and their tables, packed for compiled code."""

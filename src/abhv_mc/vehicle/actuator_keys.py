@@ -20,7 +20,7 @@ from abhv_mc.io.units import (
 from abhv_mc.kernel.plant.vehicle import MAX_ENGINES, Inlet
 from abhv_mc.vehicle.shared_keys import AngleRange, Positive, Range, Rising
 
-# FIXED_TABLE_ROWS of the propulsion and the keys that name their tables.
+# Propulsion rows of FIXED_TABLE_ROWS, with the keys that name their tables.
 PROPULSION_TABLES = {
     "capture_area_ratio": "capture_area_ratio",
     "specific_impulse": "specific_impulse",
@@ -30,16 +30,16 @@ PROPULSION_TABLES = {
 
 ActuatorKind = Literal["second_order", "first_order", "ideal"]
 _KIND = (
-    "second_order (default), first_order with the time constant 1 / bandwidth, or ideal: "
-    "the position equals the command"
+    "second_order (default), first_order with time constant 1 / bandwidth, or ideal (position "
+    "equal to command)"
 )
 _DEAD_ZONE = (
-    "error between command and position, in either direction, below which the actuator does not "
-    "move"
+    "dead zone: magnitude of the error between command and position below which the actuator does "
+    "not move"
 )
-_BACKLASH = "play between the actuator and what it moves, from side to side"
+_BACKLASH = "total play between the actuator and the surface"
 
-# Required keys of each kind of actuator; other keys of the dynamics are rejected.
+# Required keys of the dynamics for each kind of actuator; other keys are rejected.
 DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
     "second_order": ("bandwidth", "damping", "rate_limit"),
     "first_order": ("bandwidth", "rate_limit"),
@@ -48,37 +48,40 @@ DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
 
 
 class Actuator(StrictModel):
-    """Dynamics of an actuator."""
+    """Dynamic properties of an actuator."""
 
     bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="natural frequency, or 1 / time constant of a first-order one"
+        default=None,
+        description="natural frequency, or 1 / time constant of a first-order actuator",
     )
     damping: Annotated[float, Positive] | None = Field(
-        default=None, description="damping ratio of a second-order one"
+        default=None, description="damping ratio of a second-order actuator"
     )
-    ideal: bool = Field(False, description="true: the same as kind: ideal")
+    ideal: bool = Field(
+        False, description="whether the actuator is ideal, equivalent to kind: ideal"
+    )
 
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
-        """Return the kind from the file, None if missing. Raise Refusal if there are two."""
+        """Return the kind of actuator or None. Raise Refusal if 'kind' contradicts 'ideal'."""
         if self.ideal and kind not in (None, "ideal"):
-            raise Refusal(f"an ideal actuator of the kind {kind}", "one of both", ("ideal",))
+            raise Refusal(f"'ideal: true' with 'kind: {kind}'", "only one of them", ("ideal",))
         return "ideal" if self.ideal else kind
 
 
 def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None:
-    """Raise Refusal if the keys of the dynamics are not those of a kind of actuator."""
+    """Raise Refusal if the keys do not match the kind of actuator."""
     needed = DYNAMICS[kind]
     if set(keys) != set(needed):
         problem = f"{what} of the kind {kind} with {' and '.join(sorted(keys)) or 'no dynamics'}"
-        raise Refusal(problem, " and ".join(needed) or "neither bandwidth nor damping nor a rate")
+        raise Refusal(problem, " and ".join(needed) or "no bandwidth, damping or rate")
 
 
 class EngineActuator(Actuator):
-    """Dynamics of the throttle."""
+    """Actuator dynamics of the throttle."""
 
     throttle_kind: ActuatorKind | None = Field(default=None, description=_KIND)
     damping: Annotated[float, Positive] | None = Field(
-        default=None, description="damping ratio of a second-order one; default: 1"
+        default=None, description="damping ratio of a second-order actuator; default: 1"
     )
     rate_limit: Annotated[Frequency, Positive] | None = Field(
         default=None, description="maximum rate of the throttle"
@@ -101,7 +104,7 @@ class EngineActuator(Actuator):
 
 
 class SurfaceActuator(Actuator):
-    """Dynamics of a control surface."""
+    """Actuator dynamics of a control surface."""
 
     kind: ActuatorKind | None = Field(default=None, description=_KIND)
     dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
@@ -109,16 +112,16 @@ class SurfaceActuator(Actuator):
 
     @property
     def response(self) -> ActuatorKind | None:
-        """Return the kind of actuator; None if the file does not state it."""
+        """Return the kind of actuator, or None if the file does not state it."""
         return self._choose_kind(self.kind)
 
 
 class PythonFunction(StrictModel):
-    """Custom function of the vehicle, compiled separately from the flight."""
+    """Custom function of a vehicle, compiled separately from the flight."""
 
-    python: File = Field(description="Python file, relative to this file")
+    python: File = Field(description="Python file, relative to the vehicle file")
     settings: dict[str, Any] = Field(
-        default_factory=dict, description="values of its class Settings"
+        default_factory=dict, description="values of class Settings in the Python file"
     )
 
 
@@ -128,12 +131,15 @@ class ThrustLine(StrictModel):
     inclination: Angle = Field(default=0.0, description="angle of the thrust, upward")
     offset: Length = Field(
         default=0.0,
-        description="distance below the moment reference; a positive value gives a nose-up moment",
+        description=(
+            "distance of the thrust line below the moment reference; a positive value gives a "
+            "nose-up moment"
+        ),
     )
 
 
 class Unstart(StrictModel):
-    """Flow in which the inlet stays started; outside it the engine fails."""
+    """Flow conditions in which the inlet stays started; outside these the engine fails."""
 
     angle_of_attack: AngleRange = Field(
         default=(-math.inf, math.inf), description="minimum and maximum"
@@ -143,13 +149,14 @@ class Unstart(StrictModel):
     )
     mach: Range = Field(default=(-math.inf, math.inf), description="minimum and maximum")
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
-        default=math.inf, description="time inside the range until it restarts; default: never"
+        default=math.inf,
+        description="time within the range until the inlet restarts; default: never",
     )
     drag_increment: float = Field(
-        default=0.0, description="added to the drag coefficient while unstarted"
+        default=0.0, description="increment of the drag coefficient while unstarted"
     )
     pitching_moment_increment: float = Field(
-        default=0.0, description="added to the pitching moment coefficient while unstarted"
+        default=0.0, description="increment of the pitching moment coefficient while unstarted"
     )
 
     @model_validator(mode="after")
@@ -159,7 +166,7 @@ class Unstart(StrictModel):
         return self
 
     def inlet(self) -> Inlet:
-        """Return the condition as numbers of the kernel."""
+        """Return the unstart condition as numbers for the kernel."""
         return Inlet(
             1.0,
             *self.angle_of_attack,
@@ -172,29 +179,29 @@ class Unstart(StrictModel):
 
 
 class Relight(StrictModel):
-    """Recovery of an engine after a failure; its flame-out follows the lag of the throttle."""
+    """Recovery of an engine after a failure; thrust loss follows the lag of the throttle."""
 
     delay: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time until the thrust begins to recover"
+        0.0, description="time from the failure until the thrust begins to recover"
     )
     time_constant: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time constant of the thrust; 0: the lag of the throttle"
+        0.0, description="time constant of the thrust recovery; 0 uses the lag of the throttle"
     )
 
 
 class Engine(StrictModel):
-    """One of several engines, which may fail separately."""
+    """One of several engines that may fail separately."""
 
     share: Annotated[Fraction, Positive] | None = Field(
-        None, description="share of the thrust; default: equal shares"
+        None, description="share of the total thrust; default: equal shares"
     )
-    x: Length = Field(0.0, description="position forward of the thrust line's reference")
+    x: Length = Field(0.0, description="position forward of the reference of the thrust line")
     y: Length = Field(0.0, description="position to the right of the thrust line")
     z: Length = Field(0.0, description="position below the thrust line")
 
 
 def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
-    """Return share and position (x, y, z) of each engine."""
+    """Return the share and position (x, y, z) of each engine."""
     return [
         (engine.share or 1.0 / len(engines), engine.x, engine.y, engine.z)
         for engine in engines.values()
@@ -204,12 +211,12 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
         default=None,
-        description="flow in which the inlet stays started; default: in any flow",
+        description="flow conditions in which the inlet stays started; default: any",
     )
     engines: dict[str, Engine] = Field(
         default_factory=dict,
         max_length=MAX_ENGINES,
-        description="engines by name, if there are several; default: one engine",
+        description="engines by name, if the vehicle has several; default: one engine",
     )
 
     @model_validator(mode="after")
@@ -220,7 +227,7 @@ class _Inlets(StrictModel):
         has_mixed_shares = len({engine.share is None for engine in self.engines.values()}) > 1
         if rows and (has_mixed_shares or abs(total - 1.0) > 1e-9):
             raise Refusal(
-                f"shares of the thrust with the sum {total:g}",
+                f"the shares of the thrust have the sum {total:g}",
                 "shares with the sum 1, or no shares",
                 ("engines",),
             )
@@ -229,14 +236,15 @@ class _Inlets(StrictModel):
                 f"engines whose thrust acts {', '.join(f'{x:g}' for x in moments)} m from the line "
                 "of thrust"
             )
-            raise Refusal(problem, "positions with the weighted mean 0", ("engines",))
+            raise Refusal(problem, "positions with a weighted mean of 0", ("engines",))
         return self
 
 
 class _Propulsion(EngineActuator, _Inlets):
-    specific_impulse: str = Field(description="name of the table of specific impulse")
+    specific_impulse: str = Field(description="name of the table of the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
-        default=9.80665, description="gravity in the definition of the specific impulse"
+        default=9.80665,
+        description="gravitational acceleration in the definition of the specific impulse",
     )
     thrust_line: ThrustLine = Field(
         ThrustLine(), description="line of thrust; default: along body x"
@@ -244,27 +252,33 @@ class _Propulsion(EngineActuator, _Inlets):
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
         description="minimum and maximum"
     )
-    relight: Relight = Field(Relight(), description="recovery after a failure")
+    relight: Relight = Field(
+        Relight(), description="recovery of the thrust after an engine failure"
+    )
 
 
 class Capture(_Propulsion):
-    """T = stoichiometric ratio * eta * Isp * g0 * rho * V * capture area ratio * cowl area."""
+    """Thrust as stoichiometric ratio * eta * Isp * g0 * rho * V * capture ratio * cowl area."""
 
     kind: Literal["capture"] = Field(description="method of computing thrust")
-    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(description="fuel to air, by mass")
+    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(
+        description="stoichiometric fuel-air ratio by mass"
+    )
     cowl_area: Annotated[Area, Positive] = Field(description="area of the inlet cowl")
-    capture_area_ratio: str = Field(description="name of the table of captured area over cowl area")
+    capture_area_ratio: str = Field(
+        description="name of the table of the ratio of captured area to cowl area"
+    )
 
 
 class ThrustArea(_Propulsion):
-    """T = dynamic pressure * thrust area."""
+    """Thrust as dynamic pressure * thrust area."""
 
     kind: Literal["thrust_area"] = Field(description="method of computing thrust")
-    area: str = Field(description="name of the table of thrust over dynamic pressure")
+    area: str = Field(description="name of the table of the ratio of thrust to dynamic pressure")
 
 
 class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
-    """Thrust as a Python function of air data and throttle."""
+    """Thrust computed by a Python function of air data and throttle."""
 
     function: str = Field("thrust", description="name of the function")
     throttle: Range = Field((0.0, 1.0), description="minimum and maximum throttle")
@@ -284,7 +298,7 @@ Propulsion = Annotated[
 
 
 def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
-    """Return the minimum and maximum throttle; zeros without an engine."""
+    """Return the minimum and maximum throttle, or zeros without an engine."""
     if engine is None:
         return 0.0, 0.0
     return engine.throttle if isinstance(engine, ThrustFunction) else engine.equivalence_ratio
@@ -294,7 +308,7 @@ AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
 class Surfaces(SurfaceActuator):
-    """Actuators of the three axis deflections, which are alike."""
+    """Actuators of the three axis deflections, which are identical."""
 
     limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
@@ -309,7 +323,7 @@ class Surfaces(SurfaceActuator):
 
 
 class Effector(SurfaceActuator):
-    """One surface: its deflection per deflection of each axis, and optionally its actuator."""
+    """Control surface: deflection per axis command, and optionally an actuator."""
 
     aileron: float = Field(0.0, description="deflection per aileron command")
     rudder: float = Field(0.0, description="deflection per rudder command")
@@ -323,13 +337,13 @@ class Effector(SurfaceActuator):
 
     @property
     def driven(self) -> bool:
-        """Whether the surface has a separate actuator; missing values are those of ``surfaces``."""
+        """Whether the surface has its own actuator; ``surfaces`` supplies missing values."""
         return bool(self.model_fields_set - set(AXIS_DEFLECTIONS))
 
     @model_validator(mode="after")
     def _check(self) -> "Effector":
         if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
-            raise Refusal(f"{list(self.limits)} rad", "minimum and maximum, about 0", ("limits",))
+            raise Refusal(f"{list(self.limits)} rad", "minimum and maximum around 0", ("limits",))
         if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
                 "an ideal effector with dynamics",
@@ -339,9 +353,9 @@ class Effector(SurfaceActuator):
         return self
 
     def complete(self, surfaces: Surfaces) -> tuple[ActuatorKind, dict[str, float]]:
-        """Return kind and dynamics, by default those of the surfaces.
+        """Return the kind and dynamics, which by default are those of the surfaces.
 
-        Raise Refusal if incomplete.
+        Raise Refusal if values are missing.
         """
         own = {"bandwidth": self.bandwidth, "damping": self.damping, "rate_limit": self.rate}
         moves = self.rate is not None or self.bandwidth is not None

@@ -1,4 +1,4 @@
-"""Effectors and actuators of a vehicle: packing from the file, and queries."""
+"""Effectors and actuators of a vehicle: packing from the vehicle file, and queries."""
 
 from collections.abc import Mapping
 
@@ -36,9 +36,9 @@ _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effe
 def pack_effectors(
     effectors: Mapping[str, Effector], named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """Return the mix of the file's effectors, all effectors, and the names of the file's.
+    """Return the mix of effectors in the file, all effectors, and the names in the file.
 
-    The names are arrays of character codes. Axes that the aerodynamics name are effectors, too.
+    Names are arrays of character codes. Axes used by the aerodynamics are also effectors.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
@@ -57,9 +57,9 @@ def pack_effectors(
 
 
 def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
-    """Return the list of actuators [actuator, column]: three axes, the engine, all effectors.
+    """Return the array of actuators [actuator, column]: axes, engine, then effectors.
 
-    ``effectors`` is the number of effectors. Keys that an effector omits, and axes among the
+    ``effectors`` is the number of effectors. Omitted keys of effectors, and axes among the
     effectors, have the values of the surfaces.
     """
     surfaces, engine = content.surfaces, content.propulsion
@@ -84,7 +84,7 @@ def _make_row(
     kind: ActuatorKind | None,
     dynamics: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
-    """Return a row of the list by columns; missing keys have values without effect."""
+    """Return a row of the array of actuators; missing keys have neutral values."""
     row = {"low": limits[0], "high": limits[1], "rate_limit": 0.0, "bandwidth": 1.0, "damping": 1.0}
     names = (*DYNAMICS["second_order"], *SLACK)
     row |= dict.fromkeys(SLACK, 0.0)
@@ -97,15 +97,15 @@ def _make_row(
 
 
 def has_slack(vehicle: Vehicle) -> bool:
-    """Return whether active actuators are of first order, or have a dead zone or backlash."""
+    """Return whether any active actuator is first-order or has a dead zone or backlash."""
     actuators = vehicle.actuators[surface_list(vehicle)]
     return bool((actuators[:, KIND] == FIRST_ORDER).any() or actuators[:, DEAD_ZONE:].any())
 
 
 def slack_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a warning of dead zones and backlash, which margins leave out, or none.
+    """Return a warning about dead zones and backlash, which margins neglect, if any.
 
-    The warning is a sentence without its full stop.
+    The warning is a sentence without a full stop.
     """
     names = [*(name_effectors(vehicle) if vehicle.constants.driven else AXIS_DEFLECTIONS), "engine"]
     actuators = vehicle.actuators[surface_list(vehicle)]
@@ -117,17 +117,17 @@ def slack_warnings(vehicle: Vehicle) -> list[str]:
     if not phrases:
         return []
     return [
-        f"stability margins and linear models leave out {' and '.join(phrases)}: they hold for "
-        "commands well above it, and say nothing about oscillations of its size"
+        f"stability margins and linear models neglect {' and '.join(phrases)}: they apply to "
+        "commands well above the neglected width, not to oscillations of that size"
     ]
 
 
 def _axis_shares(mix: Floats) -> Floats:
     """Return the projection of deflections onto each axis [axis, effector, effector].
 
-    Effectors are grouped into sets of equal |mix|, in the file's order: each joins the first set in
-    which its row of the mix is linearly independent, or starts a new one. In a single set, pairs
-    with different limits would count as commands of other axes.
+    Effectors are grouped into sets of equal |mix|, in the order of the file: each effector joins
+    the first set in which its row of the mix is linearly independent, or starts a new set. In a
+    single set, pairs with different limits would count as commands of other axes.
     """
     sets: list[list[int]] = []
     for e, row in enumerate(mix):
@@ -149,7 +149,7 @@ def _axis_shares(mix: Floats) -> Floats:
 
 
 def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the names of a vehicle's effectors in order, including axes among them."""
+    """Return the names of a vehicle's effectors, including axes that are effectors."""
     names = ["".join(map(chr, row[row > 0])) for row in vehicle.effector_names]
     return tuple(
         names[i - _FIRST] if i >= _FIRST else VARIABLES[i] for i in vehicle.effectors.variable
@@ -157,13 +157,13 @@ def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def surface_list(vehicle: Vehicle) -> Ints:
-    """Return the indices of the active actuators: surfaces, then the engine."""
+    """Return the indices of active actuators: surfaces, then the engine."""
     first = FIRST_EFFECTOR + np.arange(len(vehicle.effectors.mix))
     return np.append(first if vehicle.constants.driven else np.arange(AXES), ENGINE)
 
 
 def surface_mix(vehicle: Vehicle) -> Floats:
-    """Return deflections per axis deflection [surface, 3] of the surfaces with actuators."""
+    """Return the deflection per axis deflection [surface, 3] of surfaces with actuators."""
     return vehicle.effectors.mix if vehicle.constants.driven else np.eye(AXES)
 
 
@@ -173,12 +173,12 @@ def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
 
 
 def axis_limits(vehicle: Vehicle) -> Floats:
-    """Return the minimum and maximum deflection (rad) of aileron, rudder and elevator [6]."""
+    """Return the minimum and maximum deflections (rad) of aileron, rudder and elevator [6]."""
     return np.array([deflection_range(vehicle, axis) for axis in range(3)]).ravel()
 
 
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
-    """Return the range of deflections (rad) of an axis alone that its effectors can follow."""
+    """Return the deflection range (rad) of a single axis that its effectors can follow."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
         actuators = vehicle.actuators[FIRST_EFFECTOR:]

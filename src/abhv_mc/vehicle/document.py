@@ -1,4 +1,4 @@
-"""Model of the vehicle file, with the checks that need no other file."""
+"""Pydantic model of the vehicle file, with checks that need no other file."""
 
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
@@ -37,24 +37,26 @@ REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V),
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
-_Size = Field(ge=1e-6)  # SI
+_Size = Field(ge=1e-6)  # minimum size, SI
 
 
 class Reference(StrictModel):
     """Reference area and lengths of the coefficients."""
 
     area: Annotated[Area, _Size] = Field(description="reference area of all coefficients")
-    span: Annotated[Length, _Size] = Field(description="length of the rolling and yawing moment")
-    chord: Annotated[Length, _Size] = Field(description="length of the pitching moment")
+    span: Annotated[Length, _Size] = Field(
+        description="reference length of the rolling and yawing moments"
+    )
+    chord: Annotated[Length, _Size] = Field(description="reference length of the pitching moment")
     nose_radius: Annotated[Length, Positive] | None = Field(
         default=None, description="nose radius for the stagnation heat flux"
     )
 
 
 class MassPoint(StrictModel):
-    """Mass properties at one mass; the centre of gravity is from the moment reference."""
+    """Mass properties at one mass; the centre of gravity is relative to the moment reference."""
 
-    mass: Annotated[Mass, Positive] = Field(description="mass at which these properties hold")
+    mass: Annotated[Mass, Positive] = Field(description="mass at which the properties apply")
     inertia_xx: Annotated[Inertia, Positive] = Field(
         description="moment of inertia about body x (forward)"
     )
@@ -65,13 +67,13 @@ class MassPoint(StrictModel):
         description="moment of inertia about body z (down)"
     )
     inertia_matrix_element_13: Inertia = Field(
-        default=0.0, description="element of the inertia matrix: minus the integral of x z dm"
+        default=0.0, description="element xz of the inertia matrix, minus the integral of x z dm"
     )
     center_of_gravity_x: Length = Field(
-        default=0.0, description="distance forward of the moment reference"
+        default=0.0, description="distance of the centre of gravity forward of the moment reference"
     )
     center_of_gravity_z: Length = Field(
-        default=0.0, description="distance below the moment reference"
+        default=0.0, description="distance of the centre of gravity below the moment reference"
     )
 
     @model_validator(mode="after")
@@ -84,16 +86,19 @@ class MassPoint(StrictModel):
         )
         if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
             raise Refusal(
-                f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 that no body has",
-                "each at most the sum of the two others, and element 13 squared below xx times zz",
+                f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 are physically impossible",
+                "moments of inertia that are at most the sum of the two others, and xz squared "
+                "below xx times zz",
             )
         return self
 
 
 class MassPoints(StrictModel):
-    """Mass properties against mass, linear between the points and constant outside."""
+    """Mass properties over mass, linear between the points and constant outside."""
 
-    points: tuple[MassPoint, ...] = Field((), description="mass properties by rising mass")
+    points: tuple[MassPoint, ...] = Field(
+        (), description="mass properties in order of increasing mass"
+    )
 
     @model_validator(mode="after")
     def _check_points(self) -> Self:
@@ -108,14 +113,16 @@ class MassPoints(StrictModel):
 
 
 class MassModel(MassPoints):
-    """Mass at the start of a flight, and mass properties against mass."""
+    """Initial mass of a flight, and mass properties as functions of mass."""
 
     start: Annotated[Mass, Positive] = Field(
-        description="mass at the start of a flight, within the points"
+        description="initial mass of a flight, within the range of the points"
     )
     empty: Annotated[Mass, Positive] | None = Field(
         default=None,
-        description="mass without fuel, at which the engine stops; default: no fuel is burnt",
+        description=(
+            "mass without fuel, at which the engine stops; default: the engine burns no fuel"
+        ),
     )
     file: File | None = Field(
         default=None, description="CSV file with the points: mass_kg,inertia_xx_kg_m2,..."
@@ -130,7 +137,7 @@ class MassModel(MassPoints):
             )
         if self.empty is not None and self.empty > self.start:
             raise Refusal(
-                f"{self.empty:g} kg empty, more than at the start",
+                f"{self.empty:g} kg empty mass exceeds the initial mass",
                 f"at most {self.start:g} kg",
                 ("empty",),
             )
@@ -141,14 +148,16 @@ class TableEntry(StrictModel):
     """Table from a CSV file, or a constant."""
 
     file: File | None = Field(
-        default=None, description="CSV with one column per axis and the column 'value'"
+        default=None, description="CSV file with one column per axis and the column 'value'"
     )
     constant: float | None = Field(default=None, description="constant value, instead of a file")
     unit: str = Field(default="-", description="unit of the values, such as 1/deg, 1/rad, s, m2")
     scale: float = Field(default=1.0, description="factor that multiplies the values")
     columns: dict[str, str] = Field(
         default_factory=dict,
-        description="meaning of columns with other headers, such as alpha: angle_of_attack deg",
+        description=(
+            "meaning of columns with non-standard headers, such as alpha: angle_of_attack deg"
+        ),
     )
 
     @model_validator(mode="after")
@@ -159,7 +168,7 @@ class TableEntry(StrictModel):
                 "either a file or a constant",
             )
         if self.columns and self.file is None:
-            raise Refusal("columns of a constant", "columns of a file", ("columns",))
+            raise Refusal("'columns' for a constant", "'columns' only for a file", ("columns",))
         try:
             parse_unit(self.unit)
         except Refusal as refusal:
@@ -172,20 +181,21 @@ class Term(StrictModel):
 
     table: str = Field(description="name of a table")
     times: str | None = Field(
-        default=None, description="variable that multiplies it, such as elevator or pitch_rate"
+        default=None,
+        description="variable that multiplies the table, such as elevator or pitch_rate",
     )
-    scale: float = Field(default=1.0, description="number that multiplies it")
+    scale: float = Field(default=1.0, description="number that multiplies the table")
 
 
 class ReferencePoint(StrictModel):
-    """Point about which a function's moments are, relative to the moment reference."""
+    """Reference point of a function's moments, relative to the moment reference."""
 
-    x: Length = Field(0.0, description="distance forward of the moment reference")
-    z: Length = Field(0.0, description="distance below the moment reference")
+    x: Length = Field(0.0, description="distance of the point forward of the moment reference")
+    z: Length = Field(0.0, description="distance of the point below the moment reference")
 
 
 class AerodynamicsFunction(PythonFunction):
-    """Coefficients as a Python function of air data, controls and rates."""
+    """Coefficients computed by a Python function of air data, controls and rates."""
 
     function: str = Field("coefficients", description="name of the function")
     frame: Literal["body", "stability", "wind"] = Field(
@@ -193,12 +203,14 @@ class AerodynamicsFunction(PythonFunction):
         "body y) or wind (CL CD CC)"
     )
     reference_point: ReferencePoint = Field(
-        ReferencePoint(), description="point about which the moments are"
+        ReferencePoint(), description="reference point of the moments"
     )
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
         default_factory=dict,
-        description="points where the function has kinks (angles in rad), which become nodes of "
-        "trim tables",
+        description=(
+            "variable values at which the function has kinks (angles in rad); they become nodes "
+            "of trim tables"
+        ),
     )
 
 
@@ -207,7 +219,9 @@ class Aerodynamics(StrictModel):
 
     force_axes: Literal["stability", "wind"] = Field(
         default="stability",
-        description="axes of lift and drag; wind: drag opposes the velocity at any sideslip",
+        description=(
+            "axes of lift and drag; in wind axes, drag opposes the velocity at any sideslip"
+        ),
     )
     lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
     drag: tuple[Term, ...] = Field(
@@ -232,16 +246,16 @@ def _aerodynamics_kind(value: Any) -> str:
 
 
 class FlightLimits(LoadLimits):
-    """Limits that end a flight."""
+    """Limits of the vehicle that end a flight."""
 
     angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
     sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
     states: dict[str, Number] = Field(
         default_factory=dict,
-        description="maximum magnitude of a custom state; written as state.NAME",
+        description="maximum magnitude of custom states, written as state.NAME",
     )
 
-    # The keys state.NAME of the file are one field here.
+    # The keys state.NAME of the file are stored in one field.
     model_config = ConfigDict(json_schema_extra={"patternProperties": {r"^state\.": {}}})
 
     @model_validator(mode="before")
@@ -257,13 +271,13 @@ class FlightLimits(LoadLimits):
 
 
 class VehicleDocument(StrictModel):
-    """Vehicle: constants, tables, and the build-up of its coefficients."""
+    """Content of a vehicle file: constants, tables and build-up of coefficients."""
 
     name: str = Field(description="name of the vehicle")
     description: str = Field(
         "", description="description of the vehicle and the source of its data"
     )
-    reference: Reference = Field(description="area and lengths of the coefficients")
+    reference: Reference = Field(description="reference area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
     surfaces: Surfaces | None = Field(
         default=None, description="actuators of the control surfaces; default: none"
@@ -271,18 +285,20 @@ class VehicleDocument(StrictModel):
     effectors: dict[str, Effector] = Field(
         default_factory=dict,
         max_length=MAX_EFFECTORS,
-        description="control surfaces, each a mix of aileron, rudder and elevator",
+        description="control surfaces, each driven by a mix of aileron, rudder and elevator",
     )
-    propulsion: Propulsion | None = Field(default=None, description="the engine; default: none")
+    propulsion: Propulsion | None = Field(
+        default=None, description="engine of the vehicle; default: none"
+    )
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="quantities that its instruments measure; a mission may change them",
+        description="reference of the measured quantities, which a mission may override",
     )
     limits: FlightLimits | None = Field(
         default=None, description="limits that end a flight; default: no limits"
     )
     tables: dict[str, TableEntry] = Field(
-        default_factory=dict, description="tables by name, each of which must be used"
+        default_factory=dict, description="tables by name; each table must be used"
     )
     aerodynamics: Annotated[
         Annotated[Aerodynamics, Tag("terms")] | Annotated[AerodynamicsFunction, Tag("python")],
@@ -306,13 +322,13 @@ class VehicleDocument(StrictModel):
             except Refusal as refusal:
                 raise Refusal(refusal.found, refusal.expected, key) from None
             if limits[name] <= 0.0:
-                raise Refusal(f"a limit of {value}", "a limit above zero", key)
+                raise Refusal(f"a limit of {value}", "a positive limit", key)
         return limits
 
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
-        """Return every use of a table: table, quantity and key in the file.
+        """Return each use of a table as (table, quantity, key in the file).
 
-        The quantity is that of the propulsion, or the ``times`` of a term.
+        The quantity is that of the propulsion, or the variable ``times`` of a term.
         """
         uses: list[tuple[str, str | None, tuple[str | int, ...]]] = []
         for quantity, key in PROPULSION_TABLES.items():
@@ -329,14 +345,14 @@ class VehicleDocument(StrictModel):
         for name, effector in self.effectors.items():
             if name in FACTORS or not name.isidentifier():
                 raise Refusal(
-                    f"an effector '{name}'",
+                    f"the effector name '{name}'",
                     "an identifier that is not the name of another variable",
                     ("effectors", name),
                 )
             if effector.driven and self.surfaces is None:
-                expected = "surfaces, whose limit applies to aileron, rudder and elevator"
+                expected = "the key 'surfaces', whose limit applies to aileron, rudder and elevator"
                 raise Refusal(
-                    "an effector with an actuator in a file without surfaces",
+                    "an effector has an actuator, but the file has no 'surfaces'",
                     expected,
                     ("effectors", name),
                 )
@@ -358,10 +374,10 @@ class VehicleDocument(StrictModel):
         for table in self.tables:
             if (
                 table not in used and self.propulsion is not None
-            ):  # a glider's file may keep its engine's tables
+            ):  # Files of gliders may contain engine tables.
                 raise Refusal(
                     f"the unused table '{table}'",
-                    "tables that a coefficient or the propulsion uses",
+                    "only tables that a coefficient or the propulsion uses",
                     ("tables", table),
                 )
         return self
@@ -372,7 +388,7 @@ class VehicleDocument(StrictModel):
         if quantity in _ANGLE_FACTORS or quantity in self.effectors:
             expected = (ANGLE,)
         elif quantity in REDUCED_RATES:
-            expected = (ANGLE, FRACTION)  # per radian
+            expected = (ANGLE, FRACTION)  # slopes per radian
         else:
             expected = (
                 {"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),

@@ -1,4 +1,4 @@
-"""Keys of custom dynamics in the vehicle file: states integrated with the vehicle."""
+"""Keys of custom dynamics in vehicle files."""
 
 import keyword
 from typing import Annotated
@@ -13,7 +13,7 @@ Number = float | str
 
 
 class CustomState(StrictModel):
-    """Custom state: its unit, and its initial value if it has no equilibrium."""
+    """Custom state with its unit, and an initial value if it has no equilibrium."""
 
     unit: str = Field(description="SI unit, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
@@ -33,17 +33,20 @@ def _state(value: object) -> object:
 
 
 class Dynamics(StrictModel):
-    """Custom states, which exert forces and moments on the vehicle and affect its sensors."""
+    """Custom states that exert forces and moments on the vehicle and affect its sensors."""
 
     file: File = Field(
-        description="Python file with one function decorated with dynamics, relative to this file"
+        description=(
+            "Python file with one function decorated with @dynamics, relative to the vehicle file"
+        )
     )
     states: dict[
         str,
         Annotated[CustomState, BeforeValidator(_state, json_schema_input_type=str | CustomState)],
     ] = Field(min_length=1, max_length=MAX_STATES, description="units of the states by name")
     settings: dict[str, Number] = Field(
-        default_factory=dict, description="numbers passed to the function, which may be dispersed"
+        default_factory=dict,
+        description="numbers passed to the function; a campaign may disperse them",
     )
 
     @model_validator(mode="after")

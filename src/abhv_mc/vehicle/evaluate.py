@@ -1,7 +1,7 @@
-"""Table look-up and coefficient build-up in plain numpy, outside of compiled code.
+"""Table look-up and coefficient build-up in numpy, outside compiled code.
 
-There are two look-ups, which sum over a cell's corners in different orders: trims depend on one to
-the last digit, controller designs on the other.
+The two look-ups sum over the corners of a cell in different orders: trims depend on the order of
+one look-up to the last digit, controller designs on that of the other.
 """
 
 from typing import Any
@@ -18,9 +18,9 @@ _FIRST_EFFECTOR = VARIABLES.index("effector_0")
 
 
 def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
-    """Return ``[variable, point]`` from named values (SI, radians).
+    """Return variables [variable, point] from named values (SI, radians).
 
-    Other variables are zero; effector deflections follow from those of the axes.
+    Other variables are zero; effector deflections follow from the axis deflections.
     """
     arrays = [np.asarray(value) for value in values.values()]
     shape = np.broadcast_shapes((1,), *(array.shape for array in arrays))
@@ -34,9 +34,9 @@ def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
 
 
 def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
-    """Interpolate all tables: ``[row, point]`` of ``[variable, point]``.
+    """Interpolate all tables [row, point] at variables [variable, point].
 
-    Values are constant beyond the edges.
+    Values are constant beyond the edges of the tables.
     """
     rows = np.empty((tables.n_rows, *variables.shape[1:]))
     for g in range(tables.group_start.size):
@@ -67,7 +67,7 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 def table_rows(tables: Tables, variables: Numbers) -> Numbers:
     """Interpolate all tables at possibly complex variables.
 
-    A complex step gives a cell's exact slope.
+    A complex step gives the exact slope within a cell.
     """
     low, weight = [], []
     for variable, start, length in zip(
@@ -106,10 +106,10 @@ def table_rows(tables: Tables, variables: Numbers) -> Numbers:
 def evaluate_coefficients(
     vehicle: Vehicle, variables: Numbers, factors: Floats | None = None, rows: Numbers | None = None
 ) -> Numbers:
-    """Return the six COEFFICIENTS ``[coefficient, point]`` from ``[variable, point]``.
+    """Return the six COEFFICIENTS [coefficient, point] at variables [variable, point].
 
     ``factors`` [parameter] or [parameter, point] multiplies the terms of tables; None is nominal.
-    ``rows`` are the interpolated tables, if already computed.
+    ``rows`` contains the interpolated tables, if already computed.
     """
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]
@@ -126,7 +126,7 @@ def evaluate_coefficients(
 def evaluate_fixed(
     vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None
 ) -> dict[str, Numbers]:
-    """Return the propulsion and mass tables by names in FIXED_TABLE_ROWS, each ``[point]``."""
+    """Return propulsion and mass tables [point] by their names in FIXED_TABLE_ROWS."""
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     return {
         name: rows[row]

@@ -1,4 +1,4 @@
-"""Reading and packing of vehicle files, with conversion to SI and radians."""
+"""Reading and packing of vehicle files, with conversion to SI units and radians."""
 
 import itertools
 import math
@@ -52,25 +52,25 @@ from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
-# s; above every air-breathing engine's, and below exhaust velocities in m/s
+# upper limit of specific impulses, s
 _LARGEST_IMPULSE = 1e4
 
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """Checked vehicle file with all files it refers to."""
+    """Checked vehicle file with all files to which it refers."""
 
     path: Path
     content: VehicleDocument
-    tables: Mapping[str, Table]  # SI and radians
-    code: VehicleCode | None  # custom functions
+    tables: Mapping[str, Table]  # tables in SI and radians
+    code: VehicleCode | None  # code of custom functions
     mass_points: tuple[MassPoint, ...]
-    files: tuple[Path, ...]  # the YAML file, then the other files without repetition
+    files: tuple[Path, ...]  # YAML file, then the other files without duplicates
 
 
 @made_once
 def read_vehicle_file(path: str | Path) -> VehicleFile:
-    """Read and check a vehicle file and its tables. Raise InputError if one is invalid."""
+    """Read and check a vehicle file and its tables. Raise InputError if a file is invalid."""
     document = read_document(path)
     content = validate(document, VehicleDocument)
     effectors = tuple(content.effectors)
@@ -122,15 +122,15 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     try:
         return validate(Document(path, {"points": points}, locations, {}), MassPoints).points
     except InputErrors as error:
-        raise error.errors[0] from None  # a wrong header causes one error per row
+        raise error.errors[0] from None  # A wrong header would cause one error per row.
 
 
 def _check_meaning(document: Document, content: VehicleDocument, name: str, table: Table) -> None:
-    """Raise InputError for a table with implausible numbers, mostly those of a wrong unit."""
+    """Raise InputError for a table with implausible numbers, mostly due to a wrong unit."""
     for axis in table.axes:
         low, high = axis.grid[[0, -1]]
         if VARIABLES[axis.variable] == "mass" and not low <= content.mass.start <= high:
-            problem = f"a table over masses from {low:g} to {high:g} kg"
+            problem = f"the table covers masses from {low:g} to {high:g} kg"
             expected = (
                 f"an axis that includes the initial mass, {content.mass.start:g} kg; check its unit"
             )
@@ -138,26 +138,26 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
     if any(quantity == "specific_impulse" and used == name for used, quantity, _ in content.uses()):
         low, high = float(table.values.min()), float(table.values.max())
         if low < 0.0 or high > _LARGEST_IMPULSE:
-            problem = f"a specific impulse from {low:g} to {high:g} s"
+            problem = f"the specific impulse ranges from {low:g} to {high:g} s"
             expected = f"0 to {_LARGEST_IMPULSE:g} s; check its unit"
             raise document.error(("tables", name), problem, expected)
 
 
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
     if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
-        problem = f"{content.mass.start:g} kg at the start"
+        problem = f"{content.mass.start:g} kg is the initial mass"
         expected = f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties"
         raise document.error(("mass", "start"), problem, expected)
 
 
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
-    """Pack a vehicle; ``factor_index`` maps ``aero.lift.elevator`` and so on to parameters."""
+    """Pack a vehicle; ``factor_index`` maps names such as ``aero.lift.elevator`` to indices."""
     content = file.content
     entries: list[Table] = []
     entry_of: dict[tuple[str, float], int] = {}
 
     def use(name: str, scale: float = 1.0) -> int:
-        """Return the index of a table among the entries, which contain a shared table once."""
+        """Return the index of a table among the entries, in which shared tables occur once."""
         if (name, scale) not in entry_of:
             entry_of[name, scale] = len(entries)
             entries.append(file.tables[name].scaled(scale))
@@ -165,7 +165,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
 
     terms: list[list[tuple[int, int, int, int]]] = [
         [] for _ in COEFFICIENTS
-    ]  # coefficient, entry, variable, factor
+    ]  # (coefficient, entry, variable, factor)
     for c, coefficient in enumerate(COEFFICIENTS):
         for term in getattr(content.aerodynamics, coefficient, ()):
             variable = _variable(term.times, tuple(content.effectors))
@@ -182,7 +182,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     if isinstance(content.aerodynamics, AerodynamicsFunction) and content.aerodynamics.nodes:
         entries.append(_make_nodes(content.aerodynamics.nodes))
     tables, rows = pack_tables(entries, fixed)
-    # The coefficients take turns: a sum need not wait for its own last term.
+    # Terms of different coefficients alternate, so that sums do not wait for each other.
     turns = [term for turn in itertools.zip_longest(*terms) for term in turn if term is not None]
     columns = np.array(turns, dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
@@ -218,13 +218,13 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
 
 
 def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
-    """Return a table of zeros whose nodes are the kinks of a custom function, for trim tables."""
+    """Return a table of zeros whose nodes are the kinks of a custom function."""
     axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
     return Table(axes, np.zeros([axis.grid.size for axis in axes]))
 
 
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
-    """Return tables over the mass; the centre of gravity is from the moment reference."""
+    """Return mass properties as tables over mass."""
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
@@ -241,7 +241,7 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 
 def _make_constants(content: VehicleDocument) -> Constants:
-    """Return the vehicle's constants; a missing engine or surface gets values without effect."""
+    """Return the constants of a vehicle; missing engines and surfaces get neutral values."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
     jet = None if isinstance(engine, ThrustFunction) else engine

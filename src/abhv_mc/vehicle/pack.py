@@ -1,4 +1,4 @@
-"""Packing of a vehicle's tables into the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
+"""Packing of vehicle tables into the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
 
-# Values of missing tables: no thrust, no offset, and a specific impulse by which one can divide.
+# Values of missing tables: zero, and a nonzero specific impulse, which is a divisor.
 _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}
 
 
@@ -16,7 +16,7 @@ _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TA
 class Axis:
     """Axis of a table."""
 
-    variable: int  # index into VARIABLES
+    variable: int  # index of the variable in VARIABLES
     grid: Floats  # [node] strictly increasing, SI and radians, at least two nodes
 
 
@@ -30,18 +30,18 @@ class Table:
     def ordered(self) -> "Table":
         """Return the table with its axes in the order of VARIABLES.
 
-        Tables with equal axes then form one group.
+        Tables with equal axes can then form one group.
         """
         order = sorted(range(len(self.axes)), key=lambda d: self.axes[d].variable)
         return Table(tuple(self.axes[d] for d in order), np.transpose(self.values, order))
 
     def scaled(self, factor: float) -> "Table":
-        """Return the table with all values multiplied."""
+        """Return the table with all values multiplied by a factor."""
         return Table(self.axes, self.values * factor)
 
 
 def make_constant(value: float) -> Table:
-    """Return a constant table."""
+    """Return a table with one constant value."""
     return Table((), np.asarray(value, dtype=np.float64))
 
 
@@ -50,10 +50,11 @@ def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
 
 
 def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
-    """Group tables of equal axes, contiguous at each node, and return each entry's row.
+    """Pack tables into groups of equal axes, and return the row of each entry.
 
-    ``fixed`` maps FIXED_TABLE_ROWS to entries; a missing one becomes a constant. Constants join the
-    first one-dimensional group, so that they need no look-up.
+    Values of a group are contiguous at each node. ``fixed`` maps FIXED_TABLE_ROWS to entries;
+    missing tables become constants. Constants join the first one-dimensional group, so that they
+    need no separate look-up.
     """
     everything = [table.ordered() for table in tables]
     entry_of = dict(fixed)
@@ -129,7 +130,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
 
 
 def table_range(tables: Tables, variable: str) -> tuple[float, float]:
-    """Return the range of a variable within all tables over it; infinite if there are none."""
+    """Return the range of a variable covered by all tables, infinite if no table uses it."""
     low, high = -np.inf, np.inf
     for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(variable)):
         grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]

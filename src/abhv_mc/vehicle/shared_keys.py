@@ -1,4 +1,4 @@
-"""Keys of both vehicle and mission files: limits, and quantities that instruments measure.
+"""Keys shared by vehicle and mission files: limits, and references of measurements.
 
 Bank, flight path angle and heading are always relative to the Earth.
 """
@@ -22,16 +22,18 @@ def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Rising = AfterValidator(_check_rising)  # for a pair
+Rising = AfterValidator(_check_rising)  # type of a (minimum, maximum) pair
 Range = Annotated[tuple[float, float], Rising]
 AngleRange = Annotated[tuple[Angle, Angle], Rising]
-STILL_AIR = "still air and no noise, as these disturbances cause ripple without a limit cycle"
+STILL_AIR = "still air and no noise, because these disturbances cause ripple without a limit cycle"
 
 
 class Oscillation(StrictModel):
-    """Maximum ripple of each angle."""
+    """Maximum oscillation (ripple) of each angle."""
 
-    bank: Annotated[Angle, Positive] | None = Field(None, description="maximum ripple of the bank")
+    bank: Annotated[Angle, Positive] | None = Field(
+        None, description="maximum ripple of the bank angle"
+    )
     angle_of_attack: Annotated[Angle, Positive] | None = Field(
         None, description="maximum ripple of the angle of attack"
     )
@@ -60,11 +62,13 @@ class LoadLimits(StrictModel):
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
         default=None,
-        description="maximum flux at the stagnation point; needs the vehicle's "
-        "reference.nose_radius",
+        description=(
+            "maximum heat flux at the stagnation point; requires reference.nose_radius in the "
+            "vehicle file"
+        ),
     )
     bank: Annotated[Angle, Positive] | None = Field(
-        default=None, description="maximum bank about the velocity, in either direction"
+        default=None, description="maximum bank angle about the velocity, in either direction"
     )
     oscillation: (
         Annotated[
@@ -73,12 +77,13 @@ class LoadLimits(StrictModel):
         | None
     ) = Field(
         default=None,
-        description="maximum ripple of bank, angle of attack and sideslip: one angle, or one for "
-        "each",
+        description=(
+            "maximum ripple of bank, angle of attack and sideslip: one value, or one for each angle"
+        ),
     )
 
     def bounds(self) -> LoadBounds:
-        """Return the limits as numbers of the kernel."""
+        """Return the limits as numbers for the kernel."""
         ripple = self.oscillation or Oscillation()
         limits = (
             self.dynamic_pressure,
@@ -93,22 +98,22 @@ class LoadLimits(StrictModel):
 
 
 def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
-    """Return the smaller of two values for each bound."""
+    """Return the smaller of two limits for each bound."""
     return LoadBounds(*map(min, bounds, other))
 
 
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
-    """Return the conflict of a limit on oscillation with gusts or noise, '' if none."""
+    """Return text on a conflict of an oscillation limit with gusts or noise, or ''."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 
 
-IN_WIND = "in this wind"  # start of the sentence on measured quantities
+IN_WIND = "in this wind"  # beginning of the sentence on measured quantities
 Against = Literal["air", "inertial"]
 
 
 class SensingKeys(StrictModel):
-    """Reference of measurements: air, or inertial (relative to the Earth)."""
+    """Reference of the measurements: air, or inertial (relative to the Earth)."""
 
     angle_of_attack: Against | None = Field(
         None, description="reference of the measured angle of attack: air, or inertial (default)"
@@ -124,7 +129,7 @@ class SensingKeys(StrictModel):
 
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
-    """Return the references of the mission, by default those of the vehicle."""
+    """Return the measurement references of the mission, by default those of the vehicle."""
     choices = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
     return Sensing(
         *(
@@ -135,7 +140,7 @@ def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
 
 
 def describe_sensing(sensing: Sensing) -> str:
-    """Return a clause on the references of the measurements."""
+    """Return a clause that describes the references of the measurements."""
     references = sensing._asdict().items()
     air = [name.replace("_", " ") for name, is_air in references if is_air]
     ground = [name.replace("_", " ") for name, is_air in references if not is_air]

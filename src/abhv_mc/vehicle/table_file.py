@@ -1,6 +1,6 @@
-"""Reading of tables on a complete grid: one row per point in any order, or a matrix.
+"""Reading of tables on a complete grid, as one row per point or as a matrix.
 
-A header gives the variable and its unit (``mach,alpha_deg,value``), unless the vehicle file does.
+Headers give the variables and units (``mach,alpha_deg,value``), unless the vehicle file does.
 """
 
 import itertools
@@ -30,7 +30,7 @@ ALIASES = {
 _ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 _DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
 _PLAIN = ("mach", "equivalence_ratio")
-# Ranges of all vehicles, in SI and radians: a value outside has a wrong unit or column.
+# Plausible ranges, SI and radians; values outside have a wrong unit or column.
 _PLAUSIBLE = {
     "mach": (0.0, 50.0),
     "equivalence_ratio": (0.0, 20.0),
@@ -38,13 +38,13 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
-# Narrower axes are probably in radians or kilometres, unless the vehicle file gives the unit.
+# Narrower axes are probably in radians or kilometres, if the unit is not confirmed.
 _NARROWEST = {"deg": 1.0, "m": 200.0}
 
 
 @dataclass(frozen=True)
 class Role:
-    """Meaning of a column: a variable or effector with its unit, the values, or ignored."""
+    """Role of a column: a variable or effector with its unit, the values, or ignored."""
 
     name: str
     unit: str | None = None
@@ -53,7 +53,7 @@ class Role:
 def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
     """Parse the role of a column, such as ``angle_of_attack deg``, ``mach`` or ``value``.
 
-    Raise Refusal if it is unknown.
+    Raise Refusal if the role is unknown.
     """
     name, _, unit = text.strip().partition(" ")
     name = ALIASES.get(name, name)
@@ -62,7 +62,8 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
         return Role(name)
     if name not in names:
         raise Refusal(
-            f"'{text}'", f"{one_of((*names, VALUE, IGNORE), name)}, with its unit if it has one"
+            f"'{text}'",
+            f"{one_of((*names, VALUE, IGNORE), name)}, with a unit if the variable has one",
         )
     return Role(name, unit.strip() or None)
 
@@ -70,7 +71,7 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
 def _find_role(
     rows: ForeignTable, column: int, columns: Mapping[str, Role], effectors: Sequence[str]
 ) -> Role:
-    """Return the role of a column by vehicle file or header. Raise InputError if unknown."""
+    """Return the role of a column from vehicle file or header. Raise InputError if unknown."""
     head = rows.heads[column]
     name, unit = read_head(head, (*_PLAIN, *_DIMENSIONS, *ALIASES, *effectors, VALUE))
     unit = unit or split_head(head)[1] or rows.units[column]
@@ -90,7 +91,7 @@ def _find_role(
 
 
 def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
-    """Return the factor to SI of an axis, whose unit the header or the vehicle file gives."""
+    """Return the factor that converts an axis to SI, from the unit in header or vehicle file."""
     dimension, unit = (
         _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
         role.unit,
@@ -141,9 +142,9 @@ def _check_plausible(
 
 
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
-    """Return the grids of the axes from sorted ``points[row, axis]``.
+    """Return the grids of the axes from sorted points [row, axis].
 
-    ``order`` contains their rows in the file.
+    ``order`` contains the rows of the points in the file.
 
     Raise InputError unless the grid is complete.
     """
@@ -155,21 +156,24 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
     for column, grid in zip(columns, grids, strict=True):
         if grid.size < 2:
             raise rows.error(
-                0, column, f"one value of {rows.heads[column]}", "an axis of at least two"
+                0,
+                column,
+                f"only one value of {rows.heads[column]}",
+                "an axis of at least two values",
             )
     for row, point in enumerate(itertools.product(*grids)):
         if row == len(points) or tuple(points[row]) != point:
             node = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
             problem = f"an incomplete grid without a row for {node}"
             file_row = int(order[min(row, len(points) - 1)])
-            raise rows.error(file_row, None, problem, "every combination of the axes")
+            raise rows.error(file_row, None, problem, "a row for every combination of axis values")
     return grids
 
 
 def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
-    """Read one table, with axes in SI and radians and unconverted values.
+    """Read a table, with axes converted to SI and radians and values unconverted.
 
-    Raise InputError if it is invalid.
+    Raise InputError if the table is invalid.
     """
     rows = read_foreign_table(path)
     heads = {name for head in rows.heads for name in (head, split_head(head)[0])}

@@ -1,7 +1,7 @@
-"""Custom functions of a vehicle: their source, and their evaluation outside of flights.
+"""Custom functions of a vehicle: source code, and evaluation outside flights.
 
-The compiler of the functions (:mod:`abhv_mc.user_code.vehicle_functions`) is a layer above and
-registers evaluators here by the digest of the code.
+The compiler of the functions (:mod:`abhv_mc.user_code.vehicle_functions`) is in a higher layer and
+registers evaluators in this module by the digest of the code.
 """
 
 import functools
@@ -26,14 +26,14 @@ from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 
-N_THRUST = 7  # force x y z, moment x y z, fuel flow
-STEP = 1e-5  # rad: slopes by central differences
+N_THRUST = 7  # number of values: force, moment, fuel flow
+STEP = 1e-5  # step of central differences, rad
 _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 
 
 @dataclass(frozen=True)
 class FunctionCode:
-    """Custom function: the text of its file, its name, and its settings in the vehicle file."""
+    """Custom function: source file, function name, and settings in the vehicle file."""
 
     text: str
     file: str
@@ -44,7 +44,7 @@ class FunctionCode:
 class Setting(NamedTuple):
     """Setting of a custom function, which a campaign may disperse."""
 
-    name: str  # such as dynamics.frequency
+    name: str  # name such as dynamics.frequency
     unit: str  # SI
     value: float
 
@@ -54,32 +54,32 @@ class CustomState(NamedTuple):
 
     name: str
     unit: str
-    start: float | None  # SI; None: its equilibrium at the trim
-    limit: float = math.inf  # maximum magnitude
+    start: float | None  # initial value, SI; None: equilibrium at the trim
+    limit: float = math.inf  # maximum magnitude of the state
 
 
 @dataclass(frozen=True)
 class VehicleCode:
-    """Custom code of a vehicle, which is sent to workers with a plan but not stored."""
+    """Custom code of a vehicle, sent to workers with a plan but not stored."""
 
     aerodynamics: FunctionCode | None
     propulsion: FunctionCode | None
     dynamics: FunctionCode | None
     states: tuple[CustomState, ...]
-    frame: str  # of the forces: body, stability, wind
-    # x, z (m) of the file's moment reference, from the point about which the moments are
+    frame: str  # axes of the forces: body, stability or wind
+    # x, z of the moment reference relative to the moments' point, m
     engine: tuple[float, float]
-    # name, and deflection per aileron, rudder and elevator
+    # (name, deflection per aileron, rudder and elevator)
     effectors: tuple[tuple[str, float, float, float], ...]
     span: float
     chord: float
 
     def functions(self) -> Iterator[FunctionCode]:
-        """Yield the existing functions."""
+        """Yield the functions that are defined."""
         yield from (function for _, function in self.named_functions() if function is not None)
 
     def named_functions(self) -> tuple[tuple[str, FunctionCode | None], ...]:
-        """Return the vehicle file's keys and their functions or None, in the order of settings."""
+        """Return the keys of functions in the vehicle file, with functions or None."""
         return (
             ("aerodynamics", self.aerodynamics),
             ("propulsion", self.propulsion),
@@ -88,9 +88,9 @@ class VehicleCode:
 
     @functools.cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """Numbers of the settings, in the order of ``Foreign.settings``.
+        """Values of the settings, in the order of ``Foreign.settings``.
 
-        Raise Refusal if invalid.
+        Raise Refusal if a value is invalid.
         """
         return tuple(
             Setting(f"{key}.{name}", si_unit_of(unit_of(value)), parse_any(value))
@@ -100,12 +100,12 @@ class VehicleCode:
 
     @functools.cached_property
     def starts(self) -> tuple[Setting, ...]:
-        """Initial dispersions of the states, which follow the settings."""
+        """Dispersions of the initial states, which follow the settings."""
         return tuple(Setting(f"initial.{state.name}", state.unit, 0.0) for state in self.states)
 
     @property
     def digest(self) -> bytes:
-        """SHA-256 of the sources and the conventions of their calls, without file paths."""
+        """SHA-256 of the sources and of the call conventions, without file paths."""
         parts = [
             (code.text, code.function, code.settings) if code else None
             for _, code in self.named_functions()
@@ -114,7 +114,7 @@ class VehicleCode:
         return hashlib.sha256(repr((parts, *conventions)).encode()).digest()
 
     def pack(self) -> Foreign:
-        """Return the form that the compiled plant takes."""
+        """Return the custom code in the form used by the compiled plant."""
         return Foreign(
             int(self.aerodynamics is not None),
             int(self.propulsion is not None),
@@ -127,12 +127,12 @@ class VehicleCode:
 
 
 def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
-    """Return names and units of custom states."""
+    """Return the names and units of custom states."""
     return tuple((state.name, state.unit) for state in code.states) if code else ()
 
 
 def reference_point(content: VehicleDocument) -> tuple[float, float]:
-    """Return x and z of the point about which moments are, from the file's moment reference."""
+    """Return x and z of the moments' reference point relative to the moment reference."""
     aerodynamics = content.aerodynamics
     if not isinstance(aerodynamics, AerodynamicsFunction):
         return 0.0, 0.0
@@ -140,9 +140,9 @@ def reference_point(content: VehicleDocument) -> tuple[float, float]:
 
 
 def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
-    """Read, without running it, the code that a vehicle file names; None if it names none.
+    """Read the custom code of a vehicle file without running it; None if there is none.
 
-    Raise InputError if it is invalid.
+    Raise InputError if the code is invalid.
     """
 
     def read(
@@ -157,7 +157,7 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         try:
             text = read_input(path).decode()
         except (OSError, UnicodeDecodeError) as error:
-            problem = f"'{path.name}', which cannot be read ({getattr(error, 'strerror', error)})"
+            problem = f"'{path.name}' cannot be read ({getattr(error, 'strerror', error)})"
             raise document.error((section, key), problem, "a Python file") from None
         return FunctionCode(text, str(path), function, tuple(settings.items()))
 
@@ -205,7 +205,7 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
     if duplicates := set(names).intersection(PARAMETER_NAMES):
         duplicate = min(duplicates)
         section = "dynamics" if duplicate.startswith("initial.") else duplicate.partition(".")[0]
-        problem = f"'{duplicate}', which is the name of a built-in parameter"
+        problem = f"'{duplicate}' is the name of a built-in parameter"
         raise document.error((section,), problem, "another name")
     if len(code.settings) + len(states) > MAX_SETTINGS:
         problem = f"{len(code.settings)} settings and {len(states)} states"
@@ -218,23 +218,25 @@ _evaluators: dict[bytes, Evaluator] = {}
 
 
 def register(digest: bytes, evaluate: Evaluator) -> None:
-    """Register the evaluator of a vehicle's functions for :func:`evaluate_functions`."""
+    """Register the evaluator of vehicle functions with the given digest."""
     _evaluators[digest] = evaluate
 
 
 def evaluate_functions(
     vehicle: Vehicle, variables: Any, density: Any = None, speed: Any = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return stability-axis coefficients ``[coefficient, point]`` and thrust ``[7, point]``.
+    """Return stability-axis coefficients [coefficient, point] and thrust [7, point].
 
-    The imaginary part of complex arguments is a direction, along which slopes are central
+    The imaginary part of complex arguments is a direction; derivatives along it are central
     differences. Density (kg/m3) and speed (m/s) default to those of the standard atmosphere at the
     altitude and Mach number of the variables.
     """
     digest = vehicle.foreign.digest.tobytes()
     if digest not in _evaluators:
         raise InputError(
-            "vehicle", "functions that were not loaded", "load_vehicle, which runs their file"
+            "vehicle",
+            "the functions were not loaded",
+            "a call of load_vehicle, which runs their file",
         )
     shape = variables.shape[1:]
     points = variables.reshape(len(variables), -1)

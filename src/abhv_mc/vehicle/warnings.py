@@ -1,8 +1,8 @@
-"""Warnings about implausible vehicles: no fuel, units or signs of derivatives, drag.
+"""Warnings about implausible vehicle data: fuel, units or signs of derivatives, and drag.
 
-A derivative per degree instead of per radian is 57.3 times too small. The ranges are wider than
-those of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B; GHAME;
-NASA's winged cone). Derivatives are medians over the nodes of the tables.
+A derivative per degree instead of per radian is 57.3 times too small. The accepted ranges are wider
+than the values of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B;
+GHAME; NASA's winged cone). Derivatives are medians over the nodes of the tables.
 """
 
 from typing import Any
@@ -19,30 +19,37 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import nodes_of
 
-_STEP = 0.02  # rad, and of a dimensionless rate
-_SMALL_ANGLES = (-0.05, 0.2)  # rad of angle of attack
-_ALTITUDE = 20_000.0  # m
+_STEP = 0.02  # step of numerical derivatives
+_SMALL_ANGLES = (-0.05, 0.2)  # range of angle of attack, rad
+_ALTITUDE = 20_000.0  # altitude of the evaluation, m
 _BISECTIONS = 30
-_SECOND_MINIMUM = 0.05  # depth of a second minimum of the drag, of the least drag
+_SECOND_MINIMUM = 0.05  # depth of a second drag minimum relative to the least drag
 
-# Coefficient, variable, least and greatest usual magnitude (per radian or per dimensionless rate),
-# sign of a stable vehicle in the conventions of a vehicle file, and the meaning of the other sign.
+# Coefficient, variable, range of usual magnitudes (per radian or per dimensionless rate), sign of a
+# stable vehicle, and the meaning of the other sign.
 _USUAL = (
-    ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift falls with the angle of attack"),
-    ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),  # instability in pitch is common
-    ("side_force", "sideslip", 0.02, 6.0, -1, "a sideslip pushes the vehicle further aside"),
+    ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift decreases with the angle of attack"),
+    ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),  # Instability in pitch is common.
+    ("side_force", "sideslip", 0.02, 6.0, -1, "the side force increases the sideslip"),
     ("yawing_moment", "sideslip", 0.002, 1.3, 1, "statically unstable in yaw"),
-    ("rolling_moment", "roll_rate_hat", 0.008, 2.0, -1, "rolling drives itself"),
-    ("pitching_moment", "pitch_rate_hat", 0.05, 60.0, -1, "pitching drives itself"),
-    ("yawing_moment", "yaw_rate_hat", 0.015, 3.0, -1, "yawing drives itself"),
-    ("pitching_moment", "elevator", 0.002, 5.0, -1, "a trailing edge down raises the nose"),
+    ("rolling_moment", "roll_rate_hat", 0.008, 2.0, -1, "roll rate is amplified"),
+    ("pitching_moment", "pitch_rate_hat", 0.05, 60.0, -1, "pitch rate is amplified"),
+    ("yawing_moment", "yaw_rate_hat", 0.015, 3.0, -1, "yaw rate is amplified"),
+    (
+        "pitching_moment",
+        "elevator",
+        0.002,
+        5.0,
+        -1,
+        "a trailing-edge-down deflection raises the nose",
+    ),
     ("rolling_moment", "aileron", 0.002, 0.7, 0, ""),
     ("yawing_moment", "rudder", 0.001, 0.7, 0, ""),
 )
 
 
 def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a sentence, without full stop, for each implausible property of a vehicle."""
+    """Return a sentence without full stop for each implausible property of a vehicle."""
     warnings = slack_warnings(vehicle)
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append(
@@ -88,13 +95,13 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
 def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     """Return a sentence for each implausible property of drag and lift.
 
-    They are evaluated at the tables' nodes within the limits and at the limits. Deflections are
-    zero for the drag, and balance the aerodynamic pitching moment for the lift-to-drag ratio.
+    Drag and lift are evaluated at the limits and at the table nodes within the limits. Deflections
+    are zero for the drag, and balance the aerodynamic pitching moment for the lift-to-drag ratio.
     """
     limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
     machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
     inside = angles[(angles > limits[0]) & (angles < limits[1])]
-    if not machs.size or not inside.size:  # functions have no nodes
+    if not machs.size or not inside.size:  # Functions have no nodes.
         return []
     angles = np.array([limits[0], *inside, limits[1]])
     mach, alpha = np.meshgrid(machs, angles, indexing="ij")
@@ -111,7 +118,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         forward = lift * np.sin(alpha) - drag * np.cos(alpha)
         down = -lift * np.cos(alpha) - drag * np.sin(alpha)
         arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
-        # about the centre of gravity
+        # moment about the centre of gravity
         coefficient["pitching_moment"] += arm / vehicle.constants.chord
         return coefficient
 
@@ -128,7 +135,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
             f"limits: CD is {drag[worst]:.3g} {describe_point(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
-        # Rise of the curve to each node from its lowest nodes on both sides.
+        # Height of each node above the lowest nodes on its two sides.
         left = np.minimum.accumulate(curve)
         right = np.minimum.accumulate(curve[::-1])[::-1]
         rise = curve - np.maximum(left, right)

@@ -1,1 +1,1 @@
-"""Speed of the flight on this machine, relative to the machine's peak."""
+"""Benchmark of the compiled flight, relative to the peak performance of the machine."""

@@ -1,4 +1,4 @@
-"""Benchmark of this machine: python -m abhv_mc_verification.bench [--json FILE]."""
+"""Benchmark command: python -m abhv_mc_verification.bench [--json FILE]."""
 
 import os
 import sys
@@ -13,19 +13,19 @@ from abhv_mc.cli.printing import announce_compiling, say, show_result
 def bench(
     json: Json = None,
     repetitions: Annotated[
-        int, typer.Option(min=1, help="Of each measurement; medians are shown.")
+        int, typer.Option(min=1, help="Repetitions of each measurement; medians are shown.")
     ] = 9,
 ) -> None:
-    """Measure flights per second and core, start-up times and memory.
+    """Measure flights per second and core, start-up times and memory use.
 
-    The default campaign is used; it takes a minute or two.
+    The benchmark uses the default campaign and takes one or two minutes.
     """
     from abhv_mc_verification.bench.speed import measure_speed, measure_start, read_operations
 
     announce_compiling()
     say("flying", file=sys.stderr, flush=True)
     figures = measure_speed(repetitions)
-    say("starting anew, and flying the default campaign", file=sys.stderr, flush=True)
+    say("measuring cold starts and running the default campaign", file=sys.stderr, flush=True)
     figures |= measure_start(min(repetitions, 5))
     operations = read_operations()
     show_result(figures, json, lambda: _print_figures(figures, operations))
@@ -36,8 +36,7 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
     peak = figures["peak_gflops_per_core"]
     say(f"{machine['cpu']}, {machine['cores']} cores, {machine['simd']}")
     say(
-        f"{peak:.1f} GFLOP/s of one core: additions and multiplications, not fused, vectors in "
-        "registers"
+        f"{peak:.1f} GFLOP/s peak of one core (separate additions and multiplications in registers)"
     )
     say(
         f"steps of {1e3 * figures['step_s']:g} ms (RK4), control at {figures['control_rate_hz']:g} "
@@ -51,16 +50,18 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
         say(f"\n{name}")
         say(f"  {rate:.0f} flights per second and core, {speed['ms_per_flight']:.2f} ms each")
         say(
-            f"  {speed['one_at_a_time_ms']:.2f} ms one at a time: batched "
+            f"  {speed['one_at_a_time_ms']:.2f} ms one at a time, batches are "
             f"{speed['batched_over_one']:.2f} times as fast"
         )
         say(
             f"  {speed['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: "
             f"{counts}"
         )
-    say(f"\ntwo workers fly {figures['two_workers_over_one']:.2f} times as many as one")
     say(
-        f"start to first flight {figures['cold_start_s']:.1f} s cold, "
+        f"\ntwo workers simulate {figures['two_workers_over_one']:.2f} times as many flights as one"
+    )
+    say(
+        f"time to first flight {figures['cold_start_s']:.1f} s cold, "
         f"{figures['warm_start_s']:.2f} s from the cache"
     )
     say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")

@@ -1,9 +1,9 @@
-"""Speed of the compiled flight relative to the core's peak, start-up times and memory.
+"""Speed of the compiled flight relative to the peak of a core, start-up times, memory.
 
 Flights are measured in batches, one at a time and on two threads. Times of one core are thread
 times, so that other programs have little influence; two threads are measured by wall time. The
-measurements alternate, so that a slowdown of the machine affects all of them. Start-up and memory
-are those of separate processes.
+measurements alternate, so that a slowdown of the machine affects all of them. Start-up times and
+memory are measured in separate processes.
 """
 
 import json
@@ -30,9 +30,11 @@ from abhv_mc.kernel.jit import kernel
 from abhv_mc.shipped import shipped_campaigns
 
 CONTROLLERS = ("tlc", "lqr")
-OPERATIONS_FILE = Path(__file__).with_name("operations.json")  # counted by benchmarks/operations.py
+OPERATIONS_FILE = Path(__file__).with_name(
+    "operations.json"
+)  # operations counted by benchmarks/operations.py
 _NUMBERS = 128
-_OPERATIONS = 16  # on each number in each sweep
+_OPERATIONS = 16  # operations per number and sweep
 _SWEEPS = 40_000
 
 
@@ -45,7 +47,7 @@ def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
             v, w = (
                 x[i],
                 x[i + half],
-            )  # two vectors at a time: one after another, a core waits for the results
+            )  # two vectors at a time, so that the core does not wait for results
             for _ in range(8):
                 v = v * factor + addend
                 w = w * factor + addend
@@ -53,27 +55,27 @@ def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
 
 
 def measure_peak() -> float:
-    """Return the additions and multiplications per second of one core."""
+    """Return the peak number of additions and multiplications per second of one core."""
     x = np.linspace(0.0, 1.0, _NUMBERS)
-    multiply_and_add(x, 0.5, 0.25, 1)  # compiles, or loads
+    multiply_and_add(x, 0.5, 0.25, 1)  # compile or load the code first
     start = time.thread_time()
     multiply_and_add(x, 0.5, 0.25, _SWEEPS)
     return _NUMBERS * _OPERATIONS * _SWEEPS / (time.thread_time() - start)
 
 
-_ALONE = 4  # flights one at a time in a repetition
+_ALONE = 4  # number of single flights in a repetition
 
 
 def read_operations() -> dict[str, dict[str, float]]:
-    """Return floating-point operations, by kind, of each controller's flight."""
+    """Return the floating-point operations per flight, by controller and kind."""
     counts: dict[str, dict[str, float]] = json.loads(OPERATIONS_FILE.read_text("utf-8"))
     return counts
 
 
 def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
-    """Return the benchmark without start-up and memory: medians of `repetitions`.
+    """Return the speed of flights as medians of `repetitions`.
 
-    `flights` should be a multiple of the lanes, so that all lanes are used.
+    `flights` should be a multiple of the number of lanes, so that all lanes are used.
     """
     plans, parameters = make_work(flights)
     first = next(iter(plans.values()))
@@ -108,7 +110,7 @@ def measure_speed(repetitions: int, flights: int = 64) -> dict[str, Any]:
 def compare_speeds(
     seconds: float, alone: float, peak: float, operations: dict[str, float]
 ) -> dict[str, float]:
-    """Return figures of a flight, batched and single, relative to the peak."""
+    """Return the speed of batched and single flights relative to the peak."""
     flops = sum(operations.values())
     return {
         "flights_per_second_per_core": round(1.0 / seconds, 1),
@@ -121,7 +123,7 @@ def compare_speeds(
 
 
 def make_work(flights: int) -> tuple[dict[str, FlightPlan], Floats]:
-    """Return the plans of `harder_vehicle` and the parameters of its first flights."""
+    """Return the plans of `harder_vehicle` and the parameters of the first flights."""
     campaign = read_campaign(shipped_campaigns() / "harder_vehicle.yaml")
     model = campaign.model
     plans = {
@@ -139,7 +141,7 @@ def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:
 
 
 def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
-    """Return the flights per second of two threads over those of one, by wall time."""
+    """Return the ratio of flights per second of two threads to those of one thread."""
     with ThreadPoolExecutor(2) as pool:
         start = time.perf_counter()
         pool.submit(fly, plan, parameters).result()
@@ -152,7 +154,7 @@ def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
 
 
 def find_simd() -> str:
-    """Return the widest vector instructions of this processor that the compiler supports."""
+    """Return the widest vector instructions that processor and compiler support."""
     from llvmlite import binding
 
     features = binding.get_host_cpu_features()
@@ -170,7 +172,7 @@ def find_simd() -> str:
 
 
 def measure_start(repetitions: int) -> dict[str, float]:
-    """Return median start-up times, a cold start, and the memory of the default campaign.
+    """Return start-up times and the memory use of the default campaign.
 
     Raise subprocess.CalledProcessError if a process fails.
     """
@@ -201,11 +203,11 @@ _IMPORT = [
 
 
 def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
-    """Return wall time (s) and standard output of a Python process."""
+    """Run a Python process and return its wall time (s) and standard output."""
     searched = {
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         "PYTHONSAFEPATH": "1",
-    }  # not the working folder
+    }  # do not import from the working directory
     environment = {**os.environ, **searched, **changes}
     start = time.perf_counter()
     done = subprocess.run(  # noqa: S603
@@ -214,8 +216,7 @@ def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     return time.perf_counter() - start, done.stdout
 
 
-# Linux counts a parent's memory as its child's until the child has replaced itself: the parent must
-# be a small one.
+# Linux attributes the parent's memory to a child until exec(), so use a small parent.
 _WATCH = (
     "import resource, subprocess, sys\n"
     "code = subprocess.run(sys.argv[1:], "
@@ -225,7 +226,7 @@ _WATCH = (
 
 
 def _peak_memory(arguments: list[str]) -> float:
-    """Return the largest resident memory (MB) of a Python process; exit code 1 is allowed."""
+    """Return the peak resident memory (MB) of a Python process; exit code 1 is allowed."""
     _, report = _run(["-S", "-c", _WATCH, sys.executable, *arguments], {})
     code, size = map(int, report.split())
     if code not in (0, 1):

@@ -26,7 +26,7 @@ BAD = Path(__file__).parent / "bad"
 # File, line, column, what the message must say.
 TABLE = [
     ("unknown_parameter", 10, 3, ["'aero.lfit'", "'aero.lift'"]),
-    ("no_effect", 10, 3, ["'aero.side_force.elevator'", "changes no controller's flight"]),
+    ("no_effect", 10, 3, ["'aero.side_force.elevator'", "has no effect"]),
     ("missing_controller", 4, 20, ["tcl.yaml", "not there"]),
     ("empty_range", 9, 63, ["empty range from 1.1 to 0.9"]),
     ("not_positive_definite", 13, 3, ["not positive definite"]),

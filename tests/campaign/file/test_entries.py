@@ -30,7 +30,7 @@ def campaign(folder, table, **entries):
 
 def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path):
     for entries, message in (
-        ({"keep": "{histories: {flights: '5'}}"}, "'5'.*or a flight's number"),
+        ({"keep": "{histories: {flights: '5'}}"}, "'5'.*or the number of a flight"),
         ({"execution": "{workers: }"}, "nothing; expected 'auto' or a whole number"),
     ):
         with pytest.raises(InputError, match=message):
@@ -127,7 +127,7 @@ def test_a_phase_is_the_window_between_its_beginning_and_its_end(tmp_path):
     ("window", "name", "message"),
     [
         ("phase: descent", "turn", "campaign.yaml:10.*'descent'.*climb"),
-        ("phase: climb, to: 9 s", "turn", "campaign.yaml:10.*'phase' beside 'from' or 'to'"),
+        ("phase: climb, to: 9 s", "turn", "campaign.yaml:10.*'phase' together with 'from' or 'to'"),
         ("phase: climb", "climb", "mission.yaml:10.*'climb'"),
     ],
 )
@@ -191,10 +191,10 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"vehicle": "ghame.yaml"}, "unknown key 'vehicle'"),
         ({"margins": {"flights": "all"}}, "unknown key 'margins'"),
         ({"execution": {"flight_time_limit": "5 s"}}, "unknown key 'flight_time_limit'"),
-        ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes of no"),
+        ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes without"),
         (
             {"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}},
-            "of this program's",
+            "channels of the built-in",
         ),
         ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
         (

@@ -122,10 +122,10 @@ def test_functions_and_infinite_values(tmp_path: Path):
         ("{aero.drag: 2 * aero.lfit}", "'aero.lfit'.*'aero.lift'"),
         ("{aero.drag: 1 + lift}", "'lift'"),
         ("{aero.drag: aero.lift ** 2}", r"aero\.lift \*\* 2"),
-        ("{aero.drag: aero.lift + 0.05}", "1.05 where all others are nominal"),
+        ("{aero.drag: aero.lift + 0.05}", "1.05 at the nominal values"),
         (
             "{aero.drag: aero.lift, aero.side_force: aero.drag}",
-            "'aero.drag', which is derived itself",
+            "'aero.drag' is itself derived",
         ),
         ("{wind.turbulence_seed: aero.lift}", "a seed"),
     ],

@@ -1,1 +1,1 @@
-"""Reading and checking of the campaign file and the files that it names."""
+"""Reading and checking of campaign files and the files that they name."""

@@ -1,4 +1,4 @@
-"""Checks of a campaign file's entries against each other, parameters and metrics."""
+"""Checks of the consistency of a campaign file's entries."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -57,13 +57,13 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
 
-_SAME = 1e-9  # by how much of itself a nominal value may be rounded
+_SAME = 1e-9  # relative rounding error allowed for nominal values
 
 
 def check_derived(
     document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]
 ) -> Derived:
-    """Return the campaign's derived inputs; append problems to ``errors``."""
+    """Return the derived inputs of a campaign; append problems to ``errors``."""
     derived_inputs = []
     nominal = full_rows((), np.empty((1, 0)), (), parameters)
     for name, text in model.derived.items():
@@ -79,21 +79,20 @@ def check_derived(
             )
             if derived_operands:
                 raise Refusal(
-                    f"'{derived_operands[0]}', which is derived itself",
-                    "what is drawn, or its expression",
+                    f"'{derived_operands[0]}' is itself derived",
+                    "a drawn parameter, or the expression of the derived one",
                 )
             if seeds := sorted(
                 derived_input
                 for derived_input in {name, *derived_input.of}
                 if parameters[derived_input].seed
             ):
-                raise Refusal(f"'{seeds[0]}', a seed", "what is a quantity")
+                raise Refusal(f"'{seeds[0]}', a seed", "a parameter that is a quantity")
             value, usual = float(derived_input.evaluate(nominal)[0]), parameters[name].nominal
             if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
-                problem = f"{value:g} where all others are nominal"
+                problem = f"{value:g} at the nominal values of all parameters"
                 required_value = (
-                    f"{usual:g}, so that the nominal flight stays it"
-                    " (a bias is the mean of a distribution)"
+                    f"{usual:g}, the nominal value (give a bias as the mean of a distribution)"
                 )
                 raise Refusal(problem, required_value)
             derived_inputs.append(derived_input)
@@ -109,23 +108,23 @@ def read_campaign(
     controllers: Sequence[str] | None = None,
     engine: Engine | None = None,
 ) -> Experiment:
-    """Read and check a campaign file. Raise InputErrors.
+    """Read and check a campaign file. Raise InputErrors with all problems.
 
-    The other arguments override entries of the file.
+    ``runs``, ``seed`` and ``controllers`` override entries of the file.
     """
     document = read_tables(read_document(path))
     file_runs = document.data.get("runs") if isinstance(document.data, dict) else None
     overrides = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
     if overrides and isinstance(document.data, dict):
         document = replace(document, data=document.data | overrides)
-    campaign = check_campaign(document, engine)  # overridden entries must be valid, too
+    campaign = check_campaign(document, engine)  # Overridden entries must also be valid.
     if controllers is not None:
         campaign = check_campaign(_select_controllers(campaign.document, controllers), engine)
     return replace(campaign, file_runs=file_runs)
 
 
 def check_campaign(document: Document, engine: Engine | None = None) -> Experiment:
-    """Check a campaign document. Raise InputErrors."""
+    """Check a campaign document. Raise InputErrors with all problems."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"a {kind} file", "a campaign file")
     document = name_effectors(read_tables(document))
@@ -134,7 +133,7 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
 
 
 def _check(document: Document, model: Campaign) -> Experiment:
-    """Check constraints the pydantic model cannot express. Raise InputErrors."""
+    """Check constraints that the pydantic model cannot express. Raise InputErrors."""
     errors: list[InputError] = []
     own = model if isinstance(model, SimulatorCampaign) else None
     if not own:
@@ -223,7 +222,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
 
 
 def name_effectors(document: Document) -> Document:
-    """Return the campaign with names of effectors and engines replaced by indices.
+    """Return the campaign with the names of effectors and engines replaced by indices.
 
     ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` if the vehicle
     file lists right_elevon first.
@@ -241,7 +240,7 @@ def name_effectors(document: Document) -> Document:
             for name, index in zip(names, entries, strict=False)
         }
     except (InputError, KeyError, TypeError, AttributeError):
-        return document  # the models refuse it
+        return document  # The models report the error.
 
     def renamed(text: str) -> str:
         group, _, suffix = text.partition(".")
@@ -265,13 +264,13 @@ def name_effectors(document: Document) -> Document:
 
 
 def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
-    """Return a checked campaign restricted to ``controllers``."""
+    """Return a checked campaign that is restricted to ``controllers``."""
     data = document.entries
     key = systems_key(data)
     systems = data.get(key) or {}
     for name in controllers:
         if name not in systems:
-            problem = f"no {key.removesuffix('s')} '{name}', which was asked for"
+            problem = f"no {key.removesuffix('s')} '{name}'"
             raise document.error((key,), problem, one_of(systems, name))
     chosen = {name: systems[name] for name in systems if name in controllers}
     requirements = list(select_requirements(data.get("requirements") or [], controllers))
@@ -282,9 +281,9 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
 def _check_asked(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check the controllers that the question compares.
+    """Check the controllers that the campaign's question compares.
 
-    They must be controllers of the campaign, the first one among them.
+    They must be controllers of the campaign and include the first one.
     """
     if not isinstance(model.asks, Compared):
         return
@@ -316,11 +315,13 @@ def _make_marginals(
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
             problem = (
-                f"a probability with the design '{model.sampling.design}', which sets every value"
+                f"a probability with the design '{model.sampling.design}', which sets all values"
             )
             errors.append(
                 document.error(
-                    (*where, "probability"), problem, "a design that draws, or no probability"
+                    (*where, "probability"),
+                    problem,
+                    "a design that draws random values, or no probability",
                 )
             )
         try:
@@ -328,10 +329,12 @@ def _make_marginals(
         except Refusal as refusal:
             errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:
-        problem = "dispersions beside samples from a file"
+        problem = "both dispersions and samples from a file"
         errors.append(
             document.key_error(
-                ("dispersions",), problem, "one of them: the file's columns say it all"
+                ("dispersions",),
+                problem,
+                "only one of them; the columns of the file define the samples",
             )
         )
     return marginals
@@ -344,18 +347,20 @@ def _make_copula(
     for i, entry in enumerate(model.correlations):
         for j, name in enumerate(entry.between):
             if name not in names:
-                problem = f"'{name}', which is not dispersed"
+                problem = f"'{name}' is not dispersed"
                 errors.append(
                     document.error(("correlations", i, "between", j), problem, one_of(names, name))
                 )
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
                 problem = (
-                    f"'{name}', which is drawn with a probability: most flights share its nominal "
-                    "value"
+                    f"'{name}' is drawn with a probability, so that most flights share its "
+                    "nominal value"
                 )
                 errors.append(
                     document.error(
-                        ("correlations", i, "between", j), problem, "one that every flight draws"
+                        ("correlations", i, "between", j),
+                        problem,
+                        "a parameter that is drawn in every flight",
                     )
                 )
         pair = (min(entry.between), max(entry.between))
@@ -371,17 +376,17 @@ def _make_copula(
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         problem = f"correlations with the design '{model.sampling.design}'"
         errors.append(
-            document.key_error(("correlations",), problem, "none: this design sets every value")
+            document.key_error(
+                ("correlations",), problem, "no correlations; this design sets all values"
+            )
         )
     if errors:
         return Copula((), np.eye(0))
     try:
         return make_copula(names, pairs)
     except np.linalg.LinAlgError:
-        problem = "correlations whose matrix is not positive definite"
-        errors.append(
-            document.error(("correlations",), problem, "correlations that can hold together")
-        )
+        problem = "the correlation matrix is not positive definite"
+        errors.append(document.error(("correlations",), problem, "consistent correlations"))
         return Copula((), np.eye(0))
 
 
@@ -394,7 +399,7 @@ def _declare_metrics(
     effectors: tuple[str, ...],
     states: tuple[tuple[str, str], ...],
 ) -> tuple[Metric, ...]:
-    """Return the records of the campaign's own metrics without running its channels' file."""
+    """Return the records of custom metrics, without running the file of custom channels."""
     location: tuple[str, ...] = ("metrics",)
     entries, source = model.metrics, document
     if isinstance(entries, Path):
@@ -424,7 +429,7 @@ def _check_channels(
     own_channels: tuple[Channel, ...],
     errors: list[InputError],
 ) -> None:
-    """Check that kept histories name channels of the program or the vehicle's effectors."""
+    """Check that the channels of kept histories exist in the program or the vehicle."""
     channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in channel_names:
@@ -440,7 +445,7 @@ def _check_channels(
 def _check_measured(
     document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
 ) -> None:
-    """Check that the measured quantities are channels and their noise has their units."""
+    """Check that measured quantities are channels, with noise in the same units."""
     for name, value in model.measured.items():
         where = ("measured", name)
         if name not in units:
@@ -460,11 +465,15 @@ def _check_runs(
     sample_file: SampleFile | None,
     errors: list[InputError],
 ) -> int:
-    """Return number of flights: what the file says, or what the design has."""
+    """Return the number of flights given by the file or determined by the design."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
         errors.append(
-            document.error(("sampling",), f"'{design}' without dispersions", "something to vary")
+            document.error(
+                ("sampling",),
+                f"the design '{design}' without dispersions",
+                "at least one dispersion",
+            )
         )
         return 1
     number = (
@@ -476,7 +485,9 @@ def _check_runs(
         if model.runs is None:
             errors.append(
                 document.error(
-                    (), "no key 'runs'", f"'runs' here, as the design '{design}' takes any number"
+                    (),
+                    "no key 'runs'",
+                    f"'runs', since the design '{design}' has no number of its own",
                 )
             )
         return model.runs or 1
@@ -487,8 +498,8 @@ def _check_runs(
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
         expected = (
-            f"{'at most ' if sample_file else ''}{number}, what the design '{design}' has (or no "
-            "'runs')"
+            f"{'at most ' if sample_file else ''}{number}, the number of the design '{design}', "
+            "or no 'runs'"
         )
         errors.append(document.error(("runs",), f"{model.runs}", expected))
     return model.runs or number

@@ -20,14 +20,14 @@ TRACED = (
     "text",
     "source",
     "rationale",
-)  # where a requirement comes from; no flight depends on it
+)  # keys that document the origin of a requirement
 PROCESSES, THREADS = "processes", "threads"
 
 _LARGEST_BATCH = 2**20
 
 
 def _none_for(word: str, most: int | None = None) -> Any:
-    """Return a field type written as ``word`` in the file and None in the model."""
+    """Return a field type whose value ``word`` in the file is None in the model."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
 
     def read(value: Any) -> Any:
@@ -50,20 +50,26 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 
 
 class Sampling(StrictModel):
-    """Sampling design; the file may give its name alone."""
+    """Sampling design; the file may give only the name of the design."""
 
-    design: DesignName = Field("random", description="scheme that draws the samples")
+    design: DesignName = Field("random", description="sampling scheme")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
         2, description="values of each parameter in a grid or one_at_a_time"
     )
     path: File | None = Field(
-        None, description="for the design 'file': CSV or Parquet with one column per parameter, SI"
+        None,
+        description=(
+            "CSV or Parquet file for the design 'file', with one column per parameter in SI units"
+        ),
     )
 
     @model_validator(mode="after")
     def _path_for_a_file(self) -> "Sampling":
         if (self.design == "file") != (self.path is not None):
-            raise Refusal(f"the design '{self.design}'", "a path for 'file', and for 'file' only")
+            raise Refusal(
+                f"the design '{self.design}'",
+                "a path with the design 'file', and no path otherwise",
+            )
         return self
 
 
@@ -72,11 +78,11 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters' ranks (Spearman) or of their normal variables."""
+    """Correlation of two parameters, of their ranks (Spearman) or normal variables."""
 
-    between: tuple[str, str] = Field(description="the two parameters")
+    between: tuple[str, str] = Field(description="the two correlated parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
-        None, description="correlation of their ranks (Spearman); either this or 'normal'"
+        None, description="rank correlation (Spearman); give either 'rank' or 'normal'"
     )
     normal: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
         None, description="correlation of the normal variables of the Gaussian copula"
@@ -96,39 +102,48 @@ class Correlation(StrictModel):
 class RequirementEntry(StrictModel):
     """Requirement: the probability that a metric is below, above or between limits."""
 
-    metric: str = Field(description="the metric that is limited")
-    below: Value | None = Field(
-        None, description="upper limit, which the metric must be below, in its unit"
-    )
+    metric: str = Field(description="metric that the requirement limits")
+    below: Value | None = Field(None, description="upper limit of the metric, in the metric's unit")
     above: Value | None = Field(
         None,
-        description="lower limit, which the metric must be above, in its unit; with both "
-        "limits it must lie between them",
+        description=(
+            "lower limit of the metric, in the metric's unit; with 'below' and 'above' the metric "
+            "must lie between the limits"
+        ),
     )
     probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
-        description="share of flights that must meet it, such as 99.73 %"
+        description="share of flights that must meet the limits, such as 99.73 %"
     )
     consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10,
-        description="largest chance that a system which just misses the requirement ever passes",
+        description=(
+            "consumer's risk: largest probability that a system that just fails to meet the "
+            "requirement ever passes"
+        ),
     )
     producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
         None,
-        description="largest chance that a system which just meets it ever fails; default: the "
-        "consumer's",
+        description=(
+            "producer's risk: largest probability that a system that just meets the requirement "
+            "ever fails; default: the consumer's risk"
+        ),
     )
     controllers: tuple[str, ...] | None = Field(
-        None, description="controllers that must meet it; default: the first of the campaign"
+        None,
+        description=(
+            "controllers that must meet the requirement; default: the first controller of the "
+            "campaign"
+        ),
     )
     ended_early: Literal["failure", "as_measured"] = Field(
-        "failure", description="judgement of a flight that ended early: a failure, or as measured"
+        "failure", description="how an early termination counts: as a failure, or as measured"
     )
     id: str | None = Field(
-        None, description="its number where it comes from, such as GNC-12; shown everywhere"
+        None, description="identifier in the source document, such as GNC-12; shown in all outputs"
     )
-    text: str | None = Field(None, description="the requirement in words, as its source has it")
-    source: str | None = Field(None, description="the document that it comes from")
-    rationale: str | None = Field(None, description="why it is required")
+    text: str | None = Field(None, description="text of the requirement in the source document")
+    source: str | None = Field(None, description="source document of the requirement")
+    rationale: str | None = Field(None, description="rationale of the requirement")
 
     @model_validator(mode="after")
     def _some_limit(self) -> "RequirementEntry":
@@ -141,30 +156,35 @@ class MarginsOfFlights(StrictModel):
     """Flights and points of their trajectories for which stability margins are computed."""
 
     at: Points = Field(
-        ("trim",), description="trim, or times of the flight such as 30 s, or a list of these"
+        ("trim",), description="trim, a time of the flight such as 30 s, or a list of these"
     )
     flights: FlightCount = Field(
-        100, description="margins are found of the first so many flights, or of all"
+        100,
+        description=(
+            "number of flights for which margins are computed, counted from the first, or all"
+        ),
     )
 
     def of(self, runs: int) -> int:
-        """Return the number of flights with margins among ``runs``."""
+        """Return the number of flights with margins among ``runs`` flights."""
         return runs if self.flights is None else min(self.flights, runs)
 
 
 class PooledSeed(StrictModel):
     """Seed and number of flights of one member of a pooled campaign."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of their samples")
-    runs: Annotated[int, Field(ge=1)] = Field(description="number of flights, from its flight 0 on")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of the samples")
+    runs: Annotated[int, Field(ge=1)] = Field(
+        description="number of flights, counted from flight 0"
+    )
 
 
 class Family(StrictModel):
-    """Joint risk of any false PASS over all pairs of requirement and controller."""
+    """Joint risk of a false PASS over all pairs of requirement and controller."""
 
     method: Literal["holm"] = Field("holm", description="Holm's")
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
-        0.10, description="largest probability that any PASS is false"
+        0.10, description="largest probability that at least one PASS is false"
     )
 
 
@@ -172,19 +192,24 @@ class Execution(StrictModel):
     """Execution settings; no result depends on them."""
 
     workers: Workers = Field(
-        None, description="blocks of flights flown at once; auto: one for each core"
+        None,
+        description="number of blocks of flights computed in parallel; auto: one for each core",
     )
-    batch: Batch = Field(None, description="flights of a block")
+    batch: Batch = Field(None, description="number of flights in a block")
     isolation: Literal["auto", "processes", "threads"] = Field(
         "auto",
-        description="place where flights run: in processes, one that crashes or hangs harms no "
-        "other",
+        description=(
+            "isolation of flights: with processes, a flight that crashes or hangs does not affect "
+            "others"
+        ),
     )
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
         None,
-        description="processor time for every 16 flights of a block, after which they count as "
-        "hanging (on a cluster wall time); default: 20 times what 16 nominal flights take one by "
-        "one, margins included, and 30 s at least",
+        description=(
+            "limit on the processor time (on a cluster: wall time) of every 16 flights of a "
+            "block, after which the flights count as hanging; default: 20 times the time of 16 "
+            "nominal flights computed one by one, including margins, and at least 30 s"
+        ),
     )
 
 
@@ -192,14 +217,14 @@ class Compared(StrictModel):
     """Controllers that the campaign's question compares."""
 
     compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
-        description="controllers that are compared, the campaign's first before the others"
+        description="controllers to compare; the first must be the first of the campaign"
     )
 
 
 def select_asked(data: dict[str, Any], controllers: Collection[str]) -> dict[str, Any]:
-    """Return a campaign's data with the question restricted to these controllers.
+    """Return the data of a campaign, with its question restricted to ``controllers``.
 
-    The question is removed if fewer than two remain.
+    The question is removed if fewer than two controllers remain.
     """
     asks = data.get("asks")
     if not isinstance(asks, dict):
@@ -217,14 +242,20 @@ def _metrics_kind(value: Any) -> str:
 
 
 class Campaign(StrictModel):
-    """A campaign file."""
+    """Content of a campaign file."""
 
-    # Callable that makes the simulator of an experiment; a name, because that layer is above this
-    # one.
+    # Function that makes the simulator; given by name, because it is in a higher layer.
     simulator_maker: ClassVar = "abhv_mc.vehicle_simulator.simulator:VehicleSimulator"
-    name: Name = Field(description="name of the campaign, and of its folder below reports/")
-    question: str = Field("", description="question of the campaign; the headline of its report")
-    author: str = Field("", description="who is responsible for the campaign; opens its report")
+    name: Name = Field(description="name of the campaign and of its results folder in reports/")
+    question: str = Field(
+        "", description="question that the campaign answers; headline of the report"
+    )
+    author: str = Field(
+        "",
+        description=(
+            "person or organization responsible for the campaign, named at the start of the report"
+        ),
+    )
     asks: (
         Annotated[
             Annotated[Literal["drivers", "margins", "worst"], Tag("answer")]
@@ -234,93 +265,116 @@ class Campaign(StrictModel):
         | None
     ) = Field(
         None,
-        description="question that the first sentence of the report answers: "
-        "{compare: [controllers]}, drivers, margins or worst; default: whether the "
-        "requirements are met",
+        description=(
+            "topic of the report's first sentence: {compare: [controllers]}, drivers, margins or "
+            "worst; default: whether the requirements are met"
+        ),
     )
-    vehicle: File = Field(description="vehicle file, relative to this file")
-    mission: File = Field(description="mission file, relative to this file")
+    vehicle: File = Field(description="vehicle file, relative to the campaign file")
+    mission: File = Field(description="mission file, relative to the campaign file")
     controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
-        description="controller files by name; all fly the same samples, and the first has to meet "
-        "the requirements"
+        description=(
+            "controller files by name; all are simulated with the same samples, and the first "
+            "must meet the requirements"
+        )
     )
     runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
-        None, description="flights of each controller; left out where the design has its own number"
+        None,
+        description="number of flights per controller; omitted if the design determines the number",
     )
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        0, description="seed of all samples: the same seed, the same flights"
+        0, description="seed of all random samples; equal seeds give equal flights"
     )
     pooled: tuple[PooledSeed, ...] = Field(
         (),
-        description="seeds that `abhv-mc merge` joined, in the order of the flights; "
-        "default: one seed",
+        description="seeds of the flights joined by `abhv-mc merge`, in order; default: one seed",
     )
     sampling: Annotated[
         Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)
     ] = Field(
         Sampling(),
-        description="the design: its name, or a mapping with its numbers; verdicts need 'random'",
+        description=(
+            "sampling design: a name, or a mapping with its settings; verdicts need 'random'"
+        ),
     )
     dispersions: dict[str, Distribution] = Field(
-        {}, description="distributions by the parameter that they disperse"
+        {}, description="distributions of the dispersed parameters, by parameter name"
     )
     unknowns: dict[str, Unknown] = Field(
         {},
-        description="bounds of parameters with one value for the whole programme: judged at points "
-        "of their box",
+        description=(
+            "bounds of parameters that have one unknown value for the whole programme; "
+            "requirements are judged at points within these bounds"
+        ),
     )
     points: UnknownPoints | None = Field(
-        None, description="points at which these are judged, as `run` found them; default: search"
+        None,
+        description=(
+            "values of the unknowns at which requirements are judged, as found by `run`; default: "
+            "search for the worst values"
+        ),
     )
-    correlations: tuple[Correlation, ...] = Field(
-        (), description="pairs of parameters that vary together"
-    )
+    correlations: tuple[Correlation, ...] = Field((), description="pairs of correlated parameters")
     derived: dict[str, str] = Field(
         {},
-        description="parameters that follow from others of their flight: expressions of "
-        "parameters, in SI",
+        description=(
+            "parameters computed from other parameters of the same flight: expressions of "
+            "parameters in SI units"
+        ),
     )
     channels: File | None = Field(
-        None, description="Python file of user channels, relative to this file"
+        None, description="Python file of custom channels, relative to the campaign file"
     )
     metrics: Annotated[
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
-    ] = Field({}, description="user metrics by name, or a file that holds them")
+    ] = Field({}, description="custom metrics by name, or a file of metrics")
     requirements: Annotated[
         tuple[RequirementEntry, ...],
         BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),
     ] = Field(
         (),
-        description="requirements on the flights, each with a probability; or a CSV file of these",
+        description=(
+            "requirements on the flights, each with a probability, or a CSV file of requirements"
+        ),
     )
     margins: MarginsOfFlights | None = Field(
         None,
-        description="stability margins of dispersed flights, as metrics; default: nominal and "
-        "corners only",
+        description=(
+            "stability margins of dispersed flights as metrics; default: margins of the nominal "
+            "vehicle and of corners only"
+        ),
     )
     stop: Literal["when proven"] | None = Field(
         None,
-        description="'when proven' ends the campaign once every requirement has passed or failed",
+        description="'when proven' ends the campaign when every requirement has passed or failed",
     )
     tune: Tune | None = Field(
         None,
-        description="free numbers, aim and limits of `abhv-mc tune`; no flight depends on them",
+        description=(
+            "free parameters, objective and limits of `abhv-mc tune`; flights do not depend on them"
+        ),
     )
     family: Family | None = Field(
         None,
-        description="one risk for all verdicts together; default: each requirement has its own",
+        description="joint risk of all verdicts; default: each requirement has its own risk",
     )
-    keep: Keep = Field(Keep(), description="outputs besides the metrics of every flight")
+    keep: Keep = Field(
+        Keep(), description="outputs to store in addition to the metrics of every flight"
+    )
     measured: dict[str, str | float] = Field(
         {},
-        description="standard deviation of the noise with which a test flight's channels are "
-        "measured, by channel: for `abhv-mc place`; default: the campaign's sensors",
+        description=(
+            "standard deviation of the measurement noise of a test flight, by channel, for "
+            "`abhv-mc place`; default: sensor noise of the campaign"
+        ),
     )
     figures: Literal["paper"] | None = Field(
         None,
-        description="'paper': the channels' figures are those of Zhu and Shen 2014, with their "
-        "numbers beside them",
+        description=(
+            "'paper': the report has the figures of Zhu and Shen (2014) and lists the published "
+            "values"
+        ),
     )
     execution: Execution = Field(
         Execution(), description="execution settings; no result depends on them"

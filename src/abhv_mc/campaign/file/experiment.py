@@ -1,4 +1,4 @@
-"""The resolved campaign, shared by execution, searches, results folders and topics."""
+"""Checked campaign with all derived settings, used by runs, searches and reports."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,29 +37,27 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
 
-_MIDDLE = (
-    0.6  # fraction of the range used as the middle; off symmetric distributions' nominal value
-)
+_MIDDLE = 0.6  # middle of a range, as a fraction; not the nominal value
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """Requirement: limits that a metric must meet in a share of the flights."""
+    """Requirement: limits that a metric must meet in a given share of the flights."""
 
     metric: str
-    limits: Bounds  # in its metric's unit
+    limits: Bounds  # limits in the metric's unit
     probability: float
     consumer_risk: float
-    producer_risk: float | None  # None: the consumer's
-    controllers: tuple[str, ...]  # that must meet it
-    named: bool  # whether the file names the controllers; else it is the first one
+    producer_risk: float | None  # None: equal to the consumer's risk
+    controllers: tuple[str, ...]  # controllers that must meet the requirement
+    named: bool  # whether the file names the controllers
     early_is_failure: bool  # whether an early termination counts as a failure
     traced: dict[str, str]  # id, text, source and rationale, if present
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
-        """Return the verdict on these counts.
+        """Return the verdict for the given counts of failures and flights.
 
-        ``flights`` includes the uncomputed ones, ``failures`` does not.
+        ``flights`` includes the flights that were not computed, ``failures`` does not.
         """
         return judge(
             failures, flights, self.probability, self.consumer_risk, self.producer_risk, uncomputed
@@ -67,10 +65,10 @@ class Requirement:
 
 
 class System(NamedTuple):
-    """Plans that a worker needs to simulate one of the compared systems."""
+    """Plans for the simulation of one of the compared systems."""
 
     plan: Plan
-    with_margins: Plan | None = None  # with stability margins of each flight
+    with_margins: Plan | None = None  # plan with stability margins of each flight
 
 
 @dataclass(frozen=True)
@@ -79,31 +77,25 @@ class Experiment:
 
     document: Document
     model: Campaign
-    runs: int  # flights of each controller, at all points of the unknowns
-    marginals: dict[
-        str, Marginal
-    ]  # by parameter, in the file's order; empty where the samples come from a file
+    runs: int  # flights per controller, at all points of the unknowns
+    marginals: dict[str, Marginal]  # by parameter, in order; empty if samples are from a file
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
-    measured: tuple[Metric, ...]  # of every flight: the program's metrics, then the declared ones
+    measured: tuple[Metric, ...]  # metrics of the program, then declared metrics
     declared: tuple[Metric, ...] = ()
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each user channel
-    effectors: tuple[str, ...] = ()  # of the vehicle, if they have actuators
+    effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
     states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
-    systems: Mapping[str, System] = field(
-        default_factory=dict
-    )  # by controller, where they are ready to fly
-    columns: tuple[str, ...] | None = (
-        None  # of the rows that fly, where they are not the campaign's own
-    )
-    derived: Derived = ()  # parameters that follow from the others of their row
+    systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
+    columns: tuple[str, ...] | None = None  # samples that replace those of the campaign
+    derived: Derived = ()  # parameters derived from others of the same row
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # parameters that flights accept
-    repeatability: Repeatability | None = None  # of a user's simulator, as recorded in its folder
-    file_runs: int | None = None  # of the campaign file, which an option may override
-    engine: Engine | None = None  # of the vehicle, replacing the compiled flight
-    later_choices: frozenset[int] = frozenset()  # requirements set after the results
+    repeatability: Repeatability | None = None  # of a custom simulator, as recorded in the folder
+    file_runs: int | None = None  # value in the campaign file, before overrides
+    engine: Engine | None = None  # replacement for the compiled flight code
+    later_choices: frozenset[int] = frozenset()  # indices of requirements set after the results
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -121,7 +113,7 @@ class Experiment:
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Controllers that the question compares, empty for other questions."""
+        """Controllers that the question compares; empty for other questions."""
         return self.model.asks.compare if isinstance(self.model.asks, Compared) else ()
 
     @property
@@ -135,12 +127,12 @@ class Experiment:
 
     @property
     def can_rerun(self) -> bool:
-        """Return whether flights can be simulated again; imported flights cannot."""
+        """Return whether flights can be re-run; imported flights cannot."""
         return self.simulator.capabilities.can_rerun
 
     @property
     def kind(self) -> str:
-        """Term for the compared items, such as controller."""
+        """Noun for a compared system, such as controller."""
         return self.simulator.kind
 
     @property
@@ -153,19 +145,19 @@ class Experiment:
 
     @property
     def runs_at_point(self) -> int:
-        """Flights of each controller per point: row k is sample k // points at point k % points."""
+        """Flights per controller and point; row k is sample k // points at point k % points."""
         return self.runs // len(self.unknowns.points)
 
     @property
     def judged(self) -> bool:
-        """Return whether flights at a point are independent, so that verdicts are given."""
+        """Return whether flights at a point are independent, as verdicts require."""
         if (stated := self.simulator.independent) is not None:
             return stated
         return self.sampling == INDEPENDENT and not self.has_noise
 
     @property
     def has_noise(self) -> bool:
-        """Return whether the simulator draws noise not shown to be independent."""
+        """Return whether the simulator has noise that is not shown to be independent."""
         return self.repeatability is not None and not self.repeatability.is_evidence
 
     @property
@@ -179,32 +171,32 @@ class Experiment:
 
     @property
     def independent(self) -> bool:
-        """Return whether all flights are independent and binomial statistics exact."""
+        """Return whether all flights are independent, so that binomial statistics are exact."""
         return self.judged and not self.unknowns.names
 
     @property
     def pooled_seeds(self) -> tuple[int, ...]:
-        """Seeds of the flights that a merge joined."""
+        """Seeds of the pooled campaigns of a merge."""
         return tuple(pool.seed for pool in self.model.pooled)
 
     @property
     def family_risk(self) -> float | None:
-        """Joint risk of any false PASS among all verdicts, if the campaign sets one."""
+        """Joint risk of a false PASS among all verdicts, or None if not set."""
         return self.model.family.risk if self.model.family else None
 
     @property
     def margin_flights(self) -> int:
-        """Number of flights with stability margins."""
+        """Number of flights for which stability margins are computed."""
         return self.model.margins.of(self.runs) if self.model.margins else 0
 
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
-        """Channels of the histories; empty if a user's simulator returns none."""
+        """Channels of the histories; empty if a custom simulator returns none."""
         return self.simulator.channels
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
-        """Channels written for flights with kept histories."""
+        """Channels that are written for flights with kept histories."""
         requested = self.model.keep.histories.channels
         return tuple(
             channel.name
@@ -214,13 +206,13 @@ class Experiment:
 
     @property
     def has_bands(self) -> bool:
-        """Return whether there are time-history envelopes; a user's simulator must request them."""
+        """Return whether time-history envelopes are computed."""
         is_requested = "envelopes" in self.model.keep.model_fields_set
         return is_requested or self.simulator.capabilities.has_mission
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:
-        """Dispersions and unknowns as written in the file."""
+        """Dispersions and unknowns as written in the campaign file."""
         data = self.document.entries
         unknowns = {
             name: {"distribution": "unknown", **entry}
@@ -230,31 +222,31 @@ class Experiment:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The dispersed parameters."""
+        """Names of the dispersed parameters."""
         return self.sample_file.names if self.sample_file else tuple(self.marginals)
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The dispersed parameters, then the unknowns."""
+        """Names of the dispersed parameters, followed by the unknowns."""
         return (*self.names, *self.unknowns.names)
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """The parameters that differ from flight to flight."""
+        """Names of the parameters that differ from flight to flight."""
         return (*self.dimensions, *(parameter.name for parameter in self.derived))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Columns of simulated rows: dispersed parameters, unknowns, then seeds of noise."""
+        """Columns of simulated rows: dispersed parameters, unknowns and seeds of noise."""
         own = (*self.dimensions, *find_seeds(self.varied, self.parameters))
         return self.columns if self.columns is not None else own
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of the flights by name, with stability margins if requested.
+        """Metrics of the flights by name, including requested stability margins.
 
-        Requirements set the bad side of a metric. With requirements on both sides, the bad value is
-        the distance outside the limits.
+        Requirements define which values of a metric are worse. If they limit both sides, the
+        distance outside the limits counts.
         """
         margins = MARGINS if self.model.margins is not None else ()
         metrics = {metric.name: metric for metric in (*self.measured, *margins)}
@@ -270,7 +262,7 @@ class Experiment:
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """The metrics of its requirements; without any, those that lead the table."""
+        """Metrics of the requirements; without requirements, the leading metrics of the table."""
         required = dict.fromkeys(item.metric for item in self.requirements)
         return tuple(required or [metric.name for metric in self.measured if metric.leads])
 
@@ -278,7 +270,7 @@ class Experiment:
     def criteria(self) -> tuple[Criterion, ...]:
         """Criteria that rank the flights, from ``keep.histories.by``.
 
-        They are one metric or all requirements; without requirements, the leading metrics.
+        The criteria are one metric or all requirements; without requirements, the leading metrics.
         """
         ranking = self.model.keep.histories.by
         if ranking == BY_REQUIREMENTS and self.requirements:
@@ -298,19 +290,19 @@ class Experiment:
 
     @property
     def worst(self) -> int:
-        """Number N of the entry 'worst N', 0 without one."""
+        """Number N of the entry 'worst N' under ``keep``, or 0."""
         items = [str(item).split() for item in self.model.keep.histories.flights]
         return max((int(fields[1]) for fields in items if fields[0] == "worst"), default=0)
 
     def limits_of(self, metric: str) -> list[float]:
-        """Return the limits of all requirements on a metric."""
+        """Return the limits that all requirements set on a metric."""
         own = [
             limit for item in self.requirements if item.metric == metric for limit in item.limits
         ]
         return [limit for limit in own if limit is not None]
 
     def ends_of(self, i: int) -> Floats:
-        """Return low end, middle and high end of a dispersion or, after these, of an unknown."""
+        """Return the low end, middle and high end of dimension i (dispersion or unknown)."""
         if i >= len(self.names):
             low, high = (
                 float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high)
@@ -321,7 +313,7 @@ class Experiment:
         return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
 
     def make_samples(self) -> SampleSource:
-        """Return the source of samples in the order of ``inputs``."""
+        """Return the source of samples, with columns ordered as ``inputs``."""
         if self.model.pooled:
             sources = [self._samples_of(pool.seed, self.runs) for pool in self.model.pooled]
             return pooled_samples(sources, [pool.runs for pool in self.model.pooled], self.runs)
@@ -332,7 +324,7 @@ class Experiment:
     def search_rows(self, flights: int, points: Floats) -> Floats:
         """Return rows of ``inputs`` for a search at each of ``points`` [point, unknown].
 
-        The samples are independent of those of the judged flights.
+        The samples are independent of the samples of the judged flights.
         """
         seed = stream_key(self.seed, "unknowns", "search") % 2**63
         rows = self._at_points(self._samples_of(seed, flights), points).draw(
@@ -347,10 +339,10 @@ class Experiment:
     def judge(
         self, controllers: Sequence[str], groups: Sequence[Sequence[Verdict]]
     ) -> list[tuple[Verdict, int]]:
-        """Judge every requirement on each controller; return verdicts and points.
+        """Judge each requirement for each controller; return verdicts and points.
 
-        ``groups`` holds the verdicts at every point of the unknowns, by controller, then
-        requirement. The point is the one with the verdict's counts.
+        ``groups`` contains the verdicts at each point of the unknowns, by controller and
+        requirement. The returned point is the one with the counts of the verdict.
         """
         number = max(1, len(self.requirements))
         return [
@@ -359,13 +351,13 @@ class Experiment:
         ]
 
     def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
-        """Note restrictions of a verdict: a later choice, or values not searched for."""
+        """Add notes to a verdict on a requirement set later or values not searched for."""
         notes = [verdict.note]
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
             verdict = replace(verdict, status="NOT SHOWN")
             notes.append(UNSEARCHED)
         if number in self.later_choices:
-            notes.append("set after the results")
+            notes.append("set after results were known")
         return replace(verdict, note="; ".join(filter(None, notes)))
 
     def _judge(
@@ -390,7 +382,7 @@ class Experiment:
         return verdicts
 
     def rows(self, values: Floats) -> Floats:
-        """Return full rows ``[flight, parameter]`` of rows of its inputs."""
+        """Return full rows ``[flight, parameter]`` for rows of ``inputs``."""
         return full_rows(self.inputs, values, self.derived, self.parameters)
 
     def _samples_of(self, seed: int, runs: int) -> SampleSource:

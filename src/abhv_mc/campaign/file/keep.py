@@ -1,4 +1,4 @@
-"""Settings under ``keep``: flights, channels and rates written besides the metrics."""
+"""Settings under ``keep``: flights, channels and rates that are stored besides metrics."""
 
 import re
 from typing import Annotated, Any, Literal
@@ -40,14 +40,14 @@ def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
             where = (i,) if len(value) > 1 else ()
             raise Refusal(
                 describe(item),
-                "all, none, failed, 'worst 20', 'every 100' or a flight's number",
+                "all, none, failed, 'worst 20', 'every 100' or the number of a flight",
                 where,
             )
     return value
 
 
 class KeepHistories(StrictModel):
-    """Flights whose full history is written: the union of the entries of ``flights``."""
+    """Flights whose histories are stored: the union of the entries of ``flights``."""
 
     flights: Annotated[
         tuple[int | str, ...],
@@ -55,35 +55,39 @@ class KeepHistories(StrictModel):
         BeforeValidator(_as_list, json_schema_input_type=int | str | list[int | str]),
     ] = Field(
         ("worst 20",),
-        description="all, none, failed, 'worst 20', 'every 100', a flight's number, or a list of "
-        "these",
+        description=(
+            "all, none, failed, 'worst 20', 'every 100', the number of a flight, or a list of these"
+        ),
     )
     by: str = Field(
         BY_REQUIREMENTS,
-        description="rule for 'worst': requirements (the largest distance beyond a limit, in "
-        "units of it) or a metric; flights that ended early come first",
+        description=(
+            "criterion for 'worst': requirements (the largest exceedance of a limit, relative to "
+            "the limit) or a metric; early terminations come first"
+        ),
     )
     channels: Annotated[
         tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])
     ] = Field(
-        (ALL,), description="names of channels, including those of effectors with actuators; or all"
+        (ALL,),
+        description="names of channels, including channels of effectors with actuators, or all",
     )
     rate: Rate = Field(10.0, description="samples per second of flight")
 
 
 class KeepEnvelopes(StrictModel):
-    """Channels and rate of the envelopes over all flights."""
+    """Channels and rate of the time-history envelopes over all flights."""
 
     channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or all")
     rate: Rate = Field(5.0, description="time bins per second of flight")
 
 
 class Keep(StrictModel):
-    """Output of a campaign besides metrics."""
+    """Outputs of a campaign besides metrics."""
 
     histories: KeepHistories = Field(
-        KeepHistories(), description="flights that are written at full length"
+        KeepHistories(), description="flights whose full time histories are stored"
     )
     envelopes: KeepEnvelopes = Field(
-        KeepEnvelopes(), description="quantiles over time of all flights"
+        KeepEnvelopes(), description="time-history envelopes over all flights"
     )

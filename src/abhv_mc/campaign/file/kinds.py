@@ -1,4 +1,4 @@
-"""The four kinds of input file: their models, recognition by keys, and references."""
+"""The four kinds of input files: models, recognition by keys, and references."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,9 +28,9 @@ _KEYS: dict[str, set[str]] = {
 
 
 def find_kind(path: Path | Document, expected: str | None = None) -> str:
-    """Return the kind of a file. Raise InputError if there is none.
+    """Return the kind of an input file. Raise InputError if no kind matches.
 
-    The result is ``expected`` unless another kind has two more matching keys.
+    The result is ``expected`` unless another kind has at least two more matching keys.
     """
     document = read_document(path)
     keys = set(document.data) if isinstance(document.data, dict) else set()
@@ -52,7 +52,7 @@ def require_kind(path: Path, kind: str) -> None:
 
 
 def check_kinds(document: Document, model: Campaign) -> None:
-    """Check that files named in a campaign are of the right kind. Raise InputErrors."""
+    """Raise InputErrors if files named in a campaign are of the wrong kind."""
     named: dict[tuple[str, ...], Path] = {("vehicle",): model.vehicle, ("mission",): model.mission}
     named |= {("controllers", name): file for name, file in model.controllers.items()}
     wrong = []
@@ -69,7 +69,7 @@ _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 
 
 def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
-    """Yield the files that a YAML file names by relative paths, recursively."""
+    """Yield the files to which a YAML file refers by relative paths, recursively."""
     if path.suffix.lower() not in _YAML or path in seen:
         return
     data = read_document(path).data
@@ -85,7 +85,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
 
 
 def _named_files(value: Any) -> Iterator[str]:
-    """Yield values of the keys that name files in files referenced by a campaign."""
+    """Yield the values of keys that name files in vehicle, mission and controller files."""
     for key, inner in value.items() if isinstance(value, dict) else ():
         if key in ("file", "python", "around") and isinstance(inner, str):
             yield inner

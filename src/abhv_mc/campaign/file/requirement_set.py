@@ -1,4 +1,4 @@
-"""Requirement sets: judging of a campaign's flights by other requirements."""
+"""Requirement sets by which the flights of a campaign can be judged again."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,11 +19,11 @@ from abhv_mc.io.documents import (
     validate,
 )
 
-# Keys of a campaign file that judge and present flights; rows do not depend on them.
+# Keys of a campaign file for judging and reporting; simulated rows do not depend on them.
 JUDGING = ("requirements", "family", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
-_EMPTY = Path("requirements")  # file name in errors of a set given in Python
+_EMPTY = Path("requirements")  # file name in errors if a set is given in Python
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -32,9 +32,9 @@ class _Set(StrictModel, extra="ignore"):
 
 
 def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a campaign's data on which simulated rows depend.
+    """Return the entries of a campaign on which simulated rows depend.
 
-    Execution, requirements, questions and labels are left out.
+    Entries on execution, requirements, questions and labels are omitted.
     """
     left_out = ("execution", *JUDGING, *_PRESENTING)
     row_data = {key: value for key, value in data.items() if key not in left_out}
@@ -49,7 +49,7 @@ def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_requirement_set(source: RequirementSource) -> Document:
-    """Read requirements: a campaign, YAML or CSV file, or entries. Raise InputErrors."""
+    """Read requirements from a campaign, YAML or CSV file, or entries. Raise InputErrors."""
     if isinstance(source, str | Path):
         path = Path(source)
         if path.suffix.lower() == ".csv":
@@ -63,14 +63,14 @@ def read_requirement_set(source: RequirementSource) -> Document:
     if not isinstance(document.data, dict) or "requirements" not in document.data:
         expected = "a campaign file, or a file with 'requirements'"
         raise document.error((), describe(document.data), expected)
-    validate(document, _Set)  # here, because the locations are those of the file
+    validate(document, _Set)  # Validate here, because locations refer to this file.
     return document
 
 
 def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a campaign's data judged by another set of requirements.
+    """Return the data of a campaign with another set of requirements.
 
-    Points of unknowns keep the requirements for which they were searched.
+    Points of the unknowns keep the requirements for which they were searched.
     """
     judged = {**data, **{key: changed[key] for key in JUDGING if key in changed}}
     points, before = data.get("points") or {}, data.get("requirements") or []
@@ -83,7 +83,7 @@ def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> di
 def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     """Return a campaign judged by another set of requirements.
 
-    Raise InputErrors located in the set.
+    Raise InputErrors with source locations in the requirement set.
     """
     changed = read_requirement_set(source)
     data = with_requirements(campaign.document.entries, changed.entries)
@@ -92,7 +92,7 @@ def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     document = replace(campaign.document, data=data, value_places=locations, key_places=keys)
     try:
         judged = check_campaign(document, campaign.engine)
-    except InputErrors as error:  # the campaign alone was right
+    except InputErrors as error:  # The campaign was valid before.
         raise InputErrors([_named(problem, changed.path) for problem in error.errors]) from None
     except InputError as error:
         raise _named(error, changed.path) from None
@@ -106,9 +106,9 @@ def _named(error: InputError, file: Path) -> InputError:
 def describe_requirement_changes(
     before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> Iterator[str]:
-    """Yield changes between requirements of two campaigns.
+    """Yield the differences between the requirements of two campaigns as text.
 
-    An item reads 'speed_error_max_mps: below 5 -> 3'.
+    An example is 'speed_error_max_mps: below 5 -> 3'.
     """
     old, new = (_by_name(data.get("requirements") or []) for data in (before, after))
     for name in dict.fromkeys((*old, *new)):
@@ -129,7 +129,7 @@ def describe_requirement_changes(
 
 
 def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return entries by id or metric; later ones of a metric are numbered."""
+    """Return entries by id or metric; further entries of the same metric are numbered."""
     named: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
         name = str(entry.get("id") or entry["metric"])
@@ -147,10 +147,10 @@ def _text(value: object) -> str:
 def find_later_choices(
     first: Sequence[Mapping[str, Any]], current: Sequence[Mapping[str, Any]]
 ) -> frozenset[int]:
-    """Return the numbers of current requirements not chosen in the first set.
+    """Return the numbers of current requirements that are not in the first set.
 
-    A requirement is chosen by its metric, side, probability and risk. Another limit on the same
-    metric keeps the risk, because the verdict stays valid however often results are checked.
+    Requirements are compared by metric, side, probability and risk. A changed limit does not
+    increase the risk, because verdicts stay valid however often results are checked.
     """
     first_choices = {_choice(entry) for entry in first}
     return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in first_choices)

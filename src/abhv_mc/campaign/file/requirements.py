@@ -1,6 +1,6 @@
-"""Requirements and input tables of a campaign, and their checks.
+"""Reading and checking of the requirements and input tables of a campaign.
 
-Requirements are a list or a CSV file with a row per entry. They are checked against metrics, the
+Requirements are a list or a CSV file with one row per entry. The checks involve the metrics, the
 design and the mission.
 """
 
@@ -33,17 +33,17 @@ class _Table(StrictModel):
 
 
 def read_tables(document: Document) -> Document:
-    """Return the campaign with entries of its input and requirement tables.
+    """Return the campaign with the entries of its input and requirement tables.
 
-    Raise InputErrors.
+    Raise InputErrors if a table is invalid.
     """
     return read_requirements(_read_inputs(document))
 
 
 def read_requirements(document: Document) -> Document:
-    """Return the campaign with the entries of its table of requirements.
+    """Return the campaign with the entries of its requirement table.
 
-    Raise InputErrors.
+    Raise InputErrors if the table is invalid.
     """
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
@@ -51,10 +51,12 @@ def read_requirements(document: Document) -> Document:
     path = document.resolve(str(data["requirements"]))
     if not path.is_file():
         raise document.error(
-            ("requirements",), f"'{path.name}', which is not there", "a CSV file, or a list"
+            ("requirements",),
+            f"the file '{path.name}' does not exist",
+            "a CSV file, or a list of requirements",
         )
     table = _read_table(path)
-    validate(table, _Table)  # here, because the locations are those of the table
+    validate(table, _Table)  # Validate here, because locations refer to the table.
     return replace(document, data={**data, **table.entries})
 
 
@@ -64,20 +66,21 @@ class _Inputs(StrictModel):
 
 
 def _read_inputs(document: Document) -> Document:
-    """Return the campaign with inputs and dispersions of the table named under inputs.
+    """Return the campaign with the inputs and dispersions of its input table.
 
-    Columns are name, the keys of an input and those of a dispersion. Raise InputErrors.
+    The columns are name, the keys of an input and those of a dispersion. Raise InputErrors if the
+    table is invalid.
     """
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("inputs"), str):
         return document
     path = document.resolve(str(data["inputs"]))
     if not path.is_file():
-        problem = f"'{path.name}', which is not there"
-        raise document.error(("inputs",), problem, "a CSV file, or names with their units")
+        problem = f"the file '{path.name}' does not exist"
+        raise document.error(("inputs",), problem, "a CSV file, or names of inputs with units")
     table = read_foreign_table(path, has_units=False)
     if "name" not in table.heads:
-        raise table.error(None, 0, "no column 'name'", "the name of each input")
+        raise table.error(None, 0, "no column 'name'", "a column with the names of the inputs")
     columns = [table.words(i) for i in range(len(table.heads))]
     entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
@@ -85,7 +88,7 @@ def _read_inputs(document: Document) -> Document:
         row = {head: _number(cell) for head, cell in zip(table.heads, cells, strict=True) if cell}
         name = str(row.pop("name", ""))
         if not name or name in entries["inputs"]:
-            raise InputError(path, f"the input '{name}'", "a name in each row, each once", line)
+            raise InputError(path, f"the input '{name}'", "a unique name in each row", line)
         entries["inputs"][name] = {key: row.pop(key) for key in Input.model_fields if key in row}
         locations["inputs", name] = locations["dispersions", name] = line, 1
         if row:
@@ -124,14 +127,14 @@ def _read_table(path: Path) -> Document:
 
 
 def _value(head: str, cell: str) -> Any:
-    """Return a cell as YAML would: a number, a list of controllers or text."""
+    """Return the value of a CSV cell: a number, a list of controllers or text."""
     if head == "controllers":
         return cell.replace(";", " ").split()
     return _number(cell) if head in _NUMBERS else cell
 
 
 def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[Any]:
-    """Yield the requirements that apply to some of the controllers."""
+    """Yield the requirements that apply to any of the controllers."""
     for entry in entries:
         if not entry.get("controllers"):
             yield entry
@@ -142,9 +145,9 @@ def select_requirements(entries: Any, controllers: Sequence[str]) -> Iterator[An
 def join_requirements(
     first: Iterable[Any], second: Iterable[Any], controllers: Iterable[str]
 ) -> list[Any]:
-    """Return both lists of requirements without duplicates.
+    """Join two lists of requirements and remove duplicates.
 
-    Entries that differ only in their controllers are merged.
+    Entries that differ only in their controllers become one entry.
     """
     joined: dict[str, Any] = {}
     for entry in (*first, *second):
@@ -165,7 +168,7 @@ def check_requirements(
     metrics: Mapping[str, Metric],
     errors: list[InputError],
 ) -> Iterator[Requirement]:
-    """Yield the requirements, resolved."""
+    """Yield checked requirements; append problems to ``errors``."""
     own = model if isinstance(model, SimulatorCampaign) else None
     systems: Collection[str] = own.systems if own else model.controllers
     read = parse_in_any_unit if own else _limit
@@ -175,7 +178,9 @@ def check_requirements(
         if entry.id is not None and entry.id in ids[:i]:
             errors.append(
                 document.error(
-                    (*where, "id"), f"the id '{entry.id}' a second time", "an id for each"
+                    (*where, "id"),
+                    f"the id '{entry.id}' a second time",
+                    "a unique id for each requirement",
                 )
             )
         for j, name in enumerate(entry.controllers or ()):
@@ -200,7 +205,8 @@ def check_requirements(
             high = None if entry.below is None else read(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
                 raise Refusal(
-                    f"below {high:g} and above {low:g}", "a limit below that is the larger one"
+                    f"below {high:g} and above {low:g}",
+                    "the upper limit 'below' must be larger than the lower limit 'above'",
                 )
             yield Requirement(
                 metric=entry.metric,
@@ -218,7 +224,7 @@ def check_requirements(
 
 
 def _limit(value: float | str, unit: str) -> float:
-    """Return a limit in the metric's unit; a plain number is in it already."""
+    """Return a limit in the metric's unit, in which plain numbers are read."""
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):
@@ -227,14 +233,12 @@ def _limit(value: float | str, unit: str) -> float:
 
 
 def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:
-    """Check that stopping early has requirements and independent flights."""
+    """Check that a campaign with 'stop' has requirements and independent flights."""
     if model.stop is None:
         return
     if not model.requirements:
         errors.append(
-            document.key_error(
-                ("stop",), "'stop' without requirements", "requirements that can be proven"
-            )
+            document.key_error(("stop",), "'stop' without requirements", "at least one requirement")
         )
     if model.sampling.design != INDEPENDENT:
         problem = (
@@ -246,7 +250,7 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
 
 
 def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
-    """Check the points and flights of stability margins.
+    """Check the points and flights for which stability margins are computed.
 
     Points must lie within the mission. A requirement on margins needs the margins of all flights.
     """
@@ -256,7 +260,7 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     if model.margins is None:
         for i in needed:
             problem = f"'{model.requirements[i].metric}' without 'margins'"
-            expected = "'margins: {at: [trim], flights: all}' in the campaign, which finds them"
+            expected = "'margins: {at: [trim], flights: all}' in the campaign"
             errors.append(document.error(("requirements", i, "metric"), problem, expected))
         return
     if needed and model.margins.of(runs) < runs:
@@ -264,7 +268,7 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
         problem = (
             f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
         )
-        expected = "'flights: all': a verdict needs the metric of every flight"
+        expected = "'flights: all', because a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), problem, expected))
     times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
     duration = read_mission(model.mission).duration if times else 0.0

@@ -1,8 +1,8 @@
-"""JSON Schemas of the four kinds of input file, for editors and other programs.
+"""JSON Schemas of the four kinds of input files, for editors and other programs.
 
-They extend the schemas of the models: quantities have a pattern and defaults with their unit,
-metrics and parameters are enumerated, and each schema has a name (``$id``). The models check more
-than a schema can.
+The schemas of the models are extended: quantities have a pattern and defaults with units, metrics
+and parameters are enumerated, and each schema has a name (``$id``). The models check more
+constraints than a schema can.
 """
 
 import math
@@ -23,12 +23,12 @@ from abhv_mc.plant.parameters import PARAMETERS
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"
 _OWN_CHANNEL = "^[a-z][a-z0-9_.]*$"
-# Of the files that a campaign names: failures of effectors, settings of functions, custom states.
+# Parameters defined by files that a campaign names, such as settings of custom functions.
 _OWN_PARAMETER = "^(failure|aerodynamics|propulsion|dynamics|law|initial)[.]"
 
 
 class _Generator(GenerateJsonSchema):
-    """Schema generator without titles of keys and defaults that are mappings."""
+    """Schema generator that omits titles of keys and defaults that are mappings."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -51,7 +51,7 @@ def _is_finite(default: Any) -> bool:
 
 
 def _in_words(default: Any, schema: Schema) -> Any:
-    """Return a default as it is written in the file: a quantity with its unit."""
+    """Return a default as written in a file: a quantity has a unit."""
     if isinstance(default, (list, tuple)):
         parts = schema.get("prefixItems") or [schema.get("items", {})] * len(default)
         return [
@@ -64,7 +64,7 @@ def _in_words(default: Any, schema: Schema) -> Any:
 
 
 def _quantity(value: float, unit: str) -> str | float:
-    """Return the shortest text, in ``unit`` or SI, that converts back to the value."""
+    """Return the shortest text, in ``unit`` or SI, that converts back to the same value."""
     dimension = dimension_of(unit)
     texts = [f"{value / parse_unit(unit)[0]:.{digits}g} {unit}" for digits in range(1, 17)]
     if value == 0.0:
@@ -74,7 +74,7 @@ def _quantity(value: float, unit: str) -> str | float:
 
 
 def make_schema(kind: str) -> Schema:
-    """Return the schema of a kind of file: campaign, vehicle, mission or controller."""
+    """Return the JSON Schema of campaign, vehicle, mission or controller files."""
     if kind == "campaign":
         either = TypeAdapter(Campaign | SimulatorCampaign).json_schema(schema_generator=_Generator)
         ours, own = either.pop("anyOf")
@@ -96,9 +96,9 @@ def make_schema(kind: str) -> Schema:
 
 
 def _enumerate(parts: Schema) -> None:
-    """Enumerate metrics, parameters and channels.
+    """Add enumerations of metrics, parameters and channels to a schema.
 
-    Only a campaign with its own metrics accepts names that are not the program's.
+    Only campaigns with custom metrics accept other names of metrics.
     """
     campaign = parts["Campaign"]
     metrics = {"enum": [*METRIC_INDEX, *MARGIN_NAMES]}

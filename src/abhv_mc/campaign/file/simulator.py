@@ -1,4 +1,4 @@
-"""Campaign file of a user's simulator, with inputs and outputs in its own units."""
+"""Campaign file for a custom simulator, whose inputs and outputs have any units."""
 
 import os
 from collections.abc import Mapping
@@ -46,39 +46,53 @@ YesNo = Annotated[
 
 
 class Simulator(StrictModel):
-    """User's simulator: a Python function, or a program that exchanges JSON lines."""
+    """Custom simulator: a Python function, or a program that exchanges JSON lines."""
 
     python: str | None = Field(
-        None, description="Python file with def fly(inputs, settings): one flight"
+        None,
+        description="Python file with a function fly(inputs, settings) that simulates one flight",
     )
     command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
         None,
-        description="a program and its arguments: a flight is a line of JSON in, and a line out",
+        description=(
+            "program and its arguments; it reads one line of JSON per flight and writes one line "
+            "per result"
+        ),
     )
     files: tuple[str, ...] = Field(
         (),
-        description="other files that it consists of or reads: files, folders, or patterns with *;"
-        " an empty folder, or one to be made, ends with /",
+        description=(
+            "other files that the simulator consists of or reads: files, folders, or patterns "
+            "with *; an empty folder, or a folder to be created, ends with /"
+        ),
     )
     folder: str = Field(
         ".",
-        description="folder of the simulator, to which these names are relative;"
-        " each process runs in a temporary folder with copies of them",
+        description=(
+            "folder of the simulator, to which all file names are relative; each process runs in "
+            "a temporary folder with copies of the files"
+        ),
     )
     time_limit: Annotated[Time, Field(gt=0.0)] = Field(
-        60.0, description="of one flight, by the clock"
+        60.0, description="limit on the elapsed time of one flight"
     )
     repeatable: YesNo = Field(
         True,
-        description="no: it draws noise that is independent between flights and processes",
+        description=(
+            "whether equal inputs give equal results; no: the simulator draws noise that is "
+            "independent between flights and processes"
+        ),
     )
     start_limit: Annotated[Time, Field(gt=0.0)] = Field(
         600.0,
-        description="of a start: to import the Python file, or beyond time_limit"
-        " to a program's first answer",
+        description=(
+            "time allowed for starting: to import the Python file, or in addition to time_limit "
+            "until a program's first reply"
+        ),
     )
     flights_per_process: Annotated[int, Field(ge=1)] | None = Field(
-        None, description="number of flights after which a process is replaced; default: never"
+        None,
+        description="number of flights after which a simulator process is replaced; default: never",
     )
 
     @model_validator(mode="after")
@@ -88,9 +102,10 @@ class Simulator(StrictModel):
         return self
 
     def find_files(self, folder: Path) -> dict[str, Path]:
-        """Return the simulator's files by their path relative to ``folder``.
+        """Return the simulator's files by path relative to ``folder``.
 
-        The files that start it come first, then ``files``. Raise Refusal.
+        The files that start the simulator come first, then ``files``. Raise Refusal for a file
+        outside.
         """
         base = Path(os.path.normpath(folder))
         start_paths = {
@@ -101,8 +116,9 @@ class Simulator(StrictModel):
         for word, path in start_paths.items():
             if ".." in Path(word).parts and path.is_file() and not path.is_relative_to(base):
                 raise Refusal(
-                    f"'{word}', a file outside the simulator's folder",
-                    "'folder: ..' (or further up) in 'simulator', and names from there",
+                    f"the file '{word}' is outside the simulator's folder",
+                    "'folder: ..' (or a higher folder) in 'simulator', and names relative to that "
+                    "folder",
                     ("python" if self.python else "command",),
                 )
         named = [
@@ -111,14 +127,14 @@ class Simulator(StrictModel):
         if self.python and not named:
             raise Refusal(
                 f"'{self.python}'",
-                "a Python file in this file's folder, or in 'folder'",
+                "a Python file in the folder of the campaign file, or in 'folder'",
                 ("python",),
             )
         declared = expand(base, self.files, self.find_folders(base))
         return {path.relative_to(base).as_posix(): path for path in (*named, *declared)}
 
     def find_folders(self, folder: Path) -> list[str]:
-        """Return the entries of ``files`` that are folders without a file."""
+        """Return the entries of ``files`` that are empty folders."""
         return [
             entry
             for entry in self.files
@@ -137,32 +153,34 @@ InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 class OwnChannel(StrictModel):
     """Column of the history that a flight returns."""
 
-    unit: Unit = Field("-", description="any text; '-' of a plain number")
+    unit: Unit = Field("-", description="unit as any text; '-' for a dimensionless number")
     doc: str = Field("", description="description for the report")
 
 
 class Input(OwnChannel):
-    """Input of a flight."""
+    """Input of a flight for a custom simulator."""
 
-    nominal: float = Field(0.0, description="its nominal value, in this unit")
+    nominal: float = Field(0.0, description="nominal value, in the unit of the input")
     seed: YesNo = Field(
-        False, description="yes: a whole number drawn for each flight, and no quantity"
+        False, description="whether the input is a random seed, an integer drawn for each flight"
     )
 
 
 class OwnMetric(OwnChannel):
-    """Metric that a flight returns."""
+    """Metric that a custom simulator returns for a flight."""
 
     bad: Bad | None = Field(
         None,
-        description="undesired values: high, low, or those of the largest size; default: high",
+        description=(
+            "which values are worse: high, low, or those of largest magnitude; default: high"
+        ),
     )
     label: str | None = Field(
-        None, description="name in the report, without the unit; default: its name"
+        None, description="name in the report, without the unit; default: the key"
     )
 
     def record(self, name: str) -> Metric:
-        """Return the metric as a record of the tables of metrics."""
+        """Return the metric as a record for tables of metrics."""
         label = self.label or label_of(name, "-")
         return Metric(
             name=name,
@@ -177,16 +195,16 @@ class OwnMetric(OwnChannel):
 
 
 class SimulatorExecution(Execution):
-    """Execution settings without a time limit, which belongs to the simulator."""
+    """Execution settings; the time limit is a setting of the simulator."""
 
     isolation: ClassVar = "auto"  # type: ignore[misc]
     flight_time_limit: ClassVar = None  # type: ignore[misc]
 
 
 class SimulatorCampaign(Campaign):
-    """Campaign file with a user's simulator.
+    """Campaign file with a custom simulator or imported flights.
 
-    Fields of the built-in simulator are class variables that are None.
+    Fields of campaigns with the built-in simulator are class variables with the value None.
     """
 
     simulator_maker: ClassVar = "abhv_mc.external_simulators.simulator:make_simulator"
@@ -199,36 +217,44 @@ class SimulatorCampaign(Campaign):
     figures: ClassVar = None  # type: ignore[misc]
     simulator: Simulator | None = Field(
         None,
-        description="program that computes the flights, in place of vehicle, mission and "
-        "controllers; without it: `import flights`",
+        description=(
+            "program that computes the flights, instead of vehicle, mission and controllers; "
+            "omitted for `import flights`"
+        ),
     )
     independent: YesNo = Field(
         False,
-        description="without a simulator: yes if flights are independent draws of the dispersions, "
-        "which is tested",
+        description=(
+            "whether imported flights are independent draws of the dispersions, which is tested"
+        ),
     )
     columns: dict[str, str] = Field(
         {},
-        description="column headings of an imported table, keyed by the name of an input or "
-        "metric, or by system, outcome, end_time or flight; default: the names themselves, with or "
-        "without units",
+        description=(
+            "column headings of an imported table by name of the input or metric, or by system, "
+            "outcome, end_time or flight; default: the names, with or without units"
+        ),
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
-        description="compared systems: settings of the simulator by name; the first has to meet "
-        "the requirements",
+        description=(
+            "compared systems by name, each with settings of the simulator; the first must meet "
+            "the requirements"
+        ),
     )
-    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
+    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
-        description="metrics that a flight returns, by name"
+        description="metrics that a flight returns by name"
     )
     outcomes: dict[MetricName, str] = Field(
         {},
-        description="ways in which a flight ends early, by the code that it returns: a sentence "
-        "for each",
+        description="reasons of early termination: a sentence for each code that a flight returns",
     )
     histories: dict[MetricName, OwnChannel] = Field(
-        {}, description="columns of the history that a flight returns beside its time (s), by name"
+        {},
+        description=(
+            "channels of the history by name, returned by a flight in addition to the time (s)"
+        ),
     )
     execution: SimulatorExecution = Field(
         default_factory=SimulatorExecution, description="execution settings"
@@ -245,28 +271,30 @@ class SimulatorCampaign(Campaign):
         for key, names in taken.items():
             for name in getattr(self, key):
                 if name in names:
-                    expected = f"another name; taken are {', '.join(sorted(names))}"
-                    raise Refusal(f"'{name}', a name that is taken", expected, (key, name))
+                    expected = f"another name; the names {', '.join(sorted(names))} are in use"
+                    raise Refusal(f"the name '{name}' is already in use", expected, (key, name))
         column_names = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
         for name in self.columns:
             if name not in column_names:
                 raise Refusal(f"'{name}'", one_of(column_names, name), ("columns", name))
         if self.columns and self.simulator:
-            raise Refusal("'columns' beside a simulator", "no simulator, or none", ("columns",))
+            raise Refusal("'columns' together with a simulator", "only one of them", ("columns",))
         if self.independent and self.simulator:
             raise Refusal(
-                "'independent' beside a simulator", "'sampling', which says it", ("independent",)
+                "'independent' together with a simulator",
+                "'sampling', which determines independence",
+                ("independent",),
             )
         return self
 
     @property
     def returned_channels(self) -> tuple[Signal, ...]:
-        """Channels of a flight's history."""
+        """Channels of the history that a flight returns."""
         return tuple(Signal(name, entry.unit, entry.doc) for name, entry in self.histories.items())
 
     @property
     def parameters(self) -> Parameters:
-        """Parameters that flights accept."""
+        """Parameters that flights of the simulator accept."""
         entries = self.inputs.items()
         return Parameters(
             tuple(
@@ -277,17 +305,17 @@ class SimulatorCampaign(Campaign):
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
-    """Return the key of a campaign file that lists the compared systems."""
+    """Return the key under which a campaign file lists the compared systems."""
     return SYSTEMS if is_own(data) else "controllers"
 
 
 def is_own(data: object) -> bool:
-    """Return whether a campaign uses a user's simulator or imported flights."""
+    """Return whether a campaign uses a custom simulator or imported flights."""
     return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
 
 
 def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:
-    """Check the simulator's entries; append problems to ``errors``."""
+    """Check the entries on the simulator; append problems to ``errors``."""
     try:
         if model.simulator:
             model.simulator.find_files(document.path.parent / model.simulator.folder)
@@ -295,17 +323,21 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
         errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
     for key in ("unknowns", "derived", "stop", "sampling", "histories"):
         if not model.simulator and key in model.model_fields_set:
-            problem = f"'{key}' of flights that have been flown"
-            errors.append(document.key_error((key,), problem, "a simulator, or none of it"))
+            problem = f"'{key}' together with imported flights"
+            errors.append(document.key_error((key,), problem, "a simulator, or no such key"))
     if "envelopes" in model.keep.model_fields_set and not model.histories:
         errors.append(
-            document.key_error(("keep", "envelopes"), "envelopes of no 'histories'", "'histories'")
+            document.key_error(
+                ("keep", "envelopes"), "envelopes without 'histories'", "'histories'"
+            )
         )
     for key, settings in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
         if "channels" in settings.model_fields_set:
-            problem = "channels of this program's own simulator"
+            problem = "channels of the built-in simulator"
             errors.append(
                 document.key_error(
-                    ("keep", key, "channels"), problem, "nothing: all 'histories' are kept"
+                    ("keep", key, "channels"),
+                    problem,
+                    "no channels, because all 'histories' are kept",
                 )
             )

@@ -1,4 +1,4 @@
-"""Block ``tune`` of a campaign: free numbers of a controller, objective and limits."""
+"""Block ``tune`` of a campaign: free parameters of a controller, objective and limits."""
 
 from typing import Annotated, Any, Literal
 
@@ -11,33 +11,33 @@ from abhv_mc.statistics.quantile_pairs import flights_to_bound
 
 Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
 _METRIC = "the metric"
-_QUANTILE = "its quantile over the flights"
+_QUANTILE = "quantile of the metric over the flights"
 
 
 class Free(StrictModel):
-    """Number of the controller's file that tuning varies by a factor.
+    """Parameter of the controller file that tuning varies by a factor.
 
-    The file may give the key alone.
+    The campaign file may give only the key.
     """
 
-    key: str = Field(description="place in the controller's file, such as velocity.speed.bandwidth")
+    key: str = Field(description="key in the controller file, such as velocity.speed.bandwidth")
     factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(
-        5.0, description="by which it may grow or shrink"
+        5.0, description="largest factor by which the parameter may increase or decrease"
     )
 
 
 class Aim(StrictModel):
-    """Quantile of a metric over the flights; early terminations count as the worst value."""
+    """Objective: quantile of a metric, with early terminations as the worst value."""
 
     metric: str = Field(description=_METRIC)
     quantile: Quantile = Field(0.95, description=_QUANTILE)
 
 
 class Limit(StrictModel):
-    """Bound on a quantile of a metric, in its unit or relative to the start.
+    """Bound on a quantile of a metric, in its unit or relative to the initial controller.
 
-    A stability margin has no quantile. It is the smallest of the nominal vehicle, or of the nominal
-    vehicle and all corners of the dispersions.
+    For a stability margin, the limit applies to the smallest margin of the nominal vehicle, or of
+    the nominal vehicle and all corners of the dispersions.
     """
 
     metric: str = Field(description=_METRIC)
@@ -45,17 +45,19 @@ class Limit(StrictModel):
     below: float | None = Field(None, description="upper limit, in the metric's unit")
     above: float | None = Field(None, description="lower limit, in the metric's unit")
     below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
-        None, description="upper limit, as a multiple of the value of the controller at the start"
+        None, description="upper limit, as a multiple of the value of the initial controller"
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,
-        description="vehicles whose stability margin is limited: the nominal one (default), "
-        "or it and all corners",
+        description=(
+            "vehicles whose stability margin is limited: only the nominal one (default), or also "
+            "all corners of the dispersions"
+        ),
     )
 
     @property
     def is_margin(self) -> bool:
-        """Return whether it limits a stability margin rather than a metric of flights."""
+        """Return whether the limit is on a stability margin rather than a metric of flights."""
         return self.metric in MARGIN_NAMES
 
     @model_validator(mode="after")
@@ -65,17 +67,19 @@ class Limit(StrictModel):
         ]
         if len(bounds) != 1:
             raise Refusal(
-                " and ".join(bounds) or "none of them", "one of below, above, below_start_times"
+                " and ".join(bounds) or "no limit, or several limits",
+                "exactly one of below, above, below_start_times",
             )
         if self.is_margin and (
             "quantile" in self.model_fields_set or self.above is None or self.above <= 0.0
         ):
             raise Refusal(
-                f"a limit on {self.metric}", "'above' with a number above zero, and no quantile"
+                f"a limit on {self.metric}", "'above' with a positive number, and no quantile"
             )
         if self.vehicles is not None and not self.is_margin:
             raise Refusal(
-                f"vehicles of {self.metric}", "vehicles only where a stability margin is limited"
+                f"vehicles of {self.metric}",
+                "no 'vehicles', which apply only to a limit on a stability margin",
             )
         return self
 
@@ -102,15 +106,15 @@ Points = Annotated[
 
 
 class Tune(StrictModel):
-    """Tuning problem: free numbers, objective and limits."""
+    """Tuning problem: free parameters, objective and limits."""
 
     free: Annotated[
         tuple[Free, ...],
         Field(min_length=1),
         BeforeValidator(_free, json_schema_input_type=list[str | Free]),
-    ] = Field(description="numbers that are varied")
+    ] = Field(description="parameters to vary")
     minimise: Aim = Field(description="quantity to minimise")
-    limits: tuple[Limit, ...] = Field((), description="limits that the result must meet")
+    limits: tuple[Limit, ...] = Field((), description="limits that the tuned controller must meet")
     margins_at: Points = Field(
         ("trim",),
         description="points at which stability margins are computed: trim, or times of the "
@@ -118,16 +122,16 @@ class Tune(StrictModel):
     )
     usage: Aim = Field(
         Aim(metric=ELEVATOR_TRAVEL, quantile=0.5),
-        description="quantity against which the front trades the error",
+        description="second objective of the Pareto front",
     )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
-        64, description="flights of each candidate, the same for all"
+        64, description="number of flights for each candidate, with equal samples"
     )
     candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(
-        320, description="sets of numbers that are tried"
+        320, description="number of parameter sets to evaluate"
     )
     validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
-        1000, description="fresh flights of the result and of the start"
+        1000, description="number of new flights to validate the tuned and the initial controller"
     )
 
     @model_validator(mode="after")
@@ -139,6 +143,8 @@ class Tune(StrictModel):
                 f"{self.validation} validation flights for the {100.0 * quantile:g} % quantile"
             )
             key = "validation" if "validation" in self.model_fields_set else "minimise"
-            expected = f"validation: {least} or more, with which its difference has a bound"
+            expected = (
+                f"validation: {least} or more, so that the difference of the quantiles has a bound"
+            )
             raise Refusal(problem, expected, (key,))
         return self

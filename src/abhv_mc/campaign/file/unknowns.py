@@ -1,4 +1,4 @@
-"""Unknowns: parameters with one value for the whole programme, known only by bounds."""
+"""Unknowns: parameters with one value for the whole programme, known only within bounds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,10 +24,10 @@ from abhv_mc.statistics.verdicts import Verdict
 
 
 class Unknown(StrictModel):
-    """Bounds of a value; a percentage is a change of the nominal one."""
+    """Bounds of an unknown parameter; a percentage is relative to the nominal value."""
 
     low: Value = Field(
-        description="lower bound: a value, or a change of the nominal one such as -10 %"
+        description="lower bound: a value, or a change relative to the nominal value such as -10 %"
     )
     high: Value = Field(description="upper bound")
 
@@ -35,11 +35,11 @@ class Unknown(StrictModel):
 Count = Annotated[int, Field(ge=0)]
 
 
-_HINTED = 3  # dispersions that a sentence names
+_HINTED = 3  # number of dispersions named in a sentence
 
 
 def unknowns_hint(dispersed: Iterable[str]) -> str:
-    """Return a sentence on dispersions that may be constant for the programme, or ''."""
+    """Return a hint on dispersions that may be constant for the whole programme, or ''."""
     drawn = [
         name for name in dispersed if name.startswith("aero.") or name.endswith("_effectiveness")
     ]
@@ -47,67 +47,75 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
         return ""
     tail = f" and {len(drawn) - _HINTED} more" if len(drawn) > _HINTED else ""
     return (
-        f"Each flight draws {', '.join(drawn[:_HINTED])}{tail} anew. If one value holds for the "
-        "whole programme, list it under `unknowns`: requirements are then judged at its worst "
-        "value."
+        f"Each flight draws {', '.join(drawn[:_HINTED])}{tail} anew. If a parameter has one value "
+        "for the whole programme, list it under `unknowns`: requirements are then judged at its "
+        "worst value."
     )
 
 
 class MostFailures(StrictModel):
-    """Point at which a controller's search saw a requirement fail most often."""
+    """Point at which a requirement failed most often in the search of a controller."""
 
     controller: str = Field(description="whose search")
-    requirement: Count = Field(description="number of the requirement, from 0")
-    point: Count = Field(description="number of the point, from 0")
-    failures: Count = Field(description="of the flights of the search at the point")
-    flights: Count = Field(SEARCH_FLIGHTS, description="of the search at each value that was tried")
-    tried: Count = Field(description="number of values that were tried")
+    requirement: Count = Field(description="index of the requirement, from 0")
+    point: Count = Field(description="index of the point, from 0")
+    failures: Count = Field(description="number of failures at the point during the search")
+    flights: Count = Field(
+        SEARCH_FLIGHTS, description="number of flights of the search at each value tried"
+    )
+    tried: Count = Field(description="number of values tried")
 
 
 class UnknownPoints(StrictModel):
-    """Values of the unknowns at which requirements are judged, as `run` found them."""
+    """Values of the unknowns at which requirements are judged, as found by `run`."""
 
-    tried: Count = Field(0, description="number of values that were tried to find them")
+    tried: Count = Field(0, description="number of values tried in the search")
     shared: Count | None = Field(
         None,
-        description="number of the first points that judge all requirements; default: all points. "
-        "Each of the others judges the requirements that name it in `most_failures`",
+        description=(
+            "number of points, counted from the first, at which all requirements are judged; "
+            "default: all points. At each further point only the requirements that name it in "
+            "`most_failures` are judged"
+        ),
     )
     most_failures: tuple[MostFailures, ...] = Field(
         (),
-        description="points at which the search of each controller saw each requirement fail "
-        "most often",
+        description=(
+            "points at which each requirement failed most often in the search of each controller"
+        ),
     )
     requirements: tuple[dict[str, Any], ...] | None = Field(
         None,
-        description="the requirements that they were searched for; default: those of the campaign",
+        description=(
+            "requirements for which the points were searched; default: requirements of the campaign"
+        ),
     )
     at: dict[str, tuple[float, ...]] = Field(
-        description="values by unknown, SI; each flight is flown at every point"
+        description="values by unknown, SI; each flight is simulated at every point"
     )
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Box of the unknowns and its simulated points; without unknowns one empty point."""
+    """Bounds of the unknowns, and the simulated points; one empty point without unknowns."""
 
     names: tuple[str, ...] = ()
     low: Floats = field(default_factory=lambda: np.empty(0))  # [unknown], SI
     high: Floats = field(default_factory=lambda: np.empty(0))
     points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
     tried: int = 0
-    shared: int | None = None  # how many of the first points judge all requirements; None: all
+    shared: int | None = None  # number of points for all requirements; None: all
     most_failures: tuple[MostFailures, ...] = ()
-    # requirements whose worst values were not searched for
+    # requirements without a search for worst values
     unsearched: frozenset[int] = frozenset()
     parameters: Parameters = OURS
 
     def values(self, positions: Floats) -> Floats:
-        """Return SI values [point, unknown] of positions in the box, from -1 to 1."""
+        """Return SI values [point, unknown] for positions from -1 to 1 within the bounds."""
         return self.low + 0.5 * (positions + 1.0) * (self.high - self.low)
 
     def words(self, point: int) -> str:
-        """Return 'lift +10 %, drag -15 %'."""
+        """Return a point as text, such as 'lift +10 %, drag -15 %'."""
         parts = []
         for name, value in zip(self.names, self.points[point].tolist(), strict=True):
             parameter = self.parameters[name]
@@ -120,7 +128,7 @@ class Unknowns:
         return ", ".join(parts)
 
     def judged(self, requirement: int) -> list[int]:
-        """Return the numbers of the points at which a requirement is judged."""
+        """Return the indices of the points at which a requirement is judged."""
         own = {entry.point for entry in self.most_failures if entry.requirement == requirement}
         shared = len(self.points) if self.shared is None else self.shared
         return sorted({*range(shared), *own})
@@ -128,9 +136,10 @@ class Unknowns:
     def note(
         self, controller: str, requirement: int, verdicts: Sequence[Verdict], worst: int
     ) -> str:
-        """Describe where a requirement was judged and what its search saw.
+        """Return a note on the points of a requirement and the result of the search.
 
-        ``verdicts`` [point] are those at every point; ``worst`` is the point farthest from a PASS.
+        ``verdicts`` [point] are the verdicts at all points; ``worst`` is the point farthest from a
+        PASS.
         """
         number = len(self.judged(requirement))
         text = f"at each of {number} values of the unknowns"
@@ -147,7 +156,7 @@ class Unknowns:
         if entry.failures:
             text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
-            text += f"none failed in {entry.flights} flights; nearest to the limit came "
+            text += f"none failed in {entry.flights} flights; the value nearest to the limit was  "
         text += (
             f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights "
             "failed"
@@ -168,9 +177,9 @@ def points_entry(
     searches: Sequence[Search],
     flights: int,
 ) -> dict[str, object]:
-    """Return the file's `points` from the chosen points and the controllers' searches.
+    """Return the entry `points` for the chosen points and the searches of controllers.
 
-    ``flights`` is their number at each point that was tried.
+    ``flights`` is the number of flights at each point tried.
     """
     values = unknowns.values(chosen.points)
     entry: dict[str, object] = {
@@ -200,7 +209,7 @@ def match_requirements(
     points: UnknownPoints | None,
     requirements: Sequence[Mapping[str, Any]],
 ) -> Unknowns:
-    """Return the unknowns with search results matched to these requirements."""
+    """Return the unknowns with the search results matched to the given requirements."""
     if points is None or points.requirements is None:
         return unknowns
     searched = [_severity(entry) for entry in points.requirements]
@@ -221,7 +230,7 @@ def match_requirements(
 
 
 def _severity(entry: Mapping[str, Any]) -> tuple[object, ...]:
-    """Return the entries on which a search of the worst values depends."""
+    """Return the entries on which the search for the worst values depends."""
     keys = ("metric", "below", "above")
     return (*(str(entry.get(key)) for key in keys), entry.get("ended_early", "failure"))
 
@@ -238,7 +247,7 @@ def check_unknowns(
 ) -> Unknowns:
     """Return the campaign's unknowns; append problems to ``errors``.
 
-    ``other_roles`` gives other uses of a parameter by name.
+    ``other_roles`` describes other uses of parameters, by name.
     """
     before, ends = len(errors), []
     for name, entry in unknowns.items():
@@ -249,10 +258,10 @@ def check_unknowns(
             )
             errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
         elif name in other_roles:
-            problem = f"'{name}', which is {other_roles[name]}, too"
+            problem = f"'{name}' is also {other_roles[name]}"
             errors.append(
                 document.key_error(
-                    where, problem, "one of them: random anew in each flight, or unknown"
+                    where, problem, "either a value drawn for each flight, or an unknown"
                 )
             )
         else:
@@ -265,21 +274,19 @@ def check_unknowns(
             )
             if not ends[-1][0] < ends[-1][1]:
                 problem = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
-                errors.append(document.error((*where, "high"), problem, "low below high"))
+                errors.append(
+                    document.error((*where, "high"), problem, "a value of 'low' below 'high'")
+                )
     if unknowns and design != INDEPENDENT:
         problem = f"unknowns with the design '{design}'"
-        errors.append(
-            document.key_error(
-                ("unknowns",), problem, f"sampling: {INDEPENDENT}, at each of their values"
-            )
-        )
+        errors.append(document.key_error(("unknowns",), problem, f"sampling: {INDEPENDENT}"))
     if len(unknowns) > MOST_UNKNOWNS:
         problem = f"{len(unknowns)} unknowns"
         errors.append(document.key_error(("unknowns",), problem, f"at most {MOST_UNKNOWNS}"))
     if points is not None:
         lengths = {len(values) for values in points.at.values()}
         if set(points.at) != set(unknowns) or len(lengths) != 1 or not min(lengths, default=0):
-            expected = "as many values of each of the unknowns, one at least"
+            expected = "the same number of values for each unknown, at least one"
             errors.append(
                 document.key_error(
                     ("points",), f"points of {', '.join(points.at) or 'nothing'}", expected
@@ -287,8 +294,8 @@ def check_unknowns(
             )
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
-            problem = f"more than the {number} points of 'at' in 'shared' or 'most_failures'"
-            errors.append(document.key_error(("points",), problem, "numbers of points, from 0"))
+            problem = f"'shared' or 'most_failures' exceeds the {number} points of 'at'"
+            errors.append(document.key_error(("points",), problem, "indices of points, from 0"))
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T

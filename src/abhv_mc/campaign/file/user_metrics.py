@@ -1,4 +1,4 @@
-"""Metrics declared in a campaign file, and their records."""
+"""Metrics and custom channels declared in a campaign file."""
 
 import ast
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ _TAKEN = {
     *BUILT_IN,
     *(signal.name for signal in MARGIN_FAULTS),
 }
-# What the name of an expression's metric may say; of two ends that fit, the longer one comes first.
+# Units as suffixes of metric names; longer suffixes precede shorter ones.
 _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 
 
@@ -60,41 +60,51 @@ def _statistic(value: Any) -> Any:
 
 
 class MetricEntry(StrictModel):
-    """Metric declared by the campaign."""
+    """Metric declared in a campaign file."""
 
     of: str = Field(
-        description="a channel, or an expression of channels: + - * / abs min max sqrt sin cos"
+        description="channel, or expression of channels with + - * / abs min max sqrt sin cos"
     )
     statistic: Annotated[
         Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
-    ] = Field(description="statistic of 'of' over the control ticks of the window")
+    ] = Field(description="statistic of 'of' over the control ticks of a time window")
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
-        None, description="in the unit of 'of': for *_outside, or the smallest turn of reversals"
+        None,
+        description=(
+            "limit for *_outside, or smallest change that counts as a reversal, in the unit of 'of'"
+        ),
     )
     share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
         None,
-        description="of quantile: of the ticks, those at which the value is at most the quantile",
+        description="for quantile: share of ticks at which the value is at most the quantile",
     )
-    from_: Time = Field(0.0, alias="from", description="the window's start")
-    to: Time | None = Field(None, description="the window's end; by default the flight's")
+    from_: Time = Field(0.0, alias="from", description="start of the time window")
+    to: Time | None = Field(None, description="end of the time window; default: end of the flight")
     phase: str | None = Field(
-        None, description="the window is the phase of the mission that has this 'name'"
+        None, description="name of the mission phase that is used as the time window"
     )
-    settled: bool = Field(False, description="leave out ramps and steps of the bank, and 5 s after")
+    settled: bool = Field(
+        False, description="exclude ramps and steps of the bank command and the 5 s after each"
+    )
     empty: float | None = Field(
         None,
-        description="value if no tick of the window was flown; default: none, which is a failure",
+        description=(
+            "value if the flight ends before the window; default: no value, which counts as a "
+            "failure"
+        ),
     )
     bad: Bad | None = Field(
         None,
-        description="undesired values: high, low, or those of the largest size; default: low "
-        "for min, else high",
+        description=(
+            "which values are worse: high, low, or those of largest magnitude; default: low for "
+            "min, else high"
+        ),
     )
     unit: str | None = Field(
-        None, description="of the metric, where the channel and the name do not say it"
+        None, description="unit of the metric, if it does not follow from the channel or the name"
     )
     label: str | None = Field(
-        None, description="name in the report, without the unit; default: its name"
+        None, description="name in the report, without the unit; default: the key"
     )
     doc: str = Field("", description="description for the report")
 
@@ -105,7 +115,7 @@ class MetricEntry(StrictModel):
         if self.limit is not None and self.statistic not in TAKES_LIMIT:
             raise Refusal(
                 f"a limit with '{self.statistic.word}'",
-                f"it with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
+                f"a limit only with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
                 ("limit",),
             )
         if (self.share is None) == (self.statistic == Statistic.QUANTILE):
@@ -114,11 +124,11 @@ class MetricEntry(StrictModel):
                 if self.share is None
                 else f"a share with '{self.statistic.word}'"
             )
-            raise Refusal(problem, "'share: 95 %' with 'quantile', and only there")
+            raise Refusal(problem, "'share: 95 %' only with 'quantile'")
         if self.to is not None and self.to <= self.from_:
             raise Refusal("an empty window", "'from' before 'to'", ("to",))
         if self.phase is not None and (self.from_ or self.to is not None):
-            raise Refusal("'phase' beside 'from' or 'to'", "one window", ("phase",))
+            raise Refusal("'phase' together with 'from' or 'to'", "one window", ("phase",))
         return self
 
 
@@ -126,11 +136,11 @@ MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 
 
 class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
-    """File of metrics."""
+    """Content of a file of metrics."""
 
 
 def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
-    """Return the document and entries of a file of metrics. Raise InputError."""
+    """Return the document and entries of a file of metrics. Raise InputError if invalid."""
     document = read_document(path)
     return document, validate(document, MetricsFile).root
 
@@ -146,9 +156,9 @@ def declare_metrics(
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),
 ) -> tuple[Metric, ...]:
-    """Return records of a campaign's metrics; append problems to ``errors``.
+    """Return the records of the declared metrics; append problems to ``errors``.
 
-    ``effectors`` are those with actuators.
+    ``effectors`` are the effectors with actuators.
     """
     sources = source_rows(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
@@ -181,7 +191,7 @@ def declare_metrics(
 
 
 def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
-    """Return names and units [channel, 2] of user channels, the form in plans."""
+    """Return the names and units [channel, 2] of custom channels as stored in plans."""
     return np.array(user_channels, dtype=np.str_).reshape(-1, 2)
 
 
@@ -213,7 +223,7 @@ def _record(
 
 
 def _unit(name: str, entry: MetricEntry, sources: Mapping[str, SourceRow]) -> str:
-    """Return the unit of a metric from its entry, its channel and statistic, or its name."""
+    """Return the unit of a metric from its entry, its channel and statistic or its name."""
     if entry.unit is not None:
         return entry.unit
     if entry.statistic == Statistic.REVERSALS:
@@ -231,9 +241,9 @@ def _unit(name: str, entry: MetricEntry, sources: Mapping[str, SourceRow]) -> st
 
 
 def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
-    """Return name and unit of each ``@channel`` function without running the file.
+    """Return the name and unit of each ``@channel`` function, without running the file.
 
-    Raise InputError.
+    Raise InputError if a channel is invalid.
     """
     tree = compile_text(read_source(path), ast.PyCF_ONLY_AST)
     channels: list[tuple[str, str]] = []
@@ -255,9 +265,11 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                         or node.name in FUNCTIONS
                         or node.name in ("min", "max")
                     ):
-                        found_name = f"'{node.name}', a name of the program"
+                        found_name = f"the name '{node.name}' is reserved by the program"
                         raise InputError(path, found_name, "another name", node.lineno)
                     channels.append((node.name, str(units[0].value)))
     if not channels:
-        raise InputError(path, "no function with @channel", 'one: @channel(unit="deg")')
+        raise InputError(
+            path, "no function with @channel", 'at least one, such as @channel(unit="deg")'
+        )
     return tuple(channels)

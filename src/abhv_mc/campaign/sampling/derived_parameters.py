@@ -1,9 +1,9 @@
-"""Derived inputs: parameters computed from others of the same flight.
+"""Derived inputs: parameters computed from other parameters of the same flight.
 
-An example is a drag factor that follows lift. Derived inputs are computed last, from a flight's
-row, and are no dimension of the samples: only their operands are drawn, stored, searched and
-re-weighted. Expressions are those of metrics, with parameters in SI; they are parsed into
-instructions and never run as Python.
+An example is a drag factor that follows lift. Derived inputs are computed from the drawn parameters
+and are not a dimension of the samples: only their operands are drawn, stored, searched and
+re-weighted. Expressions have the syntax of metrics, with parameters in SI units; they are parsed
+into instructions and never run as Python.
 """
 
 import re
@@ -19,9 +19,9 @@ from abhv_mc.kernel.flight.counting import Operation
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import OURS, Parameters
 
-DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # a parameter's name, but no number
-_DOT = "__"  # in an expression's names, which have none
-_sincos = np.vectorize(sincos, otypes=(float, float))  # the same bits on every processor
+DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # name of a parameter, not a number
+_DOT = "__"  # replaces the dots, which names cannot contain
+_sincos = np.vectorize(sincos, otypes=(float, float))  # bit-identical on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.ADD: np.add,
     Operation.SUBTRACT: np.subtract,
@@ -38,17 +38,17 @@ _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
 
 @dataclass(frozen=True)
 class DerivedInput:
-    """Parameter and the instructions that compute it."""
+    """Derived parameter with the instructions that compute it."""
 
     name: str
-    of: frozenset[str]  # parameters
+    of: frozenset[str]  # operands
     code: tuple[tuple[int, int, int, int], ...]
     constants: tuple[float, ...]
 
     def evaluate(self, rows: Floats) -> Floats:
         """Return values [flight] in SI from full rows [flight, parameter]."""
         registers: dict[int, Floats] = {}
-        with np.errstate(all="ignore"):  # a result that is not finite ends the flight
+        with np.errstate(all="ignore"):  # A result that is not finite ends the flight.
             for (operation, out, a, b), constant in zip(self.code, self.constants, strict=True):
                 if operation == Operation.LOAD:
                     registers[out] = rows[:, a]
@@ -63,7 +63,7 @@ Derived = tuple[DerivedInput, ...]
 
 
 def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> DerivedInput:
-    """Return the instructions of a derived input. Raise Refusal."""
+    """Compile the expression of a derived input. Raise Refusal if it is invalid."""
     index = parameters.index
     sources = {
         parameter.replace(".", _DOT): SourceRow(parameters[parameter].unit, index[parameter], 1.0)
@@ -88,9 +88,9 @@ def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> Deri
 
 
 def derive(rows: Floats, derived: Derived, parameters: Parameters = OURS) -> None:
-    """Fill derived inputs into full rows [flight, parameter].
+    """Set the derived inputs in full rows [flight, parameter].
 
-    All are computed from the original rows.
+    All derived inputs are computed from the original rows.
     """
     values = [derived_input.evaluate(rows) for derived_input in derived]
     for derived_input, value in zip(derived, values, strict=True):

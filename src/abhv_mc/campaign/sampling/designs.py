@@ -1,4 +1,4 @@
-"""Uniform random numbers of a campaign's flights: streams, designs and copula.
+"""Uniform random numbers of the flights: streams, designs and copula.
 
 Random numbers depend only on a seed, a name and a flight. Each (seed, name) keys a counter-based
 Philox generator whose counter is the flight's number. Flight k is therefore independent of the
@@ -27,28 +27,26 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.plant.parameters import OURS, Parameters
 
-INDEPENDENT = (
-    "random"  # the design whose flights are independent draws, so that binomial statistics hold
-)
+INDEPENDENT = "random"  # design with independent flights, as binomial statistics require
 EXTENSIBLE = frozenset(
     {"random", "sobol", "halton", "file"}
-)  # more flights leave the first ones as they are
+)  # designs in which more flights do not change the first ones
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
-_BITS = 30  # of a Sobol point: at most 2**30 flights
-_PIECE = 4096  # points drawn at a time; a power of two, as Sobol's sequence requires
-NOMINAL = -1.0  # nominal value in a factorial design, whatever its probability
+_BITS = 30  # bits of a Sobol point: at most 2**30 flights
+_PIECE = 4096  # points per draw; Sobol sequences require a power of two
+NOMINAL = -1.0  # marks a nominal value in a factorial design
 _WORDS = 4  # 64-bit words of one Philox4x64 counter value
 
 
 def stream_key(seed: int, name: str, purpose: str = "sample") -> int:
-    """Return the 128-bit key of a stream."""
+    """Return the 128-bit key of a random stream."""
     text = f"abhv-mc stream 1|{purpose}|{seed}|{name}"
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=16).digest(), "little")
 
 
 def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
-    """Return a number [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
+    """Draw a number [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
     generator = np.random.Philox(key=key)
     generator.advance(first)
     raw_numbers = generator.random_raw(_WORDS * count)[::_WORDS]
@@ -56,7 +54,7 @@ def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
 
 
 def make_generator(seed: int, name: str, purpose: str) -> np.random.Generator:
-    """Return a generator of numbers drawn once per campaign: scrambles, permutations."""
+    """Return a random generator for scrambles and permutations of a campaign."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(stream_key(seed, name, purpose)))
     )
@@ -70,7 +68,7 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # of a grid, and of each side of one_at_a_time
+    levels: int = 2  # values per parameter; for one_at_a_time per side
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:
@@ -86,7 +84,7 @@ class Design:
 
 
 def count_flights(kind: str, parameters: int, levels: int) -> int | None:
-    """Return the number of flights of a factorial design, None for other designs."""
+    """Return the number of flights of a factorial design, or None for other designs."""
     if kind == "corners":
         return 2**parameters
     if kind == "grid":
@@ -101,7 +99,7 @@ def _draw_random(design: Design, name: str, first: int, stop: int) -> Floats:
 
 
 def _draw_latin_hypercube(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Return a Latin hypercube column (McKay, Beckman & Conover 1979)."""
+    """Draw a column of a Latin hypercube (McKay, Beckman & Conover 1979)."""
     from scipy.stats import qmc
 
     sampler = qmc.LatinHypercube(d=1, rng=make_generator(design.seed, name, "latin hypercube"))
@@ -109,11 +107,11 @@ def _draw_latin_hypercube(design: Design, name: str, first: int, stop: int) -> F
 
 
 def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Return a column of Sobol's sequence (Joe & Kuo 2008), scrambled (Matousek 1998).
+    """Draw a column of a Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998).
 
     The dimension is the parameter's index in the table of parameters, and the scramble depends on
-    the seed and its name, so that other parameters of the campaign change neither. Only the
-    sampler's last dimension is used.
+    the seed and the parameter's name, so that neither depends on other parameters of the campaign.
+    Only the last dimension of the sampler is used.
     """
     from scipy.stats import qmc
 
@@ -124,9 +122,9 @@ def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
 
 
 def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Return a column of Halton's sequence, scrambled by digit permutations (Owen 2017).
+    """Draw a column of a Halton sequence with digit permutations (Owen 2017).
 
-    Dimensions are chosen as for Sobol's sequence.
+    Dimensions are chosen as for Sobol sequences.
     """
     from scipy.stats import qmc
 
@@ -135,12 +133,12 @@ def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
 
 
 def _dimension(design: Design, name: str) -> int:
-    """Return the parameter's dimension, from 1."""
+    """Return the dimension of a parameter in the sequence, from 1."""
     return design.parameters.dispersible.index(name) + 1
 
 
 def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
-    """Return the last column of points ``first`` to ``stop - 1``, drawn in pieces."""
+    """Return the last dimension of points ``first`` to ``stop - 1``, drawn in pieces."""
     sampler = make_sampler()
     start = first - first % _PIECE
     if start:
@@ -150,12 +148,12 @@ def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
 
 
 def _open(values: Floats) -> Floats:
-    """Keep probabilities off 0 and 1, where an unbounded distribution is infinite."""
+    """Clip probabilities to (0, 1), because unbounded distributions are infinite at the ends."""
     return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
 
 
 def _grid_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
-    """Return a full factorial design [flight, parameter], last parameter fastest.
+    """Return a full factorial design [flight, parameter]; the last parameter varies fastest.
 
     Entries are fractions of the distribution's range.
     """
@@ -165,7 +163,7 @@ def _grid_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floa
 
 
 def _one_at_a_time_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
-    """Return rows that vary one parameter at a time; flight 0 is nominal."""
+    """Return rows in which one parameter at a time varies; flight 0 is nominal."""
     rows = np.full((len(flights), parameters), NOMINAL)
     moved = flights > 0
     which, level = np.divmod(flights[moved] - 1, levels)
@@ -188,7 +186,7 @@ def normal_correlation(rank_correlation: float) -> float:
 
 @dataclass(frozen=True)
 class Copula:
-    """Columns to correlate and the Cholesky factor of their correlation."""
+    """Gaussian copula: correlated columns and the Cholesky factor of their correlation."""
 
     columns: tuple[int, ...]
     factor: Floats  # [column, column]
@@ -205,7 +203,7 @@ class Copula:
         normal = [ndtri(probabilities[:, column]) for column in self.columns]
         mixed = probabilities.copy()
         for row, column in enumerate(self.columns):
-            # Term by term: rounding in BLAS depends on the number of flights multiplied together.
+            # Sum term by term, because rounding in BLAS depends on the number of flights.
             total = self.factor[row, 0] * normal[0]
             for k in range(1, row + 1):
                 total += self.factor[row, k] * normal[k]
@@ -214,7 +212,7 @@ class Copula:
 
 
 def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Copula:
-    """Return the copula of correlations of normal variables of columns.
+    """Return the copula for pairwise correlations of normal variables.
 
     Raise numpy.linalg.LinAlgError if the matrix is not positive definite.
     """

@@ -1,8 +1,8 @@
-"""Distributions of the campaign file and their conversion to marginals.
+"""Distributions in campaign files, and their conversion to marginals.
 
-Values have the parameter's unit; those of a factor are numbers or percentages. ``half_width`` and
-``sigma`` of a factor are relative to its nominal value 1, those of an error are in its unit about
-its nominal value 0.
+Values have the unit of the parameter; values of a factor are numbers or percentages. ``half_width``
+and ``sigma`` of a factor are relative to the nominal value 1; those of an error are in the
+parameter's unit, about the nominal value 0.
 """
 
 import math
@@ -27,7 +27,7 @@ from abhv_mc.plant.parameters import Parameter
 Value = float | str  # a number, or text with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
-_KIND = "the kind of distribution"
+_KIND = "kind of distribution"
 _Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 
 
@@ -40,10 +40,10 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the distribution of the drawn value of ``parameter`` in SI. Raise Refusal."""
+        """Return the marginal of drawn values of ``parameter``, SI. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
-        """Return the marginal in SI, mixed with the nominal value if needed. Raise Refusal."""
+        """Return the marginal, SI, including ``probability``. Raise Refusal if invalid."""
         drawn = self.draw_from(parameter)
         return (
             drawn
@@ -62,24 +62,28 @@ class _Distribution(StrictModel):
     def _positive(self, key: str, parameter: Parameter) -> float:
         value = self._read(key, parameter)
         if value is None or value <= 0.0:
-            raise Refusal(f"{getattr(self, key)}", f"a {key} above zero", (key,))
+            raise Refusal(f"{getattr(self, key)}", f"a positive {key}", (key,))
         return value
 
 
 class _Ranged(_Distribution):
     half_width: Value | None = Field(
         None,
-        description="from the nominal value (mean, mode) to either end; in place of low and high",
+        description=(
+            "distance from the nominal value (mean, mode) to either end; replaces low and high"
+        ),
     )
     low: Value | None = Field(None, description="lower end")
     high: Value | None = Field(None, description="upper end")
 
     def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
-        """Return the range of ``half_width`` about ``center``, or ``low`` and ``high``."""
+        """Return the range from ``half_width`` about ``center``, or from ``low`` and ``high``."""
         low, high = self._read("low", parameter), self._read("high", parameter)
         if self.half_width is not None:
             if low is not None or high is not None:
-                raise Refusal("half_width beside low or high", "either half_width, or low and high")
+                raise Refusal(
+                    "half_width together with low or high", "either half_width, or low and high"
+                )
             if not math.isfinite(center):
                 raise Refusal(f"a half_width about {center:g}", "low and high", ("half_width",))
             half_width = self._positive("half_width", parameter)
@@ -87,7 +91,11 @@ class _Ranged(_Distribution):
         if low is None or high is None:
             raise Refusal("no range", "half_width, or low and high")
         if not low < high:
-            raise Refusal(f"an empty range from {low:g} to {high:g}", "low below high", ("high",))
+            raise Refusal(
+                f"an empty range from {low:g} to {high:g}",
+                "a value of 'low' below 'high'",
+                ("high",),
+            )
         return low, high
 
 
@@ -117,7 +125,7 @@ class Normal(_Distribution):
 
 
 class TruncatedNormal(_Ranged):
-    """Normal distribution conditioned on a range; values outside are not moved to its ends."""
+    """Normal distribution truncated to a range, without probability mass at the ends."""
 
     distribution: Literal["truncated_normal"] = Field(description=_KIND)
     sigma: Value = Field(description="standard deviation before truncation")
@@ -136,7 +144,7 @@ class TruncatedNormal(_Ranged):
         ends = (low - mean) / sigma, (high - mean) / sigma
         if not ndtr(ends[1]) - ndtr(ends[0]) > 1e-9:
             raise Refusal(
-                "a range that the normal distribution never meets",
+                "a range that the normal distribution never reaches",
                 "a range nearer to the mean",
                 ("sigma",),
             )
@@ -147,15 +155,15 @@ class Triangular(_Ranged):
     """Triangular distribution."""
 
     distribution: Literal["triangular"] = Field(description=_KIND)
-    mode: Value | None = Field(
-        None, description="the most likely value; default: the nominal value"
-    )
+    mode: Value | None = Field(None, description="most likely value; default: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         mode = _or(self._read("mode", parameter), parameter)
         low, high = self._range(parameter, mode)
         if not low <= mode <= high:
-            raise Refusal(f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode in the range")
+            raise Refusal(
+                f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode within the range"
+            )
         return ContinuousMarginal("triang", ((mode - low) / (high - low), low, high - low))
 
 
@@ -164,7 +172,7 @@ class Lognormal(_Distribution):
 
     distribution: Literal["lognormal"] = Field(description=_KIND)
     sigma: Value = Field(
-        description="standard deviation of the natural logarithm: a number or a percentage"
+        description="standard deviation of the natural logarithm, as a number or percentage"
     )
     median: Value | None = Field(None, description="median; default: the nominal value")
 
@@ -172,10 +180,10 @@ class Lognormal(_Distribution):
         sigma = _read(_NUMBER, self.sigma, "sigma")
         median = _or(self._read("median", parameter), parameter)
         if sigma <= 0.0:
-            raise Refusal(f"{self.sigma}", "a sigma above zero", ("sigma",))
+            raise Refusal(f"{self.sigma}", "a positive sigma", ("sigma",))
         if median <= 0.0:
             where = ("median",) if self.median is not None else ()
-            raise Refusal(f"a median of {median:g}", "a median above zero", where)
+            raise Refusal(f"a median of {median:g}", "a positive median", where)
         return ContinuousMarginal("lognorm", (sigma, 0.0, median))
 
 
@@ -198,7 +206,9 @@ class Discrete(_Distribution):
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
         description="values to draw from"
     )
-    weights: _Weights | None = Field(None, description="one for each value; default: equal weights")
+    weights: _Weights | None = Field(
+        None, description="weight of each value; default: equal weights"
+    )
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         values = np.array(
@@ -217,8 +227,10 @@ class Scipy(_Distribution):
     """Continuous distribution of scipy.stats, by name with shape, location and scale."""
 
     distribution: Literal["scipy"] = Field(description=_KIND)
-    law: str = Field(description="a continuous distribution of scipy.stats, such as weibull_min")
-    shapes: dict[str, float] = Field({}, description="its shape parameters by name")
+    law: str = Field(
+        description="name of a continuous distribution of scipy.stats, such as weibull_min"
+    )
+    shapes: dict[str, float] = Field({}, description="shape parameters by name")
     loc: Value | None = Field(None, description="location; default: 0")
     scale: Value | None = Field(None, description="scale; default: 1, in SI")
 
@@ -231,7 +243,7 @@ class Scipy(_Distribution):
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
-        ]  # in the law's order
+        ]  # in the order of scipy
         if sorted(self.shapes) != sorted(shapes):
             problem = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
@@ -259,17 +271,19 @@ class Mixture(_Distribution):
 
     distribution: Literal["mixture"] = Field(description=_KIND)
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(
-        description="the distributions that it mixes"
+        description="distributions to mix"
     )
-    weights: _Weights | None = Field(None, description="one for each part; default: equal weights")
+    weights: _Weights | None = Field(
+        None, description="weight of each distribution; default: equal weights"
+    )
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         weights, drawn = _shares(self.weights, len(self.parts)), []
         for i, component in enumerate(self.parts):
             if component.probability < 1.0:
                 raise Refusal(
-                    "a part with a probability",
-                    "a weight, or a probability of the mixture",
+                    "a component with a probability",
+                    "a weight of the component, or a probability of the mixture",
                     ("parts", i),
                 )
             try:
@@ -304,16 +318,17 @@ def _read(parameter: Parameter, value: Value, *keys: str | int, of_nominal: bool
 
 
 def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
-    """Return weights with sum 1, equal if ``weights`` is None."""
+    """Return normalized weights, which are equal if ``weights`` is None."""
     shares = np.array([1.0] * number if weights is None else weights)
     if len(shares) != number:
-        raise Refusal(f"{len(shares)} weights", f"{number}, one for each", ("weights",))
+        raise Refusal(f"{len(shares)} weights", f"{number} weights", ("weights",))
     return shares / shares.sum()
 
 
 def _or(value: float | None, parameter: Parameter) -> float:
     if value is None and not math.isfinite(parameter.nominal):
         raise Refusal(
-            "a distribution about a nominal value that is infinite", "its mean, mode or median"
+            "a distribution about a nominal value that is infinite",
+            "an explicit mean, mode or median",
         )
     return parameter.nominal if value is None else value

@@ -1,4 +1,4 @@
-"""Marginal distributions in SI, which convert a design's probabilities to values."""
+"""Marginal distributions in SI units, which convert probabilities to values."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,31 +9,31 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 
-# Corners, grid and trial flights truncate unbounded distributions here: +-3 sigma of a normal one.
+# Factorial designs truncate unbounded distributions here; +-3 sigma if normal.
 TAIL_PROBABILITY = 0.0013498980316301
-_HALVINGS = 64  # of a mixture's bracket
+_HALVINGS = 64  # bisection steps for quantiles of a mixture
 
 
 class Marginal(Protocol):
-    """Distribution of a scalar."""
+    """Interface of a scalar distribution."""
 
     def ppf(self, probability: Floats) -> Floats:
-        """Return the values at probabilities in (0, 1), the inverse of :meth:`cdf`."""
+        """Return the quantiles at probabilities in (0, 1), the inverse of :meth:`cdf`."""
 
     def cdf(self, value: Floats) -> Floats:
-        """Return the probability of a value of at most ``value``."""
+        """Return the probability of values up to and including ``value``."""
 
     def density(self, value: Floats) -> Floats:
         """Return the probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Return values at fractions 0 to 1 of the range, for designs that step through it."""
+        """Return values at fractions 0 to 1 of the range, for factorial designs."""
 
 
 class _Uniform(NamedTuple):
     """Uniform distribution, bit-identical to scipy.stats.uniform.
 
-    :class:`_Normal` likewise replaces scipy.stats.norm: importing scipy.stats takes half a second.
+    Like :class:`_Normal`, it avoids the import of scipy.stats, which takes half a second.
     """
 
     low: float
@@ -83,14 +83,14 @@ _PLAIN: dict[str, Callable[..., Any]] = {"uniform": _Uniform, "norm": _Normal}
 
 @dataclass(frozen=True)
 class ContinuousMarginal:
-    """Continuous distribution of scipy.stats, by name with shape, location and scale."""
+    """Continuous distribution of scipy.stats, given by name, shape, location and scale."""
 
     law: str
     arguments: tuple[float, ...]
 
     @cached_property
     def frozen(self) -> Any:
-        """Frozen distribution; uniform and normal ones without scipy.stats."""
+        """Frozen distribution; uniform and normal distributions do not use scipy.stats."""
         if self.law in _PLAIN:
             return _PLAIN[self.law](*self.arguments)
         from scipy import stats
@@ -110,7 +110,7 @@ class ContinuousMarginal:
         low, high = self.frozen.support()
         if not np.isfinite(
             high - low
-        ):  # the end 0 of a lognormal distribution is no possible value
+        ):  # The lower end 0 of a lognormal distribution is not a possible value.
             low, high = self.frozen.ppf([TAIL_PROBABILITY, 1.0 - TAIL_PROBABILITY])
         return np.asarray(low + (high - low) * fraction, np.float64)
 
@@ -120,7 +120,7 @@ class DiscreteMarginal:
     """Discrete distribution: ascending values and their cumulative probabilities."""
 
     values: Floats
-    cumulative: Floats  # last entry 1
+    cumulative: Floats  # cumulative probabilities; the last is 1
 
     def ppf(self, probability: Floats) -> Floats:
         return self.values[np.searchsorted(self.cumulative[:-1], probability, side="left")]
@@ -144,15 +144,15 @@ class MixtureMarginal:
     """Mixture of weighted components, of which at least one is continuous."""
 
     parts: tuple[Marginal, ...]
-    weights: tuple[float, ...]  # sum 1
+    weights: tuple[float, ...]  # weights with sum 1
 
     def ppf(self, probability: Floats) -> Floats:
-        """Return quantiles by bisection between those of the components."""
+        """Return quantiles by bisection between the quantiles of the components."""
         ends = np.stack([component.ppf(probability) for component in self.parts])
         low, high = ends.min(axis=0), ends.max(axis=0)
         for _ in range(
             _HALVINGS
-        ):  # a value's last step changes nothing: none depends on the others of its batch
+        ):  # Extra steps change nothing, so values do not depend on their batch.
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
@@ -170,7 +170,7 @@ class MixtureMarginal:
         )
 
     def density(self, value: Floats) -> Floats:
-        """Return the density of continuous components, or a discrete value's probability."""
+        """Return the density of continuous components, or the probability of a discrete value."""
         mass, density = np.zeros(np.shape(value)), np.zeros(np.shape(value))
         for weight, component in self._weighed():
             total = mass if isinstance(component, DiscreteMarginal) else density
@@ -188,11 +188,11 @@ class MixtureMarginal:
 
 @dataclass(frozen=True)
 class SometimesMarginal:
-    """Distribution that has the drawn value with a probability, else the nominal one.
+    """Distribution of a value that is drawn with a given probability and nominal otherwise.
 
-    One uniform number of a flight decides whether the drawn value applies and which it is, so that
-    quantiles still rise. If the nominal value is infinite (a failure that never occurs), the
-    flights below ``probability`` have the drawn value.
+    One uniform number determines both whether a value is drawn and which, so that quantiles
+    increase. If the nominal value is infinite (a failure that never occurs), uniform numbers below
+    ``probability`` give drawn values.
     """
 
     drawn: Marginal
@@ -216,26 +216,26 @@ class SometimesMarginal:
         )
 
     def density(self, value: Floats) -> Floats:
-        """Return the density of drawn values, and the probability of the nominal one."""
+        """Return the density of drawn values, or the probability of the nominal value."""
         with np.errstate(invalid="ignore"):
             drawn = self.probability * self.drawn.density(value)
         return np.where(value == self.nominal, 1.0 - self.probability, drawn)
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Return values over the drawn distribution's range.
+        """Return values at fractions of the range of the drawn distribution.
 
-        Trial flights test the failure itself rather than its probability.
+        Factorial designs test a failure, whatever its probability.
         """
         return self.drawn.at_fraction(fraction)
 
 
-_SLACK = 1e-9  # relative to a distribution's width: values of a table may be rounded
+_SLACK = 1e-9  # tolerance for rounded values, relative to the width
 
 
 def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) -> Mask:
-    """Return which values [flight] a distribution cannot have.
+    """Return a mask of values [flight] that are impossible for a distribution.
 
-    ``rounding`` [flight] is the tolerance.
+    ``rounding`` [flight] is the tolerance of the values.
     """
     if isinstance(marginal, SometimesMarginal):
         off_nominal = np.abs(values - marginal.nominal) > rounding
@@ -263,7 +263,7 @@ def find_atoms(marginal: Marginal) -> Floats:
 
 
 def find_moments(marginal: Marginal) -> tuple[float, float]:
-    """Return mean and standard deviation."""
+    """Return the mean and standard deviation of a distribution."""
     if isinstance(marginal, ContinuousMarginal):
         if marginal.law == "norm":
             return marginal.arguments[0], marginal.arguments[1]

@@ -1,8 +1,7 @@
-"""Samples of a campaign: one row of parameter values per flight, drawn or from a file.
+"""Samples of a campaign: parameter values of each flight, drawn or read from a file.
 
-Turbulence and sensor noise have seeds. They are columns of the samples if there is such noise, but
-no dispersions. Without its own seed every flight would meet the same gusts, and flights would not
-be independent.
+Seeds of turbulence and sensor noise are columns of the samples, but no dispersions. With a common
+seed all flights would have the same gusts and would not be independent.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,26 +28,26 @@ from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
 from abhv_mc.plant.parameters import OURS, Parameters
 
 NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
-"""By seed, the parameters that make the noise that it belongs to."""
+"""Parameters that define the noise of each seed, by name of the seed."""
 
-_WHOLE = 2.0**52  # a seed of a user's simulator is a whole number below it
+_WHOLE = 2.0**52  # upper bound of the integer seeds of a custom simulator
 
 
 @dataclass(frozen=True)
 class SampleSource:
-    """Source of samples."""
+    """Source from which the samples of any flights are computed."""
 
     names: tuple[str, ...]  # sampled parameters
     flights: int
     draw: Callable[
         [int, int], Floats
-    ]  # values [flight, parameter], SI, of the flights first .. stop - 1
+    ]  # returns SI values [flight, parameter] of flights first to stop - 1
 
 
 def drawn_samples(
     design: Design, marginals: Sequence[Marginal], copula: Copula, parameters: Parameters = OURS
 ) -> SampleSource:
-    """Return samples of a design: correlated probabilities converted by the marginals."""
+    """Return samples that follow a design, marginal distributions and a copula."""
 
     def draw(first: int, stop: int) -> Floats:
         rows = design.draw(first, stop)
@@ -68,7 +67,7 @@ def drawn_samples(
 
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
-    """Return the seeds that flights need besides ``names``; all of a user's simulator."""
+    """Return the seeds that flights need in addition to the parameters ``names``."""
     if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
     noise_parameters = {
@@ -83,7 +82,7 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
 
 
 def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
-    """Return values [flight] of a seed: in 0 to 1, or integers of a user's simulator."""
+    """Draw values [flight] of a seed, in 0 to 1 or as integers for a custom simulator."""
     drawn = draw_uniforms(stream_key(seed, name), first, count)
     return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 
@@ -91,9 +90,9 @@ def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
 def seeded_samples(
     samples: SampleSource, seeds: tuple[str, ...], seed: int, design: str
 ) -> SampleSource:
-    """Return samples with the seeds of noise appended, drawn from (seed, name, flight).
+    """Return samples with appended noise seeds, drawn from (seed, name, flight).
 
-    Flights of a factorial ``design`` are compared with each other and share one seed.
+    All flights of a factorial ``design`` share one noise seed, because they are compared.
     """
 
     def draw(first: int, stop: int) -> Floats:
@@ -111,9 +110,9 @@ def seeded_samples(
 def pooled_samples(
     sources: Sequence[SampleSource], runs: Sequence[int], flights: int
 ) -> SampleSource:
-    """Return samples of several seeds in sequence: the first ``runs`` flights of each.
+    """Return samples of several seeds in sequence, with ``runs`` flights of each.
 
-    The last seed continues up to ``flights``.
+    The last source supplies further flights up to ``flights``.
     """
     starts = np.cumsum((0, *runs[:-1])).tolist()
     ends = [*starts[1:], flights]
@@ -132,7 +131,7 @@ def pooled_samples(
 def samples_at_points(
     samples: SampleSource, column: int, unknowns: Sequence[str], points: Floats
 ) -> SampleSource:
-    """Return samples at every one of ``points`` [point, unknown].
+    """Return samples repeated at each of ``points`` [point, unknown].
 
     Row k is sample k // points at point k % points. The unknowns' columns start at ``column``.
     """
@@ -150,7 +149,7 @@ def samples_at_points(
 def full_rows(
     names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS
 ) -> Floats:
-    """Return full rows [flight, parameter], nominal except sampled and derived columns."""
+    """Return full rows [flight, parameter], nominal except for sampled and derived columns."""
     rows = np.tile(parameters.nominal, (len(values), 1))
     rows[:, [parameters.index[name] for name in names]] = values
     derive(rows, derived, parameters)
@@ -159,16 +158,16 @@ def full_rows(
 
 @dataclass(frozen=True)
 class SampleFile:
-    """Samples from a file, in SI."""
+    """Samples read from a file, in SI units."""
 
     names: tuple[str, ...]
     values: NDArray[np.float64]  # [flight, parameter]
 
 
 def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
-    """Read a table with a row per flight and a column per parameter. Raise InputError.
+    """Read a table with one row per flight and one column per parameter.
 
-    An optional column ``flight`` must count from 0.
+    An optional column ``flight`` must count from 0. Raise InputError if the table is invalid.
     """
     table = read_foreign_table(path)
     columns = table.find([*parameters.dispersible, "flight"])
@@ -179,7 +178,9 @@ def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
             raise table.error(None, i, f"a column '{head}'", expected)
     flight = columns.pop("flight", None)
     if not columns:
-        raise InputError(path, "no column of a parameter", "at least one", 1)
+        raise InputError(
+            path, "no column with the name of a parameter", "at least one column of a parameter", 1
+        )
     if not len(table):
         raise InputError(path, "no rows", "one row per flight", 1)
     factors = [table.factor(column, parameters[name].unit) for name, column in columns.items()]

@@ -1,1 +1,1 @@
-"""Controller design before the flight: reference, nominal controls, trim tables and gains."""
+"""Controller design before a flight: reference, nominal controls, trim tables and gains."""

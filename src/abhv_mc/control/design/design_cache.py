@@ -1,4 +1,4 @@
-"""Cache of design results, which the controllers of a campaign share."""
+"""Cache of design results that the controllers of a campaign share."""
 
 import functools
 import hashlib
@@ -12,7 +12,7 @@ _CAPACITY = 8
 
 
 def cache_results(function: Callable[P, T]) -> Callable[P, T]:
-    """Cache the last results of a function by the contents of its arguments.
+    """Cache the latest results of a function, keyed by the contents of its arguments.
 
     Results are shared and must not be modified.
     """

@@ -1,8 +1,8 @@
-"""Design model of controllers: Zhu and Shen 2014, (1), (3), (13), non-rotating sphere.
+"""Design model on a non-rotating sphere (Zhu and Shen 2014, equations 1, 3 and 13).
 
-It includes sideslip and thrust inclination. Arguments may be complex and have points as their last
-axis, as Jacobians are computed by complex steps (Squire and Trapp, SIAM Review 40, 1998). Axes are
-forward, right, down; units are SI and radians.
+The model includes sideslip and thrust inclination. Arguments may be complex and have points as
+their last axis, because Jacobians are computed by complex steps (Squire and Trapp, SIAM Review 40,
+1998). Axes are forward, right, down; units are SI and radians.
 """
 
 from collections.abc import Callable
@@ -22,44 +22,44 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
-_RISE = 1.0  # m, half step of the slopes over altitude
+_RISE = 1.0  # half step of the derivatives over altitude, m
 _STEP = 1e-30
 
 
 def slope(function: Callable[[Numbers], Numbers], x: Any) -> Floats:
     """Return the Jacobian [output, input] at a real vector, by one call with complex steps.
 
-    ``function`` takes [input, point].
+    The input of ``function`` has shape [input, point].
     """
     x = np.asarray(x, dtype=np.float64)
     return np.asarray(np.imag(function(x[:, None] + 1j * _STEP * np.eye(x.size))) / _STEP)
 
 
 class Environment(NamedTuple):
-    """Air and gravity at a nominal point, with their slopes over altitude."""
+    """Air and gravity at a nominal point, with their derivatives over altitude."""
 
-    altitude: float  # m
-    density: float  # kg/m3
-    sound_speed: float  # m/s
-    gravity: float  # m/s2
-    radius: float  # r of V / r, m
-    latitude: float  # rad
-    density_slope: float = 0.0  # per metre of altitude
+    altitude: float  # altitude, m
+    density: float  # air density, kg/m3
+    sound_speed: float  # speed of sound, m/s
+    gravity: float  # gravity, m/s2
+    radius: float  # radius r in V / r, m
+    latitude: float  # latitude, rad
+    density_slope: float = 0.0  # change of density per metre of altitude
     sound_speed_slope: float = 0.0
     gravity_slope: float = 0.0
 
 
 class EnvironmentPoints(NamedTuple):
-    """Air and gravity, each ``[point]``, SI."""
+    """Air and gravity, each of shape ``[point]``, SI units."""
 
     density: Floats
     sound_speed: Floats
-    gravity: Floats  # down component
-    radius: Floats  # M + h
+    gravity: Floats  # down component of gravity
+    radius: Floats  # distance to the Earth's centre, M + h
 
 
 def air_factors(air: Floats, altitude: Floats) -> Floats:
-    """Return a mission's factors [2, point] on the standard density and temperature.
+    """Return a mission's factors [2, point] on standard density and temperature.
 
     ``air`` has the columns of :mod:`abhv_mc.kernel.plant.air_data`.
     """
@@ -95,7 +95,7 @@ def make_environment_points(
 def make_environment(
     earth: Earth, altitude: float, latitude: float, air: Floats | None = None
 ) -> Environment:
-    """Return air and gravity at one point, with their slopes over altitude."""
+    """Return air and gravity at one point, with their derivatives over altitude."""
     low, middle, high = np.stack(
         make_environment_points(
             earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air
@@ -107,17 +107,17 @@ def make_environment(
 
 
 class Wrench(NamedTuple):
-    """Force and moment of aerodynamics and thrust, body axes, about the centre of gravity."""
+    """Aerodynamic and thrust force and moment, body axes, about the centre of gravity."""
 
-    force: Numbers  # [3, ...], N
-    moment: Numbers  # [3, ...], N m
-    inertia: Numbers  # [3, 3, ...], kg m2
+    force: Numbers  # force [3, ...], N
+    moment: Numbers  # moment [3, ...], N m
+    inertia: Numbers  # inertia matrix [3, 3, ...], kg m2
 
 
 def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
-    """Return force (N), moment (N m) and fuel flow of an engine function, or zeros: [7, ...].
+    """Return an engine function's force (N), moment (N m) and fuel flow [7, ...], or zeros.
 
-    The moment is about the point of the aerodynamics' moments.
+    The reference point of the moment is that of the aerodynamic moments.
     """
     if not vehicle.foreign.propulsion:
         return np.zeros((N_THRUST, *variables.shape[1:]))
@@ -131,7 +131,7 @@ def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) ->
 def thrust_at(
     vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any
 ) -> Numbers:
-    """Return the magnitude of the thrust of an engine given by tables, N."""
+    """Return the thrust magnitude, N, of an engine given by tables."""
     stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
     return np.asarray(
         stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"]
@@ -146,7 +146,7 @@ def guidance_rates(
     state: Any,
     controls: Any,
 ) -> Numbers:
-    """Return the rates (1) of (altitude, gamma, chi, V) for (alpha, bank, eta), trimmed."""
+    """Return the trimmed rates of (altitude, gamma, chi, V), equation (1)."""
     altitude, gamma, chi, speed = state
     alpha, bank, eta = controls
     rise = altitude - environment.altitude
@@ -187,7 +187,7 @@ def wrench_at(
 ) -> Wrench:
     """Return forces and moments of the full tables.
 
-    ``rates`` are (p, q, r), ``deflections`` (aileron, rudder, elevator).
+    ``rates`` contains (p, q, r), ``deflections`` (aileron, rudder, elevator).
     """
     constants = vehicle.constants
     half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)
@@ -227,7 +227,7 @@ def wrench_at(
     moment = pressure_area * np.stack(
         [constants.span * rolling, constants.chord * pitching, constants.span * yawing]
     )
-    # Lever arms from the centre of gravity to the moment reference and to the thrust line.
+    # Lever arms extend from the centre of gravity to the moment reference and thrust line.
     zero = 0.0 * fixed["center_of_gravity_x"]
     reference = np.stack([-fixed["center_of_gravity_x"], zero, -fixed["center_of_gravity_z"]])
     line = np.stack(
@@ -249,7 +249,7 @@ def wrench_at(
 def attitude_rates(
     force: Any, mass: Any, speed: Any, gravity: float, gamma: float, angles: Any, rates: Any
 ) -> Numbers:
-    """Return the rates (13) of (alpha, beta, bank) for a body-axis force and body rates."""
+    """Return the rates of (alpha, beta, bank) for a force and body rates, equation (13)."""
     alpha, beta, bank = angles
     p, q, r = rates
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
@@ -269,7 +269,7 @@ def attitude_rates(
 
 
 def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
-    """Return the rates (3) of the body rates, ``J^-1 (M - w x J w)``."""
+    """Return the angular accelerations ``J^-1 (M - w x J w)``, equation (3)."""
     inertia, rates = np.asarray(inertia), np.asarray(rates)
     momentum = np.einsum("ij...,j...->i...", inertia, rates)
     torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)

@@ -1,4 +1,4 @@
-"""Static margin, oscillatory modes and control powers of a trimmed vehicle."""
+"""Static margin, oscillatory modes and control power of a trimmed vehicle."""
 
 import math
 from typing import NamedTuple
@@ -22,16 +22,16 @@ _ALPHA, _BETA, _BANK, _P, _Q, _R, _AILERON, _RUDDER, _ELEVATOR = range(9)
 
 
 class FlyingQualities(NamedTuple):
-    """Flying qualities at one trim point, SI and radians; NaN if there is no such mode."""
+    """Flying qualities at one trim point, SI and radians; NaN if a mode does not exist."""
 
-    static_margin: float  # -dCm/dCL about the centre of gravity, of the air alone, in chords
-    short_period_frequency: float  # rad/s, undamped
+    static_margin: float  # -dCm/dCL about the centre of gravity, without the engine, in chords
+    short_period_frequency: float  # undamped short-period frequency, rad/s
     short_period_damping: float
-    dutch_roll_frequency: float  # rad/s, undamped
+    dutch_roll_frequency: float  # undamped Dutch-roll frequency, rad/s
     dutch_roll_damping: float
-    pitch_time_to_double: float  # s; infinite if the mode decays
+    pitch_time_to_double: float  # time to double of the pitch motion, s; infinite if it decays
     lateral_time_to_double: float
-    aileron_power: float  # 1/s2: angular acceleration about the axis per deflection
+    aileron_power: float  # angular acceleration about the axis per deflection, 1/s2
     rudder_power: float
     elevator_power: float
 
@@ -39,10 +39,11 @@ class FlyingQualities(NamedTuple):
 def find_flying_qualities(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, trim: TrimPoint, mass: float
 ) -> FlyingQualities:
-    """Linearize the attitude dynamics at a trim point, with speed and flight path fixed.
+    """Linearize the attitude dynamics at a trim point with speed and flight path fixed.
 
     The short period involves angle of attack and pitch rate; the Dutch roll is the fastest
-    oscillation of bank, sideslip, roll and yaw rate. Slopes are those in the cells of the tables.
+    oscillation of bank, sideslip, roll and yaw rate. Derivatives are those in the current table
+    cells.
     """
     nominal = Nominal(
         environment=make_environment(earth, point.altitude, point.latitude),
@@ -77,7 +78,7 @@ def find_flying_qualities(
 
 
 def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
-    """Return -dCm/dCL at a fixed elevator about the centre of gravity, without the engine."""
+    """Return -dCm/dCL at fixed elevator about the centre of gravity, without the engine."""
 
     def lift_and_moment(angle: Numbers) -> Numbers:
         alpha = angle[0]

@@ -1,8 +1,8 @@
-"""Nominal controls along a trajectory: Zhu and Shen 2014, (12), by nested Brent searches.
+"""Nominal controls along a trajectory (Zhu and Shen 2014, eq. 12), by nested searches.
 
 The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times
-``-tan^2 bank``). Here each residual of the second equation solves the third for the bank, in which
-it is explicit, and each residual of the first solves the second for the angle of attack.
+``-tan^2 bank``). Here the third equation, which is explicit in the bank, is solved inside the
+second, and the second, solved for the angle of attack, inside the first.
 """
 
 from typing import NamedTuple
@@ -28,14 +28,14 @@ from abhv_mc.vehicle.actuators import deflection_range
 
 
 class GuidanceTrim(NamedTuple):
-    """Nominal controls, each ``[point]``."""
+    """Nominal controls, each of shape ``[point]``."""
 
     angle_of_attack: Floats
     bank: Floats
     equivalence_ratio: Floats
     elevator: Floats
-    mass: Floats  # reduced by the fuel burnt up to the point
-    # 0, or a sum of flags such as NO_EQUIVALENCE_RATIO, with the control at the end of its interval
+    mass: Floats  # mass, reduced by the fuel burnt up to the point
+    # 0, or the sum of flags (such as NO_EQUIVALENCE_RATIO) of controls at an end of their interval
     status: NDArray[np.int64]
 
 
@@ -48,11 +48,11 @@ def trim_along(
     held_equivalence_ratio: float | None = None,
     warm_start: bool = True,
 ) -> GuidanceTrim:
-    """Solve (12) at every point in order, starting each search at the last solution.
+    """Solve equation (12) at every point in order, starting each search at the previous solution.
 
-    ``mass`` is that at the first point, kg; with ``tick`` (s between points) it decreases by the
-    fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no root,
-    the solution is the end with the smaller residual, and the status has a flag.
+    ``mass`` is the mass at the first point, kg; with ``tick`` (s between points) it decreases by
+    the fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no
+    root, the solution is the end with the smaller residual, and the status has a flag.
     """
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (
@@ -92,12 +92,12 @@ def trim_along(
 
 
 def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
-    """Return a sentence for each equation that no nominal control within its limits satisfies."""
+    """Return a sentence for each equation that has no solution within the limits."""
     sentences = {
-        NO_EQUIVALENCE_RATIO: "no throttle within the engine's limits holds the speed",
-        NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables carries the vehicle",
+        NO_EQUIVALENCE_RATIO: "no throttle within the engine's limits maintains the speed",
+        NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables balances the weight",
         NO_BANK: f"no bank within {np.rad2deg(BANK_LIMIT):.0f} deg turns the velocity",
-        NO_ELEVATOR: "no elevator within its limit balances the pitching moment",
+        NO_ELEVATOR: "no elevator deflection within its limits balances the pitching moment",
     }
     faults = []
     for flag, sentence in sentences.items():

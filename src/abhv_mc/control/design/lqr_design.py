@@ -1,6 +1,6 @@
-"""Gains of the LQR along the reference: Zhu and Shen 2014, section 7, (22) and (23).
+"""Gains of the LQR along the reference (Zhu and Shen 2014, section 7, eqs. 22-23).
 
-Guidance is linearized with trimmed data, attitude with the full tables, both by complex steps.
+Guidance is linearized with trimmed data and attitude with the full tables, both by complex steps.
 """
 
 from typing import Any, NamedTuple
@@ -27,8 +27,8 @@ from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 _DEGREE = np.pi / 180.0
-_RESIDUAL = 1e-10  # of a Riccati equation, relative to its largest term
-_RAMP_SPACING = 0.1  # s between the knots in the ramps of the bank
+_RESIDUAL = 1e-10  # residual of a Riccati equation relative to its largest term
+_RAMP_SPACING = 0.1  # time between knots during bank ramps, s
 
 
 class Nominal(NamedTuple):
@@ -58,17 +58,17 @@ class LinearModels(NamedTuple):
     """Matrices A and B of each regulator at one point, SI and radians."""
 
     guidance: tuple[Floats, Floats]
-    longitudinal: tuple[Floats, Floats]  # input elevator
-    lateral: tuple[Floats, Floats]  # inputs aileron and rudder
+    longitudinal: tuple[Floats, Floats]  # input: elevator
+    lateral: tuple[Floats, Floats]  # inputs: aileron and rudder
 
 
 class Piece(NamedTuple):
-    """Linear models along a segment of the reference without a step, in a ramp or between two."""
+    """Linear models along a segment of the reference without steps."""
 
-    first: int  # tick
-    end: int  # tick after the last
-    knots: NDArray[np.int64]  # ticks
-    models: list[LinearModels]  # at each knot
+    first: int  # first tick of the segment
+    end: int  # tick after the last tick of the segment
+    knots: NDArray[np.int64]  # ticks of the knots
+    models: list[LinearModels]  # linear model at each knot
 
 
 def make_lqr_gains(
@@ -80,8 +80,8 @@ def make_lqr_gains(
 ) -> Floats:
     """Return ``[tick, gain]`` in the order of LQR_GAINS, SI and radians.
 
-    The law is ``u = nominal - K (x - nominal)``. Gains are interpolated in time between knots,
-    never across a step. Raise LinAlgError if there is no stabilizing gain.
+    The control law is ``u = nominal - K (x - nominal)``. Gains are interpolated in time between
+    knots, never across a step. Raise LinAlgError if there is no stabilizing gain.
     """
     pieces = make_lqr_models(controller.spacing, mission, reference, vehicle, trim_tables)
     return gains_of_models(controller, pieces, reference[:, REFERENCE.index("time")])
@@ -93,7 +93,7 @@ def make_lqr_models(
 ) -> list[Piece]:
     """Return the linear models along the reference, one piece per segment.
 
-    Segments are the ramps, and the intervals between ramps or steps.
+    Segments are the bank ramps, and the intervals between ramps or steps.
     """
     tick = reference[1, 0] - reference[0, 0]
     ramps = [
@@ -144,7 +144,7 @@ def make_nominal(mission: Mission, row: Floats) -> Nominal:
 def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> LinearModels:
     """Return the three linear models at one point.
 
-    Their states are (altitude, gamma, chi, V), (alpha, q) and (bank, beta, p, r).
+    The states are (altitude, gamma, chi, V), (alpha, q) and (bank, beta, p, r).
     """
     environment, mass, speed, gamma, chi, alpha, bank, eta, _ = nominal
     operating_point = [environment.altitude, gamma, chi, speed, alpha, bank, eta]
@@ -162,7 +162,7 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
 
 
 def gains_at(controller: LqrController, models: LinearModels) -> Floats:
-    """Return the gains [..., gain] for one or stacked models, in the order of LQR_GAINS."""
+    """Return the gains [..., gain] of one or stacked models, in the order of LQR_GAINS."""
     gains = (
         _gain(controller.guidance, models.guidance, 1.0),
         _gain(controller.longitudinal, models.longitudinal, _DEGREE),
@@ -172,7 +172,7 @@ def gains_at(controller: LqrController, models: LinearModels) -> Floats:
 
 
 def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float) -> Floats:
-    """Return a regulator's gains in SI; the weights are meant for inputs in ``unit``."""
+    """Return a regulator's gains in SI; its weights apply to inputs in ``unit``."""
     A, B = model
     Q, R = (
         np.diag(np.array([weight for _, weight in pairs], dtype=np.float64))
@@ -185,9 +185,9 @@ def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
     """Return the gains K of ``u = -K x`` that minimise the integral of ``x'Qx + u'Ru``.
 
     ``A`` [..., state, state] and ``B`` [..., state, input] may be stacked. The Riccati equations
-    are solved together from the stable eigenvectors of their Hamiltonians. Where these are too few
-    or nearly dependent, the equation is solved by the Schur method, which raises
-    numpy.linalg.LinAlgError if there is no stabilising gain.
+    are solved together from the stable eigenvectors of their Hamiltonians. If there are too few, or
+    nearly dependent, eigenvectors, the equation is solved by the Schur method, which raises
+    numpy.linalg.LinAlgError if there is no stabilizing gain.
     """
     n = A.shape[-1]
     B_transposed = B.swapaxes(-1, -2)
@@ -227,9 +227,9 @@ def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
 
 
 def attitude_model_rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
-    """Return the rates of (alpha, beta, bank, p, q, r) by the full tables.
+    """Return the rates of (alpha, beta, bank, p, q, r) from the full tables.
 
-    ``x`` contains these states and (aileron, rudder, elevator).
+    ``x`` contains these states, followed by (aileron, rudder, elevator).
     """
     environment, mass, speed, gamma = nominal[:4]
     wrench = wrench_at(

@@ -1,4 +1,4 @@
-"""Commanded altitude, speed and heading of a mission against time, with their rates."""
+"""Commanded altitude, speed and heading of a mission over time, with their rates."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from abhv_mc.control.mission_tables import read_trajectory
 
 
 class Profile(NamedTuple):
-    """Commanded motion, each ``[time]``, SI and radians."""
+    """Commanded motion, each of shape ``[time]``, SI and radians."""
 
     altitude: Floats
     altitude_rate: Floats
@@ -23,7 +23,7 @@ class Profile(NamedTuple):
 
 
 def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
-    """Return start and end (s) of the ramps of the bank within the mission.
+    """Return start and end (s) of the bank ramps within the mission.
 
     An S manoeuvre has a ramp at both ends; the ramp of a step has zero length.
     """
@@ -37,14 +37,14 @@ def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
 
 
 def make_profile(mission: m.Mission, times: Floats) -> Profile:
-    """Return the mission's motion at evenly spaced times from 0, as the sum of its manoeuvres.
+    """Return the mission's motion, the sum of its manoeuvres, at evenly spaced times from 0.
 
-    At a step it is the value after the step.
+    At a step, the value after the step is used.
     """
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
     start, ones = mission.start, np.ones_like(times)
-    # Each quantity with its rate; the altitude also with its acceleration.
+    # Each quantity is followed by its rate; altitude also has its acceleration.
     altitude = np.outer([start.altitude, 0.0, 0.0], ones)
     speed, heading, path = (
         np.outer([value, 0.0], ones)
@@ -100,7 +100,7 @@ def _recorded(recorded: m.Recorded, duration: float, times: Floats) -> Profile:
 
 
 def _complete(altitude: Floats, speed: Floats, heading: Floats) -> Profile:
-    """Return the profile with the flight path angle that follows from the climb."""
+    """Return the profile with the flight path angle that follows from the climb rate."""
     climb, climb_rate = altitude[1:]
     gamma = np.arcsin(np.clip(climb / speed[0], -1.0, 1.0))
     gamma_rate = (climb_rate - speed[1] * np.sin(gamma)) / (speed[0] * np.cos(gamma))

@@ -18,14 +18,14 @@ from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 
-_STEADY = 1e-9  # largest change of a constant Mach number between two points of the profile
-# s after a ramp or a step of the reference that "settled" metrics exclude, in addition to the ramp
+_STEADY = 1e-9  # largest change between two points of a Mach number that counts as constant
+# time after a ramp or step of the reference that "settled" metrics exclude, s
 SETTLING = 5.0
 
 
 @cache_results
 def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
-    """Make trim tables for the mission's speeds at the middle of its altitudes."""
+    """Make trim tables for the mission's speeds at its middle altitude."""
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
     middle_altitude = float(profile.altitude.min() + profile.altitude.max()) / 2.0
@@ -40,8 +40,8 @@ def solve_reference(
 ) -> tuple[Floats, GuidanceTrim]:
     """Return the reference ``[tick, column]`` with the columns REFERENCE, and its trim.
 
-    Ticks are 0..ticks of ``tick`` s; at a step a tick has the value after it. Nominal controls are
-    those on a non-rotating Earth, as in (1).
+    Ticks are 0..ticks, each of ``tick`` s; at a step a tick has the value after the step. Nominal
+    controls apply to a non-rotating Earth, as in (1).
     """
     fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
@@ -60,7 +60,7 @@ def solve_reference(
         lateral=profile.speed * profile.heading_rate,
         **environment_points._asdict(),
     )
-    # a glider cannot hold its speed
+    # A glider cannot maintain its speed.
     fixed_equivalence_ratio = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
     nominal = trim_along(
         vehicle, trim_tables, points, vehicle.constants.mass_start, tick, fixed_equivalence_ratio
@@ -92,7 +92,7 @@ def make_track(
 ) -> tuple[Floats, Floats, Floats]:
     """Return north and east (m) and latitude (rad) at the ticks, by Simpson's rule.
 
-    North and east are the integrals of the ground speed at altitude.
+    North and east are integrals of the ground speed at altitude.
     """
     forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
     north_speed, east_speed = (
@@ -102,7 +102,7 @@ def make_track(
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2
-    ):  # the meridian's radius hardly changes along the track: each pass gains five digits
+    ):  # The meridian radius varies slowly along the track: each pass adds five digits.
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
         on_ticks = mission.start.latitude + _simpson(
             north_speed / (meridian + half_ticks.altitude), tick
@@ -112,14 +112,14 @@ def make_track(
 
 
 def _simpson(rate: Floats, tick: float) -> Floats:
-    """Return the integral at the ticks of a rate given at half ticks."""
+    """Integrate a rate given at half ticks; return the integral at the ticks."""
     return np.concatenate(
         [[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))]
     )
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """Return the mission, with a glider's start on its glide path by default."""
+    """Return the mission; by default a glider starts on its glide path."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle
@@ -131,7 +131,7 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
 def make_start_trim(
     mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> TrimPoint:
-    """Return the trim at the start, on the full tables and a non-rotating Earth.
+    """Return the trim at the start with the full tables and a non-rotating Earth.
 
     ``push`` is the force and moment of custom dynamics, as in :class:`FlightPoint`.
     """

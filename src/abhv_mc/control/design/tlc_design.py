@@ -1,7 +1,7 @@
 """Gains of TLC along the reference: sub-loops 1 and 2, and PD spectra of 3 and 4.
 
-Equations (5)-(11) and (20) of Zhu and Shen 2014. :mod:`abhv_mc.kernel.laws.tlc_loops` computes the
-gains of sub-loops 3 and 4 in flight.
+The equations are (5)-(11) and (20) of Zhu and Shen 2014. Gains of sub-loops 3 and 4 are computed in
+flight by :mod:`abhv_mc.kernel.laws.tlc_loops`.
 """
 
 from typing import Any
@@ -15,25 +15,26 @@ from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.vehicle.actuators import axis_limits
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
-_LARGEST_CONDITION = 1e12  # of B; larger if an input has no effect except by rounding
+# condition number of B above which an input has no effect except rounding errors
+_LARGEST_CONDITION = 1e12
 
 
 def make_tlc_settings(controller: TlcController, vehicle: Vehicle) -> Floats:
-    """Return the law's constants in the order of TLC_SETTINGS."""
+    """Return the constants of TLC in the order of TLC_SETTINGS."""
     differentiators = controller.differentiators
     limits = make_limit_settings(controller.limits, vehicle)
     return np.array([differentiators.attitude, differentiators.rates, *limits])
 
 
 def make_limit_settings(limits: CommandLimits, vehicle: Vehicle) -> Floats:
-    """Return the limits of the commands that TLC and LQR share, last in the settings of both."""
+    """Return the command limits that TLC and LQR share, last in the settings of both."""
     return np.array([*limits.angle_of_attack, limits.bank, *axis_limits(vehicle)])
 
 
 def make_tlc_gains(
     controller: TlcController, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> Floats:
-    """Return ``[tick, gain]`` in the order of TLC_GAINS from a reference ``[tick, column]``."""
+    """Return ``[tick, gain]`` in the order of TLC_GAINS for a reference ``[tick, column]``."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     pressure = 0.5 * column["density"] * column["speed"] ** 2
 
@@ -53,9 +54,9 @@ def make_tlc_gains(
 
 
 def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tuple[Floats, Floats]:
-    """Return (20) at each tick: ``a1 = wn^2`` and ``a2 = 2 zeta wn - wn'/wn``.
+    """Return equation (20) at each tick: ``a1 = wn^2`` and ``a2 = 2 zeta wn - wn'/wn``.
 
-    ``wn'`` is the slope after the tick.
+    ``wn'`` is the derivative after the tick.
     """
     if not isinstance(channel.bandwidth, Schedule):
         wn = np.full(times.size, channel.bandwidth)
@@ -79,9 +80,9 @@ def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tu
 def velocity_loop(
     reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> tuple[Floats, Floats]:
-    """Return A and B (8)-(9) of sub-loop 2, each ``[tick, 3, 3]``.
+    """Return A and B of sub-loop 2, equations (8)-(9), each ``[tick, 3, 3]``.
 
-    The states are gamma, chi and V, the inputs alpha, bank and eta.
+    The states are gamma, chi and V; the inputs are alpha, bank and eta.
     """
     c = dict(zip(REFERENCE, reference.T, strict=True))
     speed, mass, gravity, radius = c["speed"], c["mass"], c["gravity"], c["radius"]
@@ -89,7 +90,7 @@ def velocity_loop(
     constants = vehicle.constants
     mach = speed / c["sound_speed"]
 
-    # Trimmed coefficients and their slopes in the cell, each [tick].
+    # trimmed coefficients and their slopes in the cell, each [tick]
     value = _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"])
     step = 1e-30j
     by_mach = (
@@ -113,7 +114,7 @@ def velocity_loop(
         2.0 * value / speed + by_mach / c["sound_speed"]
     )
 
-    # Direction of the thrust: alpha plus the thrust line's inclination.
+    # thrust direction: alpha plus the inclination of the thrust line
     sin_t = np.sin(alpha) * constants.thrust_cos + np.cos(alpha) * constants.thrust_sin
     cos_t = np.cos(alpha) * constants.thrust_cos - np.sin(alpha) * constants.thrust_sin
     normal = lift + thrust * sin_t
@@ -157,7 +158,7 @@ def velocity_loop(
 def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -> Floats:
     """Return K2 ``[tick, 3, 6]`` with ``B K = A - A_c``.
 
-    Raise LinAlgError if the velocity is not controllable, such as without thrust.
+    Raise LinAlgError if the velocity is not controllable, for example without thrust.
     """
     if np.linalg.cond(B).max() > _LARGEST_CONDITION:
         raise np.linalg.LinAlgError("Singular matrix B")

@@ -19,11 +19,10 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
-# Longest cells, in Mach, radians and equivalence ratio. The interpolation error of the shipped
-# vehicles is below 0.0005 deg of angle of attack, 0.01 deg of elevator and, above a ratio of 0.25,
-# 0.001 of equivalence ratio.
+# Longest cells, for errors below 0.0005 deg of angle of attack and 0.01 deg of elevator.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
-_SHORTEST = 0.04  # shortest Mach cell, if cells are shortened to avoid nodes at steady Mach numbers
+# shortest Mach cell when cells are shortened to avoid nodes at steady Mach numbers
+_SHORTEST = 0.04
 
 _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
 
@@ -39,9 +38,9 @@ def make_trim_tables(
     ``speed_range`` (m/s) is widened by a tenth on each side. T / (q_bar S) of an air-breathing
     engine is proportional to 1 / V, which changes with altitude at constant Mach number: 2 % in 10
     km. The elevator is not limited to the vehicle's deflections, so that interpolation near a limit
-    is as accurate as elsewhere. ``steady_mach`` are constant Mach numbers of the reference, by
-    default those of the ends of ``speed_range``. No node is within a quarter of a cell of them, as
-    slopes, and hence gains, would be one-sided there.
+    is as accurate as elsewhere. ``steady_mach`` contains constant Mach numbers of the reference, by
+    default those at the ends of ``speed_range``. No node is within a quarter of a cell of them,
+    because slopes, and hence gains, would be one-sided there.
     """
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
@@ -58,7 +57,7 @@ def make_trim_tables(
             "equivalence_ratio",
             constants.equivalence_ratio_min,
             constants.equivalence_ratio_max
-            or LONGEST["equivalence_ratio"],  # a glider's tables have two equal ends
+            or LONGEST["equivalence_ratio"],  # The tables of a glider have two equal ends.
         ),
     )
     mach, alpha, eta = (
@@ -85,7 +84,8 @@ def make_trim_tables(
         thrust_at(vehicle, fixed, eta, density, speed) / q_area,
         fixed["specific_impulse"],
     )
-    if vehicle.foreign.propulsion:  # along body x; the normal component is added to lift and drag
+    # thrust along body x; its normal component is added to lift and drag
+    if vehicle.foreign.propulsion:
         engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
         lift, drag = lift - engine[2] * np.cos(alpha), drag - engine[2] * np.sin(alpha)
@@ -107,21 +107,21 @@ def make_trim_tables(
 
 
 def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tables:
-    """Rebuild trim tables from their stored numbers. Raise ValueError if these do not match."""
+    """Rebuild trim tables from stored numbers. Raise ValueError if the sizes do not match."""
     grids = np.split(grid, np.flatnonzero(inverse_step == 0.0) + 1)[
         : len(LONGEST)
-    ]  # 0 marks an axis's last node
+    ]  # 0 marks the last node of an axis.
     axes = tuple(
         Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True)
     )
     if any(axis.grid.size < 2 for axis in axes):
-        raise ValueError("trim_tables: an axis of one node")
+        raise ValueError("trim_tables: an axis with a single node")
     nodes = data.reshape(*(axis.grid.size for axis in axes), CHUNK)
     return _pack(axes, [np.ascontiguousarray(nodes[..., i]) for i in range(len(TRIM_ROWS) + 1)])
 
 
 def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
-    """Pack the tables of TRIM_ROWS and a table of zeros for unused quantities."""
+    """Pack the tables of TRIM_ROWS, and a table of zeros for unused quantities."""
     impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
     fixed_entries = {
         name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS
@@ -135,10 +135,11 @@ def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
 def trim_elevator(
     vehicle: Vehicle, environment: Environment, speed: Floats, alpha: Floats, eta: Floats
 ) -> Floats:
-    """Return the elevator (rad) of zero pitching moment at each point.
+    """Return the elevator (rad) for zero pitching moment at each point.
 
-    Chandrupatla's method finds it within the limits. If the moment has the same sign at both, it is
-    extrapolated linearly beyond the limit with the smaller moment, by at most a right angle.
+    Within the limits, the solution is found by Chandrupatla's method. If the moment has the same
+    sign at both limits, it is extrapolated linearly beyond the limit with the smaller moment, by at
+    most a right angle.
     """
     from scipy.optimize import elementwise
 
@@ -156,7 +157,7 @@ def trim_elevator(
     at_low, at_high = (
         pitching_moment(np.full_like(speed, limit), speed, alpha, eta) for limit in (low, high)
     )
-    with np.errstate(divide="ignore", invalid="ignore"):  # an elevator without effect
+    with np.errstate(divide="ignore", invalid="ignore"):  # The elevator may have no effect.
         secant = low - at_low * (high - low) / (at_high - at_low)
     nearer_low = np.abs(at_low) < np.abs(at_high)
     farthest = np.where(nearer_low, low - 0.5 * np.pi, high + 0.5 * np.pi)
@@ -176,8 +177,8 @@ def trim_elevator(
 def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | None = None) -> Axis:
     """Return an axis with the nodes of the vehicle's tables and cells no longer than LONGEST.
 
-    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. A
-    node closer to one than half of _SHORTEST is replaced by a cell across it.
+    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. Nodes
+    closer to a steady value than half of _SHORTEST are omitted.
     """
     nodes = nodes_of(tables, name)
     nodes = nodes[(nodes > low) & (nodes < high)]
@@ -197,10 +198,10 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 
 
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
-    """Return the smallest number of cells with all steady values in middle halves.
+    """Return the smallest number of cells that puts all steady values in middle halves.
 
-    ``steady`` are fractions of the length. If there is no such number, return the best one with
-    cells not shorter than _SHORTEST.
+    ``steady`` contains fractions of the length. If there is no such number, return the best one
+    with cells not shorter than _SHORTEST.
     """
     if not steady.size:
         return fewest

@@ -1,1 +1,1 @@
-"""A flight from its start to its end: measurement, law, plant, metrics, samples."""
+"""Simulation of a flight from start to end: measurement, control law, plant, metrics."""

@@ -1,9 +1,9 @@
-"""Metrics as data that :mod:`abhv_mc.flight.compile_metrics` creates.
+"""Accumulation of metrics that :mod:`abhv_mc.flight.compile_metrics` defines as data.
 
-A lean metric is a statistic of one row of the lane memory with one accumulator. The others are
-small programs and a statistic of their value in a window. An instruction sets a register of every
-lane to a row of the lane memory, a constant, or the result of an operation on other registers.
-Registers are rows of the memory of the tables, which is not in use then.
+A lean metric is a statistic of one row of the lane memory with one accumulator. Other metrics are
+small programs, and a statistic of the program's value in a time window. An instruction sets a
+register of every lane to a row of the lane memory, a constant, or the result of an operation on
+other registers. Registers are rows of the table memory, which is not in use at that time.
 """
 
 import math
@@ -19,8 +19,8 @@ from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-MAX_DECLARED = 48  # metrics that a campaign declares
-MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # number of built-in metrics
+MAX_DECLARED = 48  # maximum number of metrics that a campaign declares
+MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # maximum number of built-in metrics
 MAX_PROGRAMS = MAX_DECLARED + MAX_ACTUATORS
 MAX_REGISTERS = 16
 
@@ -34,26 +34,27 @@ class Statistic(IntEnum):
     MEAN = 3
     RMS = 4
     FINAL = 5
-    INTEGRAL = 6  # trapezoidal, over time
+    INTEGRAL = 6  # trapezoidal integral over time
     PEAK_TO_PEAK = 7
-    TRAVEL = 8  # sum of the absolute changes
-    TIME_OUTSIDE = 9  # s in which the magnitude exceeds the limit
-    LAST_OUTSIDE = 10  # s; the start of the window if it never does
-    FIRST_OUTSIDE = 11  # s; the end of the window or the flight if it never does
-    REVERSALS = 12  # number of reversals by more than the limit
-    SUM = 13  # over the ticks
-    QUANTILE = 14  # over the ticks; all values are stored, see results.samples
+    TRAVEL = 8  # sum of absolute changes
+    TIME_OUTSIDE = 9  # time for which the magnitude exceeds the limit, s
+    LAST_OUTSIDE = 10  # last time outside the limit, s; start of the window if never outside
+    # first time outside the limit, s; end of the window or the flight if never outside
+    FIRST_OUTSIDE = 11
+    REVERSALS = 12  # number of reversals larger than the limit
+    SUM = 13  # sum over the control ticks
+    QUANTILE = 14  # quantile over the control ticks; all values are stored, see results.samples
 
     @property
     def word(self) -> str:
-        """Name in campaign files."""
+        """Name of the statistic in campaign files."""
         return self.name.lower()
 
 
 class Operation(IntEnum):
     """Operation of an instruction."""
 
-    LOAD = 0  # a row of the lane memory, times the constant
+    LOAD = 0  # row of the lane memory times the constant
     CONSTANT = 1
     ADD = 2
     SUBTRACT = 3
@@ -68,30 +69,30 @@ class Operation(IntEnum):
 
 
 class Lean(NamedTuple):
-    """Metrics of one row over the complete flight."""
+    """Metrics of single rows over the complete flight."""
 
-    row: Ints  # [metric] of the lane memory
-    factor: Floats  # [metric]
-    statistic: Ints  # [metric]
+    row: Ints  # [metric] row of the lane memory
+    factor: Floats  # [metric] factor on the row
+    statistic: Ints  # [metric] kind of statistic
     empty: Floats  # [metric] value without counted ticks, and initial value of the accumulator
     settled: Ints  # [metric] 1 if only settled intervals count
-    column: Ints  # [metric] among the flight's metrics
+    column: Ints  # [metric] column among the flight's metrics
 
 
 class Programs(NamedTuple):
-    """Metrics of an expression or a window."""
+    """Metrics with an expression or a time window."""
 
-    code: Ints  # [instruction, 4] operation, register, and operands: a row or registers
-    constant: Floats  # [instruction]
-    first: Ints  # [metric + 1] first instruction
-    factor: Floats  # [metric] of the changes that TRAVEL sums
-    statistic: Ints  # [metric]
-    limit: Floats  # [metric]
-    start: Floats  # [metric] s
-    end: Floats  # [metric] s
+    code: Ints  # [instruction, 4] operation, register, and operands (a row or registers)
+    constant: Floats  # [instruction] constant operand
+    first: Ints  # [metric + 1] first instruction of each metric
+    factor: Floats  # [metric] factor on the changes summed by TRAVEL
+    statistic: Ints  # [metric] kind of statistic
+    limit: Floats  # [metric] limit of the statistic
+    start: Floats  # [metric] start of the window, s
+    end: Floats  # [metric] end of the window, s
     settled: Ints  # [metric] 1 if only settled intervals count
     empty: Floats  # [metric] value without counted ticks
-    column: Ints  # [metric] among the flight's metrics
+    column: Ints  # [metric] column among the flight's metrics
 
 
 class Counted(NamedTuple):
@@ -101,9 +102,9 @@ class Counted(NamedTuple):
     programs: Programs
 
 
-# Rows of each program in the observer's memory: two accumulators, the last value (or the
-# direction), the last counted tick (from 1) and the number of counted ticks, which becomes NaN with
-# the first NaN value, as does the metric. Before them is one row for each lean metric.
+# Rows of a program in the observer's memory follow those of the lean metrics.
+# _A and _B are accumulators, _C is the last value or direction, _TICK the last counted tick from 1.
+# _COUNT is the number of counted ticks, which becomes NaN with the first NaN value.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -130,7 +131,7 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 
 @lanes
 def start_counting(O, width, counted, first_row):
-    """Initialize all accumulators, in the rows of O from ``first_row``."""
+    """Initialize all accumulators in the rows of O from ``first_row`` on."""
     for i in range(N_ROWS):
         for lane in range(width):
             O[first_row + i, lane] = 0.0
@@ -141,10 +142,10 @@ def start_counting(O, width, counted, first_row):
 
 @lanes
 def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
-    """Add the tick to the metrics of the counted ``flights`` in the first ``n`` lanes.
+    """Add a tick to the metrics of the counted ``flights`` in the first ``n`` lanes.
 
-    Their rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the values
-    of quantiles.
+    The metrics' rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the
+    values for quantiles.
     """
     Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
     dt = plan.timing.step * plan.timing.steps_per_tick
@@ -174,7 +175,7 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
 
 @lanes
 def count_row(out, row, factor, statistic, dt, counted, width):
-    """Add a sample to a lean metric, in the counted lanes."""
+    """Add a sample to a lean metric in the counted lanes."""
     if statistic == _RMS:
         for lane in range(width):
             value = row[lane] * factor
@@ -196,7 +197,7 @@ def count_row(out, row, factor, statistic, dt, counted, width):
     elif statistic == _SUM:
         for lane in range(width):
             out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
-    else:  # _TIME of a nonnegative value, above zero
+    else:  # For _TIME of a nonnegative value, the limit is zero.
         for lane in range(width):
             out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
 
@@ -226,7 +227,7 @@ def calculate(Z, T, instruction, constant, width):
         elif operation == _DIVIDE:
             for lane in range(width):
                 out[lane] = a[lane] / b[lane]
-        elif operation == _MINIMUM:  # NaN if either is NaN
+        elif operation == _MINIMUM:  # The result is NaN if either operand is NaN.
             for lane in range(width):
                 out[lane] = b[lane] if b[lane] < a[lane] or b[lane] != b[lane] else a[lane]
         elif operation == _MAXIMUM:
@@ -247,7 +248,7 @@ def calculate(Z, T, instruction, constant, width):
 
 @lanes
 def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, width):
-    """Add a sample to a program's metric, in the counted lanes."""
+    """Add a sample to a program's metric in the counted lanes."""
     a, b, c, last, count = O[row], O[row + _B], O[row + _C], O[row + _TICK], O[row + _COUNT]
     now = float(tick)
     if statistic in (_MIN, _MAX, _PEAK):
@@ -268,7 +269,7 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
     elif statistic == _FINAL:
         for lane in range(width):
             a[lane] = value[lane] if counted[lane] > 0.0 else a[lane]
-    elif statistic in (_INTEGRAL, _TRAVEL):  # nothing across a gap between settled intervals
+    elif statistic in (_INTEGRAL, _TRAVEL):  # Gaps between settled intervals contribute nothing.
         for lane in range(width):
             x = value[lane]
             follows = counted[lane] > 0.0 and count[lane] > 0.0 and last[lane] == now
@@ -283,7 +284,7 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
             after = before + dt if statistic == _TIME else latest
             a[lane] = after if outside else before
             b[lane] = 1.0 if outside else b[lane]
-    elif statistic == _REVERSALS:  # b is the current extreme, c the direction
+    elif statistic == _REVERSALS:  # b is the current extreme and c the direction.
         for lane in range(width):
             x = value[lane]
             begins = count[lane] == 0.0
@@ -323,7 +324,7 @@ def finish_counting(O, lane, counted, samples, dt, first_row, out):
 
 @lanes
 def finish_value(statistic, a, b, count, start, last, empty):
-    """Return a metric from its accumulators, window ``start`` and ``last`` counted time, s."""
+    """Return a metric from its accumulators; ``start`` and ``last`` are times, s."""
     inverse = 1.0 / larger(1.0, count)
     value = a
     if statistic == _MAX:

@@ -1,6 +1,6 @@
 """Derived quantities, computed at each control tick into rows named after their sources.
 
-The name of a source ends with its unit.
+The name of each source ends with its unit.
 """
 
 import math
@@ -22,15 +22,15 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import X
 
 _DEG = 180.0 / math.pi
-_G0 = 9.80665  # m/s2
-_SUTTON_GRAVES = 1.7415e-4  # kg^0.5/m
+_G0 = 9.80665  # standard gravity, m/s2
+_SUTTON_GRAVES = 1.7415e-4  # Sutton-Graves constant, kg^0.5/m
 
-# Rows of the lane memory with the memory of the flight.
-FIRST_SURFACE = END_ROW  # deflections at the start: aileron, rudder, elevator
+# Rows of the lane memory that store data over the flight follow.
+FIRST_SURFACE = END_ROW  # initial deflections: aileron, rudder, elevator
 LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
-RIPPLES = FIRST_MASS + 1  # of bank, angle of attack and sideslip
-FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # derived quantities
+RIPPLES = FIRST_MASS + 1  # ripples of bank, angle of attack and sideslip
+FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # first of the derived quantities
 _EACH = tuple(RIPPLES + i * N_RIPPLE_ROWS for i in range(3))
 BANK_RIPPLE_DEG, ANGLE_OF_ATTACK_RIPPLE_DEG, SIDESLIP_RIPPLE_DEG = (row + LARGEST for row in _EACH)
 BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY for row in _EACH)
@@ -45,15 +45,16 @@ AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(
 )
 AILERON_MOVED_DEG, RUDDER_MOVED_DEG, ELEVATOR_MOVED_DEG = range(_SURFACES + 3, _SURFACES + 6)
 FUEL_USED_KG, SURFACE_SATURATED = range(_SURFACES + 6, _SURFACES + 8)
-VERDICT = SURFACE_SATURATED + 1  # outcome of the limits at this tick, 0 within all of them
+VERDICT = SURFACE_SATURATED + 1  # outcome of the limits at this tick, 0 within all limits
 _ANGLE_ERRORS = (BANK_ERROR_DEG, ANGLE_OF_ATTACK_ERROR_DEG, s.V_BETA)
 
 
 @scalar
 def heat_flux(density, airspeed, nose_radius):
-    """Return the cold-wall stagnation heat flux, W/m2; NaN without a nose radius (m).
+    """Return the stagnation-point cold-wall heat flux, W/m2; NaN without nose radius (m).
 
-    k sqrt(density / radius) V^3: Sutton and Graves, NASA TR R-376 (1971), for the Earth's air.
+    The formula k sqrt(density / radius) V^3 is that of Sutton and Graves, NASA TR R-376 (1971), for
+    air.
     """
     cubed = airspeed * airspeed * airspeed
     has_radius = nose_radius > 0.0
@@ -66,7 +67,7 @@ def heat_flux(density, airspeed, nose_radius):
 
 @lanes
 def remember_start(Z, width):
-    """Store the initial deflections and mass, and initialize the ripples."""
+    """Store initial deflections and mass, and initialize the ripples."""
     for lane in range(width):
         for i in range(3):
             Z[FIRST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]
@@ -78,7 +79,7 @@ def remember_start(Z, width):
 
 @lanes
 def derive(Z, width, reference, constants, tick):
-    """Compute the derived quantities of this tick; ``reference`` is [tick, column]."""
+    """Compute the derived quantities of a tick; ``reference`` is [tick, column]."""
     for lane in range(width):
         fuel_left = Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane]
         Z[FUEL_LEFT_KG, lane] = fuel_left if constants.burns_fuel > 0.0 else math.inf
@@ -123,7 +124,7 @@ def derive(Z, width, reference, constants, tick):
 def follow_ripples(Z, width, settled, tick, length):
     """Update the cycles of bank, angle of attack and sideslip.
 
-    ``settled`` is the number of ticks in this settled interval, 0 outside.
+    ``settled`` is the number of ticks in the present settled interval, 0 outside.
     """
     for i in range(3):
         row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0

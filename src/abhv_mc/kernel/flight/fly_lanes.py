@@ -1,8 +1,8 @@
-"""Compiled flight: ``width`` flights in lanes, tick by tick.
+"""Compiled simulation of ``width`` flights in parallel lanes, tick by tick.
 
-Vehicle, mission, controller and gains are arguments of one kernel. A lane is independent of other
-lanes, so a flight is the same bit for bit next to any other flights. The arguments are three named
-tuples: the plan (:class:`abhv_mc.kernel.flight.interface.KernelPlan`), the working memory
+Vehicle, mission, controller and gains are arguments of one kernel. Lanes are independent, so that a
+flight is bit-identical next to any other flights. The arguments are three named tuples: the plan
+(:class:`abhv_mc.kernel.flight.interface.KernelPlan`), the working memory
 (:class:`abhv_mc.kernel.flight.memory.Memory`) and the results
 (:class:`abhv_mc.kernel.flight.interface.KernelResults`).
 """
@@ -98,28 +98,28 @@ from abhv_mc.kernel.plant.foreign import (
 )
 from abhv_mc.kernel.plant.thrust import add_thrust, foreign_thrust, is_misaligned, turn_thrust
 
-COMPACTION = 500  # ticks after which lanes of ended flights are given to others
+COMPACTION = 500  # ticks after which lanes of ended flights are reassigned
 
 
 class Active(NamedTuple):
-    """Effects that are active in any lane; others are not computed.
+    """Effects that are active in any lane; inactive effects are not computed.
 
     If ``active`` is None, there are only calm air, a vehicle of tables without failures whose
-    surfaces move together, measurements without errors except biases, and a built-in law. Code for
-    other effects is not compiled then.
+    surfaces move together, measurements without errors except biases, and a built-in control law.
+    Then code for other effects is not compiled.
     """
 
     disturbances: Disturbances
     sensor_errors: SensorErrors
     failures: Failures
-    windy: bool  # the air moves
-    misaligned: bool  # the thrust has another direction
-    warm: bool  # the air has another temperature
+    windy: bool  # whether the air moves
+    misaligned: bool  # whether the thrust has a changed direction
+    warm: bool  # whether the air has a non-standard temperature
 
 
 @lanes
 def find_active(Z, width, plan):
-    """Determine the active effects from the flights' parameters, the vehicle and the mission."""
+    """Determine the active effects from flight parameters, vehicle and mission."""
     disturbances = active_disturbances(Z, width)
     return Active(
         disturbances,
@@ -139,7 +139,7 @@ def lean_active(Z, width, plan):
 
 @lanes
 def instruments(plan, Z, width, active, tick):
-    """Compute measurements relative to the air, and the additional ones of custom laws."""
+    """Compute measurements relative to the air, and additional ones for custom laws."""
     sensing, more = (
         plan.vehicle.constants.sensing,
         plan.user_code.more > 0 or active.sensor_errors.changed,
@@ -160,7 +160,7 @@ def instruments(plan, Z, width, active, tick):
 def begin_tick(plan, memory, width, active, tick):
     """Compute motion, air and measurement at a control tick.
 
-    The effect of custom dynamics on sensors is that of the last stage.
+    Sensor effects of custom dynamics are those of the last stage.
     """
     move(plan, memory, width, active, tick)
     measure(plan, memory, width, active, tick)
@@ -168,7 +168,7 @@ def begin_tick(plan, memory, width, active, tick):
 
 @lanes
 def move(plan, memory, width, active, tick):
-    """Compute motion and air at a control tick."""
+    """Compute motion and air data at a control tick."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     navigate(Z, width, tick_length, tick == 0)
     calm(Z, width)
@@ -195,7 +195,7 @@ def measure(plan, memory, width, active, tick):
 
 @lanes
 def evaluate(plan, memory, width, stage, active):
-    """Compute a Runge-Kutta stage at ``XS``."""
+    """Evaluate one Runge-Kutta stage at the state ``XS``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     if active is not None and active.windy:
         move_air(Z, width, plan.profile)
@@ -225,7 +225,7 @@ def evaluate(plan, memory, width, stage, active):
 
 @lanes
 def recorded_tick(plan, memory, width, tick):
-    """Set surfaces and engine to a recording, and the command rows to their rates."""
+    """Set surfaces and engine to recorded values, and the command rows to their rates."""
     Z, gains = memory.Z, plan.gains
     for lane in range(width):
         for i in range(3):
@@ -237,9 +237,9 @@ def recorded_tick(plan, memory, width, tick):
 
 @lanes
 def control(plan, memory, width, law, active, tick):
-    """Compute the commands of the plan's law.
+    """Compute the commands of the plan's control law.
 
-    A custom filter changes the measurement before.
+    A custom filter first changes the measurement.
     """
     if active is not None and law != PYTHON and plan.user_code.address != 0:
         call_user(plan, memory, tick)
@@ -255,7 +255,7 @@ def control(plan, memory, width, law, active, tick):
 
 @lanes
 def observe_tick(plan, memory, results, width, active, flights, n, tick):
-    """Update limits and metrics at a control tick, of ``flights`` in the first ``n`` lanes."""
+    """Update limits and metrics of ``flights`` in the first ``n`` lanes at a control tick."""
     Z, O, reference, dt = (
         memory.Z,
         memory.O,
@@ -277,7 +277,7 @@ def observe_tick(plan, memory, results, width, active, flights, n, tick):
 
 @lanes
 def record_tick(plan, memory, results, flights, n, tick):
-    """Record a sample if it is due at this tick, of the ``flights`` in the first ``n`` lanes."""
+    """Record a sample of ``flights`` in the first ``n`` lanes if it is due at the tick."""
     if plan.record_every > 0 and tick % plan.record_every == 0:
         sample = tick // plan.record_every
         record(memory.Z, plan.observed, results.history, flights, n, sample)
@@ -289,7 +289,7 @@ def record_tick(plan, memory, results, flights, n, tick):
 def bin_tick(plan, memory, results, width, tick, first, last):
     """Update the extremes at a control tick, if requested.
 
-    ``first`` and ``last`` mark the first and last tick of the group.
+    ``first`` and ``last`` mark the group's first and last tick.
     """
     every = plan.record_every
     if results.low.shape[0] > 0:
@@ -306,7 +306,7 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 
 @lanes
 def begin_control(plan, memory, width, law, active, tick):
-    """Compute measurement, commands and failures of a control tick."""
+    """Compute measurement, commands and failures at a control tick."""
     Z, A, tick_length = memory.Z, memory.A, plan.timing.step * plan.timing.steps_per_tick
     measure(plan, memory, width, active, tick)
     control(plan, memory, width, law, active, tick)
@@ -321,7 +321,7 @@ def begin_control(plan, memory, width, law, active, tick):
 
 @lanes
 def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
-    """Simulate a group of flights from ``first_tick`` to before ``end``."""
+    """Simulate a group of flights from ``first_tick`` to the tick before ``end``."""
     Z, O, A, step, steps_per_tick = (
         memory.Z,
         memory.O,
@@ -331,14 +331,14 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
     )
     first = 0
     if active is not None and (plan.user_code.dynamics != 0 or plan.user_code.more > 1):
-        # Sensors measure custom dynamics and the specific force at the state of the tick.
+        # Sensors measure custom dynamics and specific force at the state of the tick.
         first = -1
     for tick in range(first_tick, end):
         move(plan, memory, width, active, tick)
         flying = True
         for evaluation in range(
             first, 4 * steps_per_tick
-        ):  # one loop, so that its code exists once
+        ):  # One loop for all stages generates their code only once.
             stage = evaluation % 4 if evaluation >= 0 else -1
             if evaluation == 0:
                 begin_control(plan, memory, width, law, active, tick)
@@ -378,12 +378,12 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
 
 @lanes
 def fly_groups(plan, memory, results, width, law, find, first_flight, last_flight):
-    """Simulate flights from ``first_flight`` to before ``last_flight`` in groups.
+    """Simulate flights from ``first_flight`` to the one before ``last_flight`` in groups.
 
-    They start at the mission's start, or from the plan's saved memory. If the results save memory,
-    they end before the measurement of the last tick, where other flights continue. As many flights
-    as the memory can save are simulated for some ticks group by group; then the lanes are
-    compacted: those of ended flights are given to others.
+    Flights start at the mission's start or from the plan's saved memory. If the results save
+    memory, flights end before the measurement of the last tick, where other flights continue. As
+    many flights as the memory can save are simulated for some ticks, group by group; then lanes of
+    ended flights are reassigned.
     """
     saved, order, keeps = memory.saved, memory.order, results.saved.shape[1] > 0
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
@@ -392,7 +392,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
         1 < width < last_flight - first_flight
-    )  # otherwise there is one group, or no lane to give away
+    )  # Otherwise there is one group, or no lane to reassign.
     for first in range(first_flight, last_flight, saved.shape[0]):
         flying = min(saved.shape[0], last_flight - first)
         for i in range(flying):
@@ -416,7 +416,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
-                        # At or before the flight's own slot, which has been restored already.
+                        # The slot is at or before the flight's own, already restored slot.
                         save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1
@@ -434,14 +434,14 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
 
 @lanes
 def has_functions(plan):
-    """Return whether the vehicle has custom functions, which use additional rows."""
+    """Return whether the vehicle has custom functions, which need additional rows."""
     code = plan.user_code
     return code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
 @lanes
 def start_lanes(plan, memory, width, find, flights, n):
-    """Set every lane to the start of its flight; spare lanes repeat the last flight."""
+    """Initialize every lane for its flight; spare lanes repeat the last flight."""
     Z = memory.Z
     for i in range(Z_ROWS):
         for lane in range(width):
@@ -454,7 +454,8 @@ def start_lanes(plan, memory, width, find, flights, n):
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
     actuators, step = plan.vehicle.actuators, plan.timing.step
-    prepare_actuators(Z, Z, width, actuators, AXES - 1, FIRST_EFFECTOR, step)  # axes are alike
+    # All axes have the same actuator.
+    prepare_actuators(Z, Z, width, actuators, AXES - 1, FIRST_EFFECTOR, step)
     leave_effectors(Z, width, plan.vehicle)
     start_active(plan, memory, width, find(Z, width, plan))
     start_observing(Z, memory.O, width, plan.counted)
@@ -476,7 +477,7 @@ def start_active(plan, memory, width, active):
 
 
 def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
-    """Return the flight for ``capacity`` lanes, compiled at its first call and cached on disk.
+    """Return the simulation for ``capacity`` lanes, compiled at first call and cached.
 
     A ``lean`` one compiles twice as fast and simulates flights without the effects in
     :class:`Active`, with the same bits. The number of lanes is a constant of the machine code, but
@@ -485,8 +486,9 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
     """
 
     def fly_lanes(plan, memory, results):
-        """Simulate every row of the plan's parameters in memory of ``capacity`` lanes."""
-        if has_width(memory, capacity):  # checked before the call, and a constant for LLVM inside
+        """Simulate every row of the plan's parameters, using memory of ``capacity`` lanes."""
+        # The width is checked before the call; here it becomes a constant for LLVM.
+        if has_width(memory, capacity):
             width, flights = memory.Z.shape[1], plan.parameters.shape[0]
             fly_groups(
                 plan,
@@ -503,7 +505,7 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
 
 
 def named_kernel(function: Callable[..., Any], lean: bool) -> Callable[..., Any]:
-    """Return a kernel whose name in the cache distinguishes lean ones."""
+    """Return a kernel whose name in the cache distinguishes lean from full kernels."""
     function.__name__ += "_lean" if lean else ""
     function.__qualname__ += "_lean" if lean else ""
     return kernel(function)

@@ -1,4 +1,4 @@
-"""Working memory of a group of lanes, allocated once a call."""
+"""Working memory of a group of lanes, allocated once per call."""
 
 from typing import NamedTuple
 
@@ -14,9 +14,9 @@ from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
 from abhv_mc.kernel.plant.state import aligned_zeros
 
-TOGETHER = 256  # flights that share a compaction; their saved memory fits the processor's cache
+TOGETHER = 256  # flights compacted together; their saved memory fits the processor's cache
 
-Z_ROWS = observe.END_ROW  # the rows of the observer are the last
+Z_ROWS = observe.END_ROW  # number of rows of Z; the observer's rows are the last
 O_ROWS = observe.N_ROWS
 SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
 
@@ -28,16 +28,16 @@ class Memory(NamedTuple):
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.kernel.flight.observe
     A: Floats  # [row, lane] effectors with actuators, see abhv_mc.kernel.plant.effectors
     E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.kernel.flight.observe
-    T: Floats  # [table row, lane]
+    T: Floats  # memory of table values [table row, lane]
     cells: TableCells
     trim: TrimCells
-    high: Floats  # [table row], for slopes
+    high: Floats  # [table row] buffer for slopes
     saved: Floats  # [flight, row] rows of Z and O of waiting flights
-    order: Ints  # [flight] numbers of these flights
+    order: Ints  # [flight] numbers of the waiting flights
 
 
 def make_memory(width: int) -> Memory:
-    """Return memory of ``width`` lanes for any vehicle."""
+    """Return memory of ``width`` lanes, for any vehicle."""
     return Memory(
         aligned_zeros((Z_ROWS, width)),
         aligned_zeros((O_ROWS, width)),
@@ -54,7 +54,7 @@ def make_memory(width: int) -> Memory:
 
 @lanes
 def has_width(memory, width):
-    """Return whether the memory has ``width`` lanes; tells the compiler the stride of rows."""
+    """Return whether the memory has ``width`` lanes; tells the compiler the row stride."""
     return (
         memory.Z.shape[1] == width
         and memory.O.shape[1] == width
@@ -76,8 +76,8 @@ def has_width(memory, width):
 def save_lane(memory, lane, row, driven, custom, own):
     """Save the memory of a flight to ``row`` [SAVED_ROWS].
 
-    It includes effectors with actuators if ``driven``, rows of custom functions if ``custom``, and
-    the memory of a custom law if ``own``.
+    The saved memory includes effectors with actuators if ``driven``, rows of custom functions if
+    ``custom``, and the memory of a custom control law if ``own``.
     """
     for i in range(s.CUSTOM_STATE if not custom else s.LAW):
         row[i] = memory.Z[i, lane]
@@ -94,7 +94,7 @@ def save_lane(memory, lane, row, driven, custom, own):
 
 @lanes
 def restore_lanes(memory, width, saved, first, n, driven, custom, own):
-    """Restore flights from ``saved`` [flight, SAVED_ROWS]; spare lanes repeat the last flight."""
+    """Restore flights from ``saved`` [flight, SAVED_ROWS]; spare lanes repeat the last one."""
     for lane in range(width):
         row = saved[first + min(lane, n - 1)]
         for i in range(s.CUSTOM_STATE if not custom else s.LAW):

@@ -11,16 +11,16 @@ from abhv_mc.kernel.plant.air_data import flow_direction, warm_air
 from abhv_mc.kernel.plant.state import X
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
-_G0 = 9.80665  # m/s2
-SEA_LEVEL_DENSITY = 1.225  # kg/m3, of the equivalent airspeed
+_G0 = 9.80665  # standard gravity, m/s2
+SEA_LEVEL_DENSITY = 1.225  # density for the equivalent airspeed, kg/m3
 
 
 @scalar
 def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
-    """Return the bank about the velocity, from the direction of the wind axes to the vertical."""
+    """Return the bank about the velocity, from the wind axes' direction to the vertical."""
     d_x, d_y, d_z = rotate_to_body(
         q0, q1, q2, q3, 0.0, 0.0, 1.0
-    )  # the NED down axis in body components
+    )  # NED down axis in body components
     y_down = -cos_alpha * sin_beta * d_x + cos_beta * d_y - sin_alpha * sin_beta * d_z
     z_down = -sin_alpha * d_x + cos_alpha * d_z
     return atan2(y_down, z_down)
@@ -61,7 +61,7 @@ def navigate(Z, width, tick, first):
 
 @lanes
 def measure_air(Z, width, sensing):
-    """Compute measured values relative to the air, whose velocity is in the lane memory."""
+    """Compute measurements relative to the air, whose velocity is in the lane memory."""
     for lane in range(width):
         speed, _, sin_a, cos_a, sin_b, cos_b = flow_direction(
             Z[X + s.U, lane] - Z[s.AIR_U, lane],
@@ -76,15 +76,15 @@ def measure_air(Z, width, sensing):
 
 @lanes
 def measure_more(Z, width, reference, tick, warm):
-    """Compute the additional measurements of custom laws.
+    """Compute the additional measurements for custom control laws.
 
     The load factor is that of the previous step, 1 at the start. The specific force is that of the
-    tick if the forces have been evaluated at it, which they are for a law that reads it.
+    tick if forces have been evaluated at the tick, as is done for control laws that read it.
     """
     sin_h, cos_h = sincos(reference[tick, ref.HEADING])
     atmosphere_lanes(
         Z, width, X + s.ALTITUDE, s.M_AIRSPEED, s.M_MACH
-    )  # density, 1 / speed of sound
+    )  # density, and 1 / speed of sound
     if warm:
         warm_air(Z, width, s.M_AIRSPEED, s.M_MACH)
     for lane in range(width):

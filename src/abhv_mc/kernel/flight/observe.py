@@ -15,19 +15,19 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import STATE_INDEX, X
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 
-# Rows of the observer's block, followed by those of metrics, see abhv_mc.kernel.flight.counting.
-ALIVE, OUTCOME, END, SAMPLES = range(4)  # END: tick of the last counted sample
+# Rows of the observer's block, before those of metrics (abhv_mc.kernel.flight.counting).
+ALIVE, OUTCOME, END, SAMPLES = range(4)  # END is the tick of the last counted sample.
 FIRST_METRIC = 4
 N_ROWS = FIRST_METRIC + counting.N_ROWS
-END_ROW = VERDICT + 1  # of the lane memory
+END_ROW = VERDICT + 1  # number of rows of the lane memory
 
-MAX_RECORDED = 96  # channels
-HIDDEN = 2 * MAX_RECORDED  # row of E: 0, or NaN in lanes that are not counted
+MAX_RECORDED = 96  # maximum number of recorded channels
+HIDDEN = 2 * MAX_RECORDED  # row of E that contains 0, or NaN in lanes that are not counted
 E_ROWS = HIDDEN + 1
 
 
 def find_row(source: str) -> int:
-    """Return the row of a source in the lane memory. Raise ValueError if it has none."""
+    """Return a source's row in the lane memory. Raise ValueError if there is none."""
     if source in STATE_INDEX:
         return X + STATE_INDEX[source]
     if source in VARIABLES:
@@ -40,7 +40,7 @@ def find_row(source: str) -> int:
 
 @lanes
 def start_observing(Z, O, width, counted):
-    """Initialize metrics, with every lane alive."""
+    """Initialize the observer's rows, with every lane alive."""
     remember_start(Z, width)
     counting.start_counting(O, width, counted, FIRST_METRIC)
     for lane in range(width):
@@ -51,9 +51,9 @@ def start_observing(Z, O, width, counted):
 
 @lanes
 def check_limits(Z, O, width, observed, states, tick):
-    """End flights that are outside their limits or not finite, and return their number.
+    """End flights that are outside their limits or not finite; return their number.
 
-    Their metrics keep the counted ticks. ``states`` is the number of custom states.
+    Metrics retain the counted ticks. ``states`` is the number of custom states.
     """
     ended = 0.0
     for lane in range(width):
@@ -77,7 +77,7 @@ def check_limits(Z, O, width, observed, states, tick):
         verdict = verdict if finite else NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
-        # A last finite sample is counted, one that is not finite is not.
+        # A last finite sample is counted; a sample that is not finite is not.
         counts = alive if finite else 0.0
         O[END, lane] = float(tick) if alive > 0.0 else O[END, lane]
         O[SAMPLES, lane] += counts
@@ -89,7 +89,7 @@ def check_limits(Z, O, width, observed, states, tick):
 
 @lanes
 def finish_flights(Z, O, width, last, length):
-    """Complete the ripples of flights that have ended; ``length`` is the control period, s."""
+    """Complete the ripples of ended flights; ``length`` is the control period, s."""
     for lane in range(width):
         if last or O[ALIVE, lane] == 0.0:
             end_ripples(Z, lane, length)
@@ -97,14 +97,14 @@ def finish_flights(Z, O, width, last, length):
 
 @lanes
 def check_limit(verdict, value, low, high, outcome, width):
-    """Check a limit in all lanes; NaN is inside, as the state itself is checked."""
+    """Check a limit in all lanes; NaN counts as inside, because the state is checked itself."""
     for lane in range(width):
         verdict[lane] = outcome if value[lane] < low or value[lane] > high else verdict[lane]
 
 
 @lanes
 def record(Z, observed, history, flights, n, sample):
-    """Record the channels at this tick, of the counted ``flights``."""
+    """Record the channels of the counted ``flights`` at a tick."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
             row = history[flights[lane], sample]
@@ -114,7 +114,7 @@ def record(Z, observed, history, flights, n, sample):
 
 @lanes
 def record_states(Z, states, flights, n, sample):
-    """Record the full state at this tick in double precision, in the order of STATES."""
+    """Record the full state at a tick in double precision, in the order of STATES."""
     for lane in range(n):
         if Z[s.COUNTED, lane] > 0.0:
             for i in range(s.N_STATES):
@@ -126,8 +126,8 @@ def follow_extremes(Z, E, observed, width, fresh):
     """Add a tick to the extremes ``E[2 channel + side, lane]``; ``fresh`` starts a new bin.
 
     A bin covers a sample and the ticks before the next one. Rows of the lane memory are compared:
-    as factors are positive and rounding is monotone, these are the extremes of histories, to the
-    bit.
+    because factors are positive and rounding is monotone, the results equal the extremes of
+    histories, to the bit.
     """
     for lane in range(width):
         E[HIDDEN, lane] = 0.0 if Z[s.COUNTED, lane] > 0.0 else math.nan
@@ -139,7 +139,7 @@ def follow_extremes(Z, E, observed, width, fresh):
 
 @lanes
 def forget(low, high, width):
-    """Reset the extremes."""
+    """Reset the extremes of a bin."""
     for lane in range(width):
         low[lane] = math.inf
         high[lane] = -math.inf
@@ -147,7 +147,7 @@ def forget(low, high, width):
 
 @lanes
 def widen(low, high, row, hidden, width):
-    """Add a value in all lanes; ``hidden`` makes uncounted values NaN, which are ignored."""
+    """Add a value of all lanes to the extremes; ``hidden`` makes uncounted lanes NaN."""
     for lane in range(width):
         value = row[lane] + hidden[lane]
         low[lane] = value if value < low[lane] else low[lane]

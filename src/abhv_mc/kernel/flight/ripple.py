@@ -1,11 +1,11 @@
 """Cycles of an angle about its command while the reference is settled.
 
-Zero is the mean of the error since the settled interval started. A side ends when the error is on
-the other side by half the distance of the side's farthest point, and at least 0.01 deg. Three
-successive sides, the last one possibly cut off by the end of the interval or flight, form a cycle
-if the smaller of the two swings between their farthest points is at least half the larger. The size
-of the cycle is the larger swing of the error, its frequency 1 / (time from the first of the three
-points to the third).
+Zero is the mean of the error since the start of the settled interval. A side ends when the error is
+on the other side by half the distance of the side's farthest point, and at least 0.01 deg. Three
+successive sides (the last one possibly cut off by the end of the interval or flight) form a cycle
+if the smaller of the two swings between their farthest points is at least half of the larger one.
+The size of the cycle is the larger swing of the error; its frequency is 1 / (time from the first to
+the third point).
 """
 
 import math
@@ -13,18 +13,19 @@ import math
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import larger
 
-# Rows of one angle: mean; farthest point of this side (NaN before the first) and its tick; farthest
-# point of the previous side and its tick; the swing to that point and the tick of its start; size
-# (deg) and frequency (Hz) of the largest complete cycle.
+# MEAN is the mean error; FARTHEST and TICK are the farthest point of this side (NaN before any).
+# LAST and LAST_TICK are the farthest point of the previous side.
+# SWING is the swing to the previous side's point, and FIRST_TICK the tick of its start.
+# LARGEST (deg) and FREQUENCY (Hz) describe the largest complete cycle.
 MEAN, FARTHEST, TICK, LAST, LAST_TICK, SWING, FIRST_TICK, LARGEST, FREQUENCY = range(9)
 N_RIPPLE_ROWS = 9
-LEAST = 0.01  # deg, smallest distance on the other side that ends a side
+LEAST = 0.01  # smallest distance, deg, on the other side that ends a side
 HALF = 0.5
 
 
 @lanes
 def begin_stretch(Z, width, row):
-    """Initialize a settled interval."""
+    """Initialize the rows for a settled interval."""
     for lane in range(width):
         Z[row + MEAN, lane] = 0.0
         Z[row + FARTHEST, lane] = math.nan
@@ -34,10 +35,10 @@ def begin_stretch(Z, width, row):
 
 @lanes
 def watch_sides(Z, width, row, error, factor, share, tick):
-    """Update the sides and return in how many lanes the error has changed sides.
+    """Update the sides; return the number of lanes in which the error has changed sides.
 
     The error (deg) is row ``error`` times ``factor``. ``share`` is the weight of this tick in the
-    mean, 1 / ticks of the interval. Call :func:`change_side` for changes.
+    mean, 1 / ticks of the interval. Call :func:`change_side` to apply the changes.
     """
     changes = 0.0
     for lane in range(width):
@@ -48,7 +49,7 @@ def watch_sides(Z, width, row, error, factor, share, tick):
         )
         farther = (value - farthest) * (
             farthest - mean
-        ) > 0.0  # before the mean moves: it may pass the farthest point
+        ) > 0.0  # Compare before the mean moves, as it may pass the farthest point.
         farthest = value if farther else farthest
         mean += (value - mean) * share
         Z[row + MEAN, lane] = mean
@@ -80,7 +81,7 @@ def change_side(Z, lane, row, error, tick, length):
 
 @lanes
 def keep_cycle(Z, lane, row, length):
-    """Store the cycle of the last three sides if it is the largest."""
+    """Store the cycle formed by the last three sides if it is the largest."""
     before, swing = Z[row + SWING, lane], abs(Z[row + FARTHEST, lane] - Z[row + LAST, lane])
     size = larger(before, swing)
     if before >= HALF * swing and swing >= HALF * before and size > Z[row + LARGEST, lane]:

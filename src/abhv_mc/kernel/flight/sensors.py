@@ -1,7 +1,7 @@
 """Sensor models: lag, scale, bias, white noise, sampling and delay, in this order.
 
-Control laws receive only the result. Flights without errors have factors of one and additions of
-zero, which leave their bits unchanged.
+Control laws receive only the result. In flights without sensor errors, factors are one and
+additions are zero, which leaves the bits unchanged.
 """
 
 from typing import NamedTuple
@@ -22,33 +22,33 @@ from abhv_mc.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parame
 
 MAX_DELAY_TICKS = 25
 
-# Rows of the lane memory, after those of the control law.
-NOISE = LAW + N_LAW_ROWS  # random numbers
-DELAY = NOISE + N_STREAM_ROWS  # the last measurements, a ring buffer
-# Random numbers of the additional measurements and of the accelerations.
+# Rows of the lane memory that follow those of the control law.
+NOISE = LAW + N_LAW_ROWS  # states of the random streams
+DELAY = NOISE + N_STREAM_ROWS  # ring buffer of the last measurements
+# random numbers of additional measurements and accelerations
 MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
 ACCELERATION_NOISE = MORE_NOISE + N_STREAM_ROWS
 TRUE = ACCELERATION_NOISE + N_STREAM_ROWS  # true values at the last tick
-LATE = TRUE + N_SEEN  # output of sensors with lag at the last tick
+LATE = TRUE + N_SEEN  # outputs of sensors with lag at the last tick
 HELD = LATE + N_SEEN  # values held until the next sample
 END_ROW = HELD + N_SEEN
 
-# Ten rows each, in the order of the measured quantities.
+# Each error has ten rows, in the order of the measured quantities.
 _BIAS = parameter_row("sensor.altitude_bias")
 _SIGMA = parameter_row("sensor.altitude_noise")
 _SEED = parameter_row("sensor.noise_seed")
 _DELAY = parameter_row("sensor.delay")
-# Twelve rows each, of the additional measurements.
+# Each error has twelve rows for the additional measurements.
 _MORE_BIAS = parameter_row(f"sensor.{MORE_SENSORS[0]}_bias")
 _MORE_SIGMA = parameter_row(f"sensor.{MORE_SENSORS[0]}_noise")
-# Three rows each, of the accelerations.
+# Each error has three rows for the accelerations.
 _ACCELERATION_BIAS = parameter_row(f"sensor.{ACCELERATIONS[0]}_bias")
 _ACCELERATION_SIGMA = parameter_row(f"sensor.{ACCELERATIONS[0]}_noise")
 _ACCELERATION_SCALE = parameter_row(f"sensor.{ACCELERATIONS[0]}_scale")
-_N_EARLIER = N_SEEN - len(ACCELERATIONS)  # sensors apart from the accelerations
+_N_EARLIER = N_SEEN - len(ACCELERATIONS)  # number of sensors other than accelerations
 _SCALE = parameter_row("sensor.altitude_scale")
 _N_SCALED = len(SCALED_SENSORS) - len(ACCELERATIONS)
-# Rows of all measurements; those of the accelerations do not follow the others.
+# Rows of all measurements; those of accelerations are not contiguous with other rows.
 _LAG, _INTERVAL = parameter_row("sensor.altitude_lag"), parameter_row("sensor.altitude_interval")
 _LATER_LAG = parameter_row(f"sensor.{ACCELERATIONS[0]}_lag") - _N_EARLIER
 _LATER_INTERVAL = parameter_row(f"sensor.{ACCELERATIONS[0]}_interval") - _N_EARLIER
@@ -57,16 +57,17 @@ _SCALED = tuple(ALL_SENSORS.index(name) for name in SCALED_SENSORS)
 _TURNS = tuple(
     name in ("heading", "bank", "roll", "yaw", "longitude") for name in ALL_SENSORS
 )  # angles that wrap at 180 deg
-_LONGEST = 1e9  # ticks
+_LONGEST = 1e9  # longest sampling interval, ticks
 
 
 class SensorErrors(NamedTuple):
-    """Sensor errors that are active in any lane; others are not computed."""
+    """Sensor errors that are active in any lane; inactive errors are not computed."""
 
     noisy: bool
     delayed: bool
-    changed: bool  # lag, scale or interval, or bias or noise of an additional measurement
-    accelerations: bool  # have errors; without them only a delay changes them
+    changed: bool  # lag, scale or sampling of any sensor, or bias or noise of additional ones
+    # whether accelerations have errors; without errors, only a delay changes them
+    accelerations: bool
 
 
 @lanes
@@ -87,7 +88,7 @@ def active_sensor_errors(Z, width):
 
 @lanes
 def lag_and_scale(Z, width, active, dt, tick):
-    """Apply lag and scale to the true values; exact for a constant rate within a tick."""
+    """Apply lag and scale to the true values, exactly for constant rates within a tick."""
     for i in range(N_SEEN if active.accelerations else _N_EARLIER):
         row = i + (_LAG if i < _N_EARLIER else _LATER_LAG)
         for lane in range(width):
@@ -118,7 +119,7 @@ def add_biases(Z, width):
 
 @lanes
 def sense(Z, width, active, dt, tick):
-    """Add noise to the measured values, hold them between samples and delay them."""
+    """Add noise to the measurements, hold them between samples, and delay them."""
     if active.noisy:
         if tick == 0:
             seed_stream(Z, width, NOISE, _SEED, 0)
@@ -177,7 +178,7 @@ def hold(Z, width, active, dt, tick):
 
 @lanes
 def delay(Z, width, dt, tick):
-    """Store the measurement and replace it by that ``sensor.delay`` ago, or the first one."""
+    """Store the measurement; replace it by the one ``sensor.delay`` ago, or the first one."""
     slot = DELAY + (tick % (MAX_DELAY_TICKS + 1)) * N_SEEN
     for i in range(N_SEEN):
         for lane in range(width):

@@ -26,11 +26,12 @@ def multiply(a0, a1, a2, a3, b0, b1, b2, b3):
 
 @lanes
 def start_flights(Z, width, initial_state):
-    """Set the initial state of every lane from the nominal state and its parameters.
+    """Set the initial state of every lane from the nominal state and initial errors.
 
-    An error in speed keeps the flow angles. Errors in heading and flight path rotate velocity and
-    body together, in bank the body about the velocity, in angle of attack and sideslip the body
-    relative to the velocity. Without errors the state is unchanged.
+    An error in speed does not change the flow angles. Errors in heading and flight path rotate
+    velocity and body together; errors in bank rotate the body about the velocity; errors in angle
+    of attack and sideslip rotate the body relative to the velocity. Without errors the state is
+    unchanged.
     """
     for lane in range(width):
         for i in range(s.N_STATES):
@@ -94,8 +95,8 @@ def start_flights(Z, width, initial_state):
 def face_air(Z, width):
     """Rotate each body about the vertical into the relative wind, to zero sideslip.
 
-    This is the start of a vehicle whose instruments measure the sideslip relative to the air, whose
-    velocity is in the lane memory.
+    This initializes vehicles whose instruments measure the sideslip relative to the air. The
+    velocity of the air is in the lane memory.
     """
     for lane in range(width):
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]

@@ -1,1 +1,1 @@
-"""Compiled control laws, one control tick in lanes, and their look-up of trim tables."""
+"""Compiled control laws, for one control tick in lanes, and look-up of trim tables."""

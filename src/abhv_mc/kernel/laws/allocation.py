@@ -1,7 +1,7 @@
-"""Control allocation (19): nominal moment and its slopes with the axis deflections.
+"""Control allocation (19): nominal moment and its derivatives by axis deflections.
 
 Moments are about the centre of gravity. Coefficients are about the moment reference, so the force
-of a deflection contributes by its arm. The axes are those of the equations of motion.
+of a deflection contributes through its lever arm. The axes are those of the equations of motion.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar
@@ -16,7 +16,7 @@ from abhv_mc.kernel.plant.thrust import thrust
 def force_of(Z, lane, constants, q_bar, row, stride):
     """Return the force of coefficients, or of their slopes, at the flow angles, N.
 
-    They are in the rows ``row``, ``row + stride``, ...
+    The coefficients are in the rows ``row``, ``row + stride``, ...
     """
     flow = sincos(Z[s.V_ALPHA, lane]) + sincos(Z[s.V_BETA, lane])
     lift, drag, side = Z[row, lane], Z[row + stride, lane], Z[row + 2 * stride, lane]
@@ -25,7 +25,7 @@ def force_of(Z, lane, constants, q_bar, row, stride):
 
 @lanes
 def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
-    """Return the moment (N m) of such coefficients and of a force (N) at the moment reference."""
+    """Return the moment (N m) of coefficients and of a force (N) at the moment reference."""
     q_s, cg_x, cg_z = q_bar * constants.area, Z[s.CG_X, lane], Z[s.CG_Z, lane]
     return (
         q_s * constants.span * Z[row + 3 * stride, lane] + cg_z * fy,
@@ -36,9 +36,9 @@ def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
 
 @scalar
 def side_force_slope(constants, q_s, side_by_sideslip, drag):
-    """Return the slope of the wind-axis side force with sideslip at zero sideslip, N/rad.
+    """Return the derivative of the wind-axis side force by sideslip at zero sideslip, N/rad.
 
-    Drag in stability axes contributes to it.
+    Drag in stability axes contributes to this derivative.
     """
     return q_s * side_by_sideslip + (0.0 if constants.drag_in_wind_axes > 0.0 else q_s * drag)
 
@@ -47,7 +47,7 @@ def side_force_slope(constants, q_s, side_by_sideslip, drag):
 def nominal_moment(Z, lane, constants, density, q_bar, speed):
     """Return the nominal vehicle's moment about its centre of gravity, N m.
 
-    It is that at the measured state and the last commands.
+    The moment is that at the measured state and the last commands.
     """
     fx, fy, fz = force_of(Z, lane, constants, q_bar, s.COEF, 1)
     t = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
@@ -56,7 +56,7 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
         Z[s.F_THRUST, lane],
         Z[s.F_THRUST + 1, lane],
         Z[s.F_THRUST + 2, lane],
-    )  # of an engine function
+    )  # moment of an engine function
     m_x, m_y, m_z = moment_about_cg(
         Z, lane, constants, q_bar, s.COEF, 1, fx + tx + f_x, fy + f_y, fz + tz + f_z
     )
@@ -69,10 +69,10 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
 
 @lanes
 def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
-    """Return the slope of :func:`nominal_moment` with a deflection, N m/rad.
+    """Return the derivative of :func:`nominal_moment` by a deflection, N m/rad.
 
-    Deflection 0 is the aileron, 1 the rudder, 2 the elevator. ``first_slope`` is the first row of
-    :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
+    Deflection 0 is the aileron, 1 the rudder and 2 the elevator. ``first_slope`` is the first row
+    of :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
     """
     row = first_slope + deflection
     fx, fy, fz = force_of(Z, lane, constants, q_bar, row, N_INPUTS)

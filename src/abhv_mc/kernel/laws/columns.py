@@ -1,6 +1,6 @@
 """Names and order of the columns that compiled laws read at each control tick."""
 
-# Reference of the mission and nominal values along it, SI and radians.
+# reference of the mission and nominal values along it, SI and radians
 REFERENCE = (
     "time",
     "altitude",
@@ -8,13 +8,13 @@ REFERENCE = (
     "speed",
     "speed_rate",
     "flight_path_angle",
-    "heading",  # continuous, not wrapped
+    "heading",  # continuous heading, not wrapped
     "heading_rate",
     "angle_of_attack",  # nominal controls by guidance trim
     "bank",
     "equivalence_ratio",
-    "elevator",  # trimmed
-    "mass",  # nominal, fuel burnt along the reference
+    "elevator",  # trimmed elevator
+    "mass",  # nominal mass, with fuel burnt along the reference
     "north",  # integral of the north ground speed at altitude
     "east",
     "latitude",
@@ -26,7 +26,7 @@ REFERENCE = (
     "density",  # nominal air and gravity at the reference
     "sound_speed",
     "gravity",
-    "radius",  # of the V / r terms: meridian radius plus altitude
+    "radius",  # radius of the V / r terms: meridian radius plus altitude
 )
 TIME, ALTITUDE, ALTITUDE_RATE, SPEED, SPEED_RATE, FLIGHT_PATH_ANGLE, HEADING, HEADING_RATE = range(
     8
@@ -38,9 +38,9 @@ TRACK_NORTH, TRACK_EAST, DENSITY, SOUND_SPEED, GRAVITY, RADIUS = range(17, 23)
 
 _GUIDANCE = ("path_integral", "path", "heading_integral", "heading", "speed_integral", "speed")
 
-# TLC: sub-loops 1 and 2 complete, the spectra (a1, a2 of each channel) of sub-loops 3 and 4.
+# gains of TLC sub-loops 1 and 2, and spectra (a1, a2 of each channel) of 3 and 4
 TLC_GAINS = (
-    "altitude_integral",  # flight path angle per int altitude error
+    "altitude_integral",  # flight path angle per integral of the altitude error
     "altitude",
     *(f"angle_of_attack_by_{name}" for name in _GUIDANCE),
     *(f"bank_by_{name}" for name in _GUIDANCE),
@@ -57,14 +57,15 @@ TLC_GAINS = (
     ),
 )
 TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
-_LIMITS = (  # rad, of commands; deflections are limited to those that the effectors can follow
+_LIMITS = (  # limits of commands, rad; deflections stay within what the effectors can follow
     *("angle_of_attack_min", "angle_of_attack_max", "bank_max"),
     *(f"{axis}_{end}" for axis in ("aileron", "rudder", "elevator") for end in ("min", "max")),
 )
-N_LIMITS = len(_LIMITS)  # at the end of both laws' settings
-TLC_SETTINGS = ("attitude_differentiator", "rate_differentiator", *_LIMITS)  # rad/s, rad/s
+N_LIMITS = len(_LIMITS)  # number of limits, at the end of both laws' settings
+# bandwidths in rad/s, then limits
+TLC_SETTINGS = ("attitude_differentiator", "rate_differentiator", *_LIMITS)
 
-# LQR: u = nominal - K (x - nominal), SI and radians (deflections too).
+# LQR gains: u = nominal - K (x - nominal), SI and radians (also for deflections)
 LQR_GAINS = (
     *(
         f"{control}_by_{name}"
@@ -81,8 +82,7 @@ LQR_GAINS = (
 LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
 LQR_SETTINGS = _LIMITS
 
-# Replay of published flights without a law: deflections and equivalence ratio at the tick, then
-# their slopes to the next tick.
+# Replay gains: deflections and equivalence ratio, then their slopes to the next tick.
 RECORDED_GAINS = (
     *("aileron", "rudder", "elevator", "equivalence_ratio"),
     *("aileron_rate", "rudder_rate", "elevator_rate", "equivalence_ratio_rate"),

@@ -1,8 +1,8 @@
-"""LQR baseline, one control tick in lanes: guidance (22) and attitude (23).
+"""LQR baseline for one control tick in lanes: guidance (22) and attitude (23).
 
-Zhu & Shen (2014), section 7. Gains of each tick are computed before the flight
-(abhv_mc.control.design.lqr_design); deviations are from the reference and the coordinated-turn
-rates.
+The law is that of Zhu & Shen (2014), section 7. Gains of each tick are computed before the flight
+(abhv_mc.control.design.lqr_design). Deviations are relative to the reference and the
+coordinated-turn rates.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -37,7 +37,7 @@ def lqr_tick(plan, memory, width, tick):
             constants.equivalence_ratio_max,
         )
 
-        # Rates of the coordinated turn, stability axes turned by alpha into body axes.
+        # rates of the coordinated turn, rotated by alpha from stability to body axes
         radius = plan.earth.equatorial_radius + Z[s.M_ALTITUDE, lane]
         gravity_speed = gravitational_parameter / (radius * radius * Z[s.M_SPEED, lane])
         sin_bank, cos_bank = sincos(bank_cmd)

@@ -1,8 +1,9 @@
-"""Trajectory linearization control, one control tick in lanes.
+"""Trajectory linearization control (TLC), for one control tick in lanes.
 
-Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2 are linearized about
-the reference, so their gains are computed before the flight; sub-loops 3 and 4 are linearized here
-about the commands of the flight. The law uses only the nominal vehicle and the measurement.
+The law is that of Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2
+are linearized about the reference, so their gains are computed before the flight. Sub-loops 3 and 4
+are linearized here about the commands of the flight. The law uses only the nominal vehicle and the
+measurement.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar
@@ -32,11 +33,11 @@ from abhv_mc.kernel.plant.state import LAW, N_COEFFICIENTS
 from abhv_mc.kernel.plant.thrust import nominal_thrust
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
-# Memory of the law: integrals of the errors, states of the differentiators, trim data, slopes.
+# memory of the law: error integrals, differentiator states, trim data and slopes
 I_ALTITUDE = LAW
-I_GUIDANCE = LAW + 1  # path, heading, speed
-I_ATTITUDE = LAW + 4  # angle of attack, sideslip, bank
-I_RATE = LAW + 7  # roll, pitch, yaw
+I_GUIDANCE = LAW + 1  # integrals of path, heading and speed errors
+I_ATTITUDE = LAW + 4  # integrals of angle of attack, sideslip and bank errors
+I_RATE = LAW + 7  # integrals of roll, pitch and yaw rate errors
 D_ALPHA, D_BANK, D_P, D_Q, D_R = range(LAW + 10, LAW + 15)
 T_LIFT, T_DRAG, T_THRUST, T_LIFT_SLOPE, T_THRUST_SLOPE = range(LAW + 15, LAW + 20)
 RHO_NOM = LAW + 20
@@ -46,13 +47,13 @@ N_ROWS = 21 + N_COEFFICIENTS * N_INPUTS
 
 @scalar
 def six_from(gains, i):
-    """Return six gains of the tick."""
+    """Return six gains of the tick, starting at column ``i``."""
     return gains[i], gains[i + 1], gains[i + 2], gains[i + 3], gains[i + 4], gains[i + 5]
 
 
 @scalar
 def dot6(gains, errors):
-    """Return the sum of six gains times six errors."""
+    """Return the sum of products of six gains and six errors."""
     k0, k1, k2, k3, k4, k5 = gains
     e0, e1, e2, e3, e4, e5 = errors
     return k0 * e0 + k1 * e1 + k2 * e2 + k3 * e3 + k4 * e4 + k5 * e5
@@ -83,7 +84,7 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
         alpha_cmd = clamp(alpha, settings[2], settings[3])
         bank_cmd = clamp(bank, -settings[4], settings[4])
         eta_cmd = clamp(eta, constants.equivalence_ratio_min, constants.equivalence_ratio_max)
-        # Anti-windup: integrators of a limited command are frozen.
+        # Anti-windup freezes the integrators of a limited command.
         vertical_free = alpha_cmd == alpha
         Z[I_ALTITUDE, lane] = int_altitude if vertical_free else Z[I_ALTITUDE, lane]
         Z[I_GUIDANCE, lane] = int_path if vertical_free else Z[I_GUIDANCE, lane]
@@ -97,7 +98,7 @@ def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
 
 @lanes
 def nominal_variables(Z, width, vehicle, reference, k):
-    """Set the variables of the nominal vehicle to the measured state and the last commands."""
+    """Set the nominal vehicle's variables to the measured state and the last commands."""
     constants = vehicle.constants
     atmosphere_lanes(Z, width, s.M_ALTITUDE, RHO_NOM, s.V_MACH)
     for lane in range(width):
@@ -121,7 +122,7 @@ def nominal_variables(Z, width, vehicle, reference, k):
 
 @lanes
 def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, first):
-    """Compute sub-loops 3 and 4 and the allocation: the deflection commands."""
+    """Compute sub-loops 3 and 4 and the control allocation: deflection commands."""
     constants = vehicle.constants
     mass = reference[k, ref.MASS]
     wd_attitude, wd_rate = settings[0], settings[1]
@@ -144,7 +145,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         radius = earth.equatorial_radius + Z[s.M_ALTITUDE, lane]
         gravity_speed = earth.gravitational_parameter / (radius * radius * speed)
 
-        # Sub-loop 3 about the commands: thrust turned by its inclination.
+        # Sub-loop 3 is linearized about the commands, with the inclined thrust.
         t = q_s * Z[T_THRUST, lane]
         t_slope = q_s * Z[T_THRUST_SLOPE, lane]
         sin_ae = sin_a * constants.thrust_cos + cos_a * constants.thrust_sin
@@ -174,7 +175,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[D_ALPHA, lane] = differentiator_next(decay_attitude, d_alpha, alpha_cmd)
         Z[D_BANK, lane] = differentiator_next(decay_attitude, d_bank, bank_cmd)
         p_nom, q_nom, r_nom = attitude_inverse(point, alpha_dot, 0.0, bank_dot)
-        # Sums are written out, as calls of dot6 prevent SIMD code here (measured: 5 times as long).
+        # Sums are written out because calls of dot6 prevent SIMD code here (5 times slower).
         k, m, n = attitude_gains(point, p_nom, r_nom, attitude_spectrum)
         alpha_err = Z[s.M_ALPHA, lane] - alpha_cmd
         beta_err = Z[s.M_BETA, lane]
@@ -207,7 +208,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
             + n[5] * bank_err
         )
 
-        # Sub-loop 4 about the commanded rates.
+        # Sub-loop 4 is linearized about the commanded rates.
         d_p = p_cmd if first else Z[D_P, lane]
         d_q = q_cmd if first else Z[D_Q, lane]
         d_r = r_cmd if first else Z[D_R, lane]
@@ -241,7 +242,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
             n[0] * int_p + n[1] * p_err + n[2] * int_q + n[3] * q_err + n[4] * int_r + n[5] * r_err
         )
 
-        # Allocation (19): the moment wanted in addition to that of the last commands.
+        # Allocation (19) uses the moment required in addition to that of the last commands.
         now_x, now_y, now_z = nominal_moment(Z, lane, constants, Z[RHO_NOM, lane], q_bar, speed)
         a_x, a_y, a_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 0)
         b_x, b_y, b_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 1)
@@ -258,7 +259,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[s.CMD_AILERON, lane] = aileron_cmd
         Z[s.CMD_RUDDER, lane] = rudder_cmd
         Z[s.CMD_ELEVATOR, lane] = elevator_cmd
-        # Anti-windup: integrators of the axes of a limited deflection are frozen.
+        # Anti-windup freezes the integrators of axes with a limited deflection.
         pitch_free = elevator_cmd == elevator
         lateral_free = aileron_cmd == aileron and rudder_cmd == rudder
         Z[I_ATTITUDE, lane] = int_alpha if pitch_free else Z[I_ATTITUDE, lane]
@@ -284,7 +285,7 @@ def nominal_forces(plan, memory, width, active):
 
 @lanes
 def nominal_vehicle(plan, memory, width, active):
-    """Compute :func:`nominal_forces` and the coefficients' slopes, rows from ``SLOPES``."""
+    """Compute :func:`nominal_forces`, and slopes of coefficients in rows from ``SLOPES``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     nominal_forces(plan, memory, width, active)
     if active is not None and plan.user_code.aerodynamics != 0:
@@ -298,7 +299,7 @@ def nominal_vehicle(plan, memory, width, active):
 def tlc_tick(plan, memory, width, active, tick):
     """Compute the commands from the measurement at a control tick.
 
-    ``active`` is None for a vehicle without custom functions.
+    ``active`` is None for vehicles without custom functions.
     """
     Z, vehicle, reference, gains, settings = (
         memory.Z,

@@ -1,9 +1,10 @@
 """Sub-loops 3 and 4 of TLC as pure scalar functions: inverses and time-varying PI gains.
 
-Zhu and Shen 2014, equations (13)-(18), in FRD axes (x forward, y right, z down); there the paper's
-matrix element Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3 x 6, a
-state's integral before the state) gives the linearized closed loop its prescribed dynamics: ``B K =
-A - A_c`` with the rows of ``A_c`` ``[-a1, -a2]`` for each channel. SI and radians.
+The equations are (13)-(18) of Zhu and Shen 2014 in FRD axes (x forward, y right, z down), in which
+the paper's matrix element Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3
+x 6, with a state's integral before the state) gives the linearized closed loop its prescribed
+dynamics: ``B K = A - A_c``, where ``A_c`` has the rows ``[-a1, -a2]`` for each channel. Units are
+SI and radians.
 """
 
 from typing import NamedTuple
@@ -33,15 +34,15 @@ class AttitudePoint(NamedTuple):
     cos_bank: float
     cos_gamma: float
     tan_gamma: float
-    normal_force: float  # N = L + T sin(alpha + e), e the thrust line's inclination
+    normal_force: float  # normal force L + T sin(alpha + e), with inclination e of the thrust line
     normal_force_slope: float  # N_alpha = L_alpha + T_alpha sin(alpha + e) + T cos(alpha + e)
-    axial_thrust: float  # T cos(alpha + e)
-    side_force: float  # Y, wind axes
-    side_force_slope: float  # Y_beta, wind axes: for drag given in stability axes, q S CY_beta + D
+    axial_thrust: float  # axial thrust T cos(alpha + e)
+    side_force: float  # side force Y, wind axes
+    side_force_slope: float  # Y_beta, wind axes; with drag in stability axes, q S CY_beta + D
 
 
 class Inertia(NamedTuple):
-    """Moments of inertia and the matrix element 13, kg m2."""
+    """Moments of inertia, and matrix element 13, kg m2."""
 
     xx: float
     yy: float
@@ -77,7 +78,7 @@ def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
 def attitude_gains(point, p, r, spectrum):
     """Return K3: rows p, q, r; columns int alpha, alpha, int beta, beta, int bank, bank.
 
-    ``p`` and ``r`` are the nominal rates of :func:`attitude_inverse`.
+    ``p`` and ``r`` are the nominal rates from :func:`attitude_inverse`.
     """
     sa, ca, ss, cs = point.sin_alpha, point.cos_alpha, point.sin_bank, point.cos_bank
     roll = p * ca + r * sa
@@ -97,8 +98,7 @@ def attitude_gains(point, p, r, spectrum):
     bank_by_beta = normal - gravity * cs + point.tan_gamma * cs * side_slope
     bank_by_bank = point.tan_gamma * (normal * cs - side * ss) + spectrum.a2_2
 
-    # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]]: p and r turn the rows of beta and bank
-    # by alpha.
+    # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]] rotates beta and bank by alpha.
     p_by_alpha, r_by_alpha = (
         sa * beta_by_alpha + ca * bank_by_alpha,
         sa * bank_by_alpha - ca * beta_by_alpha,
@@ -120,7 +120,7 @@ def attitude_gains(point, p, r, spectrum):
 
 @scalar
 def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
-    """Return the moments for given angular accelerations: ``J w' + w x J w``, (17)."""
+    """Return the moments for angular accelerations: ``J w' + w x J w``, (17)."""
     hx = inertia.xx * p + inertia.e13 * r
     hy = inertia.yy * q
     hz = inertia.zz * r + inertia.e13 * p
@@ -132,7 +132,7 @@ def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
 
 @scalar
 def rate_gains(inertia, p, q, r, spectrum):
-    """Return K4 (18), with a row per moment and columns of p, q and r after their integrals."""
+    """Return K4 (18): a row per moment; columns of p, q and r, each after its integral."""
     jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
     roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
     pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r
@@ -147,14 +147,14 @@ def rate_gains(inertia, p, q, r, spectrum):
 
 @scalar
 def differentiator_output(bandwidth, state, command):
-    """Return the pseudo-differentiator's output (21), ``wd (u - x)``, ``x' = wd (u - x)``."""
+    """Return the pseudo-differentiator's output (21): ``wd (u - x)``, ``x' = wd (u - x)``."""
     return bandwidth * (command - state)
 
 
 @scalar
 def differentiator_next(decay, state, command):
-    """Return the state one control period later, exact for a constant input.
+    """Return the state after one control period, exact for a constant input.
 
-    It is ``x + (1 - decay)(u - x)`` with ``decay = exp(-wd tick)``.
+    The result is ``x + (1 - decay)(u - x)`` with ``decay = exp(-wd tick)``.
     """
     return command + decay * (state - command)

@@ -11,9 +11,9 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import aligned_zeros
 from abhv_mc.kernel.plant.vehicle import CHUNK
 
-AXES = 3  # Mach, angle of attack, equivalence ratio
+AXES = 3  # number of axes: Mach, angle of attack, equivalence ratio
 
-# Rows of the trim tables: rad (not limited), -, -, T / (q_bar S), s.
+# quantities of the trim tables: rad (not limited), -, -, T / (q_bar S), s
 TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse")
 ELEVATOR, LIFT, DRAG, THRUST, IMPULSE = range(len(TRIM_ROWS))
 
@@ -21,13 +21,13 @@ ELEVATOR, LIFT, DRAG, THRUST, IMPULSE = range(len(TRIM_ROWS))
 class TrimCells(NamedTuple):
     """Cell of each lane on each axis, and buffers for the interpolated values."""
 
-    cell: Ints  # [axis, lane]
-    low: Floats  # [axis, lane] ends of the cell, which a command rarely leaves
-    high: Floats  # [axis, lane]
-    per_step: Floats  # [axis, lane] 1 / length
-    fraction: Floats  # [axis, lane] of the length
-    value: Floats  # [CHUNK]
-    slope: Floats  # [CHUNK]
+    cell: Ints  # cell of each lane [axis, lane]
+    low: Floats  # [axis, lane] lower end of the cell, which a command rarely leaves
+    high: Floats  # [axis, lane] upper end of the cell
+    per_step: Floats  # [axis, lane] 1 / length of the cell
+    fraction: Floats  # [axis, lane] fraction of the cell's length
+    value: Floats  # buffer of values [CHUNK]
+    slope: Floats  # buffer of slopes [CHUNK]
 
 
 def make_trim_cells(width: int) -> TrimCells:
@@ -38,7 +38,7 @@ def make_trim_cells(width: int) -> TrimCells:
 
 @lanes
 def follow(Z, W, row, tables, axis, cells):
-    """Update cell and fraction of every lane on one axis, with a search only if needed."""
+    """Update cell and fraction of every lane on one axis, searching only if necessary."""
     has_left = False
     for lane in range(W):
         x, low = Z[row, lane], cells.low[axis, lane]
@@ -59,7 +59,7 @@ def follow(Z, W, row, tables, axis, cells):
 
 @scalar
 def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
-    """Interpolate all tables of a cell as one vector, and their slopes with the middle axis."""
+    """Interpolate all tables of a cell as one vector, with slopes along the middle axis."""
     weights = weigh(t0, t2)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s2), natural(corner + s0 + s2)
@@ -74,9 +74,9 @@ def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
 
 @lanes
 def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
-    """Look up trimmed lift, drag, thrust, and slopes of lift and thrust with alpha.
+    """Look up trimmed lift, drag, thrust, and slopes of lift and thrust over alpha.
 
-    The five results are in the rows from ``first_row``. The arguments are Mach number, angle of
+    The five results are in the rows from ``first_row`` on. The arguments are Mach number, angle of
     attack and equivalence ratio.
     """
     follow(Z, W, s.V_MACH, trim, 0, cells)

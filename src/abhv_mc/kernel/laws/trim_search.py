@@ -1,11 +1,11 @@
 """Nominal controls along a trajectory, by nested Brent searches.
 
 Zhu and Shen 2014, section 4.3, equation (12): angle of attack, bank and equivalence ratio for given
-accelerations, on the trim tables. The paper solves its three equations in turn; its pass of bank
-and angle of attack multiplies the error by ``-tan^2 bank`` and diverges beyond 45 deg. Here each
-residual of the second equation computes the bank explicitly by the third, and each residual of the
-first solves the second for the angle of attack. Each search brackets the only root of a monotone
-function.
+accelerations, on the trim tables. The paper solves its three equations in turn; its iteration of
+bank and angle of attack multiplies the error by ``-tan^2 bank`` and diverges beyond 45 deg. Here,
+each residual of the second equation uses the bank from the explicit third equation, and each
+residual of the first one uses the angle of attack that solves the second. Each search brackets the
+only root of a monotone function.
 """
 
 from typing import NamedTuple
@@ -19,30 +19,30 @@ from abhv_mc.kernel.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.kernel.numerics.tables import bracket
 
 BANK_LIMIT = np.deg2rad(85.0)
-X_TOLERANCE = 1e-11  # rad and equivalence ratio
+X_TOLERANCE = 1e-11  # tolerance, rad and equivalence ratio
 MAX_ITERATIONS = 100
 
-# Half widths of the shortened brackets about the last solution.
+# half widths of the shortened brackets about the previous solution
 _NEAR_ALPHA, _NEAR_ETA = np.deg2rad(0.25), 0.02
 
-# A status is a sum of these flags, zero if all three equations hold.
+# flags of the status, whose sum is zero if all three equations are satisfied
 NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
 
 
 class GuidancePoints(NamedTuple):
-    """Points to trim at, with prescribed accelerations, each ``[point]``, SI and radians."""
+    """Trim points with prescribed accelerations, each ``[point]``, SI and radians."""
 
     speed: Floats
     density: Floats
     sound_speed: Floats
     gravity: Floats
-    radius: Floats  # r of V / r
+    radius: Floats  # radius r in V / r
     latitude: Floats
     flight_path_angle: Floats
     heading: Floats
-    axial: Floats  # N_a = V'
-    longitudinal: Floats  # N_longi = V gamma'
-    lateral: Floats  # N_lati = V chi'
+    axial: Floats  # axial acceleration, N_a = V'
+    longitudinal: Floats  # longitudinal acceleration, N_longi = V gamma'
+    lateral: Floats  # lateral acceleration, N_lati = V chi'
 
 
 class SearchBounds(NamedTuple):
@@ -54,31 +54,31 @@ class SearchBounds(NamedTuple):
     eta_high: float
     elevator_low: float
     elevator_high: float
-    searches: int  # 2: a shortened bracket may fail once; not a constant, which numba would unroll
+    searches: int  # 2, as a shortened bracket may fail once; numba would unroll a constant
 
 
 class _Demand(NamedTuple):
     mach: float
     q_area: float  # dynamic pressure times reference area, N
-    axial: float  # N, along the velocity: T cos - D
-    vertical: float  # N, (L + T sin) cos(bank)
-    lateral: float  # N, (L + T sin) sin(bank)
+    axial: float  # force along the velocity, T cos - D, N
+    vertical: float  # vertical force, (L + T sin) cos(bank), N
+    lateral: float  # lateral force, (L + T sin) sin(bank), N
     thrust_cos: float
     thrust_sin: float
 
 
 class Cut(NamedTuple):
-    """Trim tables at one Mach number, and at one equivalence ratio, so that searches are fast."""
+    """Trim tables at one Mach number, and at one equivalence ratio, for fast searches."""
 
-    alpha: Floats  # nodes
-    eta: Floats  # nodes
-    plane: Floats  # [eta, alpha, TRIM_ROWS]
-    line: Floats  # [alpha, TRIM_ROWS]
+    alpha: Floats  # nodes of the angle of attack
+    eta: Floats  # nodes of the equivalence ratio
+    plane: Floats  # values at the Mach number [eta, alpha, TRIM_ROWS]
+    line: Floats  # values at the equivalence ratio [alpha, TRIM_ROWS]
 
 
 @routine
 def _cut_at_mach(tables, mach, cut):
-    """Interpolate the trim tables in Mach, into ``cut.plane``."""
+    """Interpolate the trim tables at a Mach number, into ``cut.plane``."""
     start, length = tables.axis_start[0], tables.axis_length[0]
     nodes, inverse_step = (
         tables.grid[start : start + length],
@@ -97,7 +97,7 @@ def _cut_at_mach(tables, mach, cut):
 
 @scalar
 def _locate(nodes, x):
-    """Return cell and fraction of ``x`` among the nodes, limited to the ends."""
+    """Return cell and fraction of ``x`` among the nodes, clamped to the ends."""
     low, high = 0, nodes.size - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -110,7 +110,7 @@ def _locate(nodes, x):
 
 @routine
 def _cut_at_eta(eta, cut):
-    """Interpolate ``cut.plane`` in the equivalence ratio, into ``cut.line``."""
+    """Interpolate ``cut.plane`` at an equivalence ratio, into ``cut.line``."""
     k, u = _locate(cut.eta, eta)
     for j in range(cut.alpha.size):
         for row in range(cut.line.shape[1]):
@@ -119,19 +119,19 @@ def _cut_at_eta(eta, cut):
 
 @routine
 def _look_up(alpha, row, cut):
-    """Interpolate one of TRIM_ROWS on the line."""
+    """Interpolate one of TRIM_ROWS along the line."""
     j, t = _locate(cut.alpha, alpha)
     return (1.0 - t) * cut.line[j, row] + t * cut.line[j + 1, row]
 
 
-# One compiled search per level, as numba regards a search inside a search as a recursion.
+# Each level has its own compiled search, as numba regards nested searches as recursion.
 _brent_alpha = scalar(brent.py_func)  # type: ignore[attr-defined]
 _brent_eta = scalar(brent.py_func)  # type: ignore[attr-defined]
 
 
 @scalar
 def _sin_bank_of(normal, lateral):
-    """Return the sine of the bank by the third equation, limited to BANK_LIMIT."""
+    """Return the sine of the bank from the third equation, limited to BANK_LIMIT."""
     limit = np.sin(BANK_LIMIT)
     sine = lateral / normal if normal > 0.0 else np.copysign(limit, lateral)
     return min(max(sine, -limit), limit)
@@ -139,7 +139,7 @@ def _sin_bank_of(normal, lateral):
 
 @routine
 def _normal_force(alpha, cut, expected):
-    """Return N = L + T sin(alpha + e), N."""
+    """Return the normal force L + T sin(alpha + e), N."""
     j, t = _locate(cut.alpha, alpha)
     lift = (1.0 - t) * cut.line[j, LIFT] + t * cut.line[j + 1, LIFT]
     thrust = (1.0 - t) * cut.line[j, THRUST] + t * cut.line[j + 1, THRUST]
@@ -157,9 +157,9 @@ def _alpha_residual(alpha, cut, expected):
 
 @routine
 def _alpha_of(eta, near, margin, cut, expected, bounds):
-    """Solve the second and third equations together; return angle of attack and status.
+    """Solve the second and third equation together; return angle of attack and status.
 
-    The cut stays at ``eta``.
+    ``cut`` remains at ``eta``.
     """
     _cut_at_eta(eta, cut)
     low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
@@ -186,7 +186,7 @@ def _eta_residual(eta, near_alpha, margin, cut, expected, bounds):
 
 @routine
 def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
-    """Solve the first equation with the others: (equivalence ratio, status)."""
+    """Solve all three equations; return equivalence ratio and status."""
     low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
     root, status, arguments = (
         near,
@@ -253,7 +253,7 @@ def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cu
             near_eta, eta_margin, near_alpha, alpha_margin = eta, _NEAR_ETA, alpha, _NEAR_ALPHA
         if tick > 0.0:
             thrust = expected.q_area * _look_up(alpha, THRUST, cut)
-            impulse = _look_up(alpha, IMPULSE, cut)  # zero if an engine does not run
+            impulse = _look_up(alpha, IMPULSE, cut)  # zero for an engine that does not run
             burns = impulse > 0.0 and constants.burns_fuel > 0.0
             burnt = thrust / (constants.standard_gravity * impulse) * tick if burns else 0.0
             mass = max(mass - burnt, constants.mass_empty)

@@ -1,7 +1,7 @@
-"""Custom control law, one control tick in lanes: inputs, call and commands.
+"""Custom control law for one control tick in lanes: inputs, call and commands.
 
-The code is compiled separately (:mod:`abhv_mc.user_code`) and called once a tick for all lanes by
-an address in the plan, so that the flight's machine code serves every law.
+The code is compiled separately (:mod:`abhv_mc.user_code`) and called once per tick for all lanes,
+by an address in the plan, so that all control laws share the machine code of the flight.
 """
 
 import math
@@ -24,27 +24,27 @@ from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_
 from abhv_mc.kernel.plant.state import LAW
 from abhv_mc.kernel.plant.thrust import thrust
 
-MAX_MEMORY = 256  # numbers in a law's memory
+MAX_MEMORY = 256  # maximum numbers in a control law's memory
 
-# Rows of the lane memory after those of TLC, whose rows of the nominal vehicle are used here, too.
-FAULT = LAW + N_TLC_ROWS  # outcome with which the law ends the flight, 0 for none
+# Rows of the lane memory after those of TLC, whose nominal vehicle is also used here.
+FAULT = LAW + N_TLC_ROWS  # outcome with which the control law ends the flight, 0 for none
 MEMORY = FAULT + 1
-ONBOARD = MEMORY + MAX_MEMORY  # in the order of abhv_mc.user_code.law_interface.Onboard
+ONBOARD = MEMORY + MAX_MEMORY  # rows in the order of abhv_mc.user_code.law_interface.Onboard
 _MOMENT, _LIFT, _SLOPES, _INERTIA = ONBOARD + 3, ONBOARD + 15, ONBOARD + 18, ONBOARD + 24
 N_ONBOARD = 28
 CHANNEL = ONBOARD + N_ONBOARD  # custom channels
 MAX_CHANNELS = 16
 N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
-NOT_FINITE = 4.0  # see abhv_mc.flight.outcome
+NOT_FINITE = 4.0  # outcome code, see abhv_mc.flight.outcome
 
-# rad, and for the equivalence ratio; uncritical, as tables are linear in a cell
+# difference step in rad and equivalence ratio; uncritical, as tables are linear in a cell
 _STEP = 1e-6
 
 
 @lanes
 def call_user(plan, memory, tick):
-    """Call custom code at a control tick: a law, or a filter of the measurement."""
+    """Call custom code at a control tick: a control law, or a filter of the measurement."""
     code, dt = plan.user_code, plan.timing.step * plan.timing.steps_per_tick
     reference, gains, settings = plan.reference, plan.gains, plan.settings
     call_address(code.address, code.context, memory.Z, reference, gains, settings, tick, dt)
@@ -67,7 +67,7 @@ def user_tick(plan, memory, width, tick):
 
 @lanes
 def finish_commands(Z, width, constants, effectors, reference, tick):
-    """Limit the commands to the vehicle's range; one that is not finite ends the flight."""
+    """Limit the commands to the vehicle's range; a command that is not finite ends the flight."""
     limit = constants.surface_limit
     for lane in range(width):
         path, alpha, bank = Z[s.GAMMA_CMD, lane], Z[s.ALPHA_CMD, lane], Z[s.BANK_CMD, lane]
@@ -98,11 +98,12 @@ def finish_commands(Z, width, constants, effectors, reference, tick):
 
 @lanes
 def nominal_onboard(plan, memory, width, tick):
-    """Compute the nominal vehicle at the measured state, in rows from ``ONBOARD``."""
+    """Compute the nominal vehicle at the measured state, in rows from ``ONBOARD`` on."""
     Z, vehicle = memory.Z, plan.vehicle
     constants = vehicle.constants
     nominal_variables(Z, width, vehicle, plan.reference, tick)
-    for probe in range(3):  # at the point, at another angle of attack, at another equivalence ratio
+    # The three evaluations are the point, another angle of attack, and another throttle.
+    for probe in range(3):
         for lane in range(width):
             eta = Z[s.CMD_ETA, lane]
             eta_step = _STEP if eta + _STEP < constants.equivalence_ratio_max else -_STEP
@@ -118,7 +119,7 @@ def nominal_onboard(plan, memory, width, tick):
             lift = q_bar * constants.area * Z[s.COEF, lane]
             drag = q_bar * constants.area * Z[s.COEF + 1, lane]
             force = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
-            force += Z[s.F_THRUST, lane]  # of an engine function
+            force += Z[s.F_THRUST, lane]  # force of an engine function
             if probe == 0:
                 Z[ONBOARD, lane] = Z[s.V_MACH, lane]
                 Z[ONBOARD + 1, lane] = density

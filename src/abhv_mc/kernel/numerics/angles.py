@@ -1,4 +1,4 @@
-"""Angles and limits as select-only scalar functions."""
+"""Branch-free scalar functions of angles and limits."""
 
 import math
 

@@ -1,6 +1,6 @@
 """Conversion of a float's 64 bits to an integer and back.
 
-Plain Python uses ``struct``; compiled code is one LLVM bitcast, which vectorizes.
+Plain Python uses ``struct``; compiled code uses one LLVM bitcast, which vectorizes.
 """
 
 import struct
@@ -15,7 +15,7 @@ def float_bits(x: float) -> int:
 
 
 def bits_float(bits: int) -> float:
-    """Return the float with the bits of a signed 64-bit integer."""
+    """Return the float whose bits are a signed 64-bit integer."""
     return float(struct.unpack("<d", struct.pack("<q", bits))[0])
 
 

@@ -1,13 +1,13 @@
 """Elementary functions without libm, so that loops over lanes become SIMD code.
 
-A call into libm prevents vectorization; these functions consist of arithmetic, selects and one
-bitcast. Errors are within 2 ulp on the ranges in the docstrings. Floating point is strict, without
-fused multiply-add, so plain Python gives the same bits. Non-finite input follows IEEE arithmetic
-and never raises an exception.
+A call to libm prevents vectorization; these functions consist of arithmetic, selects and one
+bitcast. Errors are at most 2 ulp in the ranges of the docstrings. Floating point is strict, without
+fused multiply-add, so that plain Python gives the same bits. Non-finite input follows IEEE
+arithmetic and never raises an exception.
 
-Coefficients: own fits, ``tests/reference/fit_lane_math.py``. Reductions: Cody and Waite, "Software
-Manual for the Elementary Functions" (1980), ch. 6-8, 11; splitting of log: Tang, ACM TOMS 16 (1990)
-378.
+Coefficients were fitted by ``tests/reference/fit_lane_math.py``. Reductions: Cody and Waite,
+"Software Manual for the Elementary Functions" (1980), ch. 6-8, 11; splitting of log: Tang, ACM TOMS
+16 (1990) 378.
 """
 
 import math
@@ -66,7 +66,7 @@ _ATAN = (
     0.03923165829558719,
     -0.01917688711906226,
 )
-# Constants split so that their products with the small integers of a reduction are exact.
+# constants split so that products with the small integers of a reduction are exact
 _LN2 = (0.6931471803691238, 1.9082149292705877e-10)
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
@@ -75,21 +75,22 @@ _TWO_OVER_PI = 0.6366197723675814
 _PI, _PI_LOW = 3.141592653589793, 1.2246467991473532e-16
 TAN_EIGHTH_PI = 0.41421356237309503
 
-# Adding 1.5 * 2^52 rounds to an integer, which is then in the low bits of the sum.
+# Adding 1.5 * 2^52 rounds to an integer, which is in the low bits of the sum.
 _ROUND = 6755399441055744.0
 _ROUND_BITS = 0x4338000000000000
 _MANTISSA = 0x000FFFFFFFFFFFFF
-_BITS_SQRT_HALF = 0x3FE6A09E00000000  # just below sqrt(1/2): mantissas run from there to sqrt(2)
+# just below sqrt(1/2), the lower end of mantissas up to sqrt(2)
+_BITS_SQRT_HALF = 0x3FE6A09E00000000
 _BITS_TO_ONE = 0x3FF0000000000000 - _BITS_SQRT_HALF
 
-SINCOS_LIMIT = 1048576.0  # rad; beyond it the reduction is not exact and the result is NaN
+SINCOS_LIMIT = 1048576.0  # limit of an exact reduction, rad; the result is NaN beyond
 
 
 @scalar
 def exp(x: float) -> float:
-    """Return the exponential; 0 and inf beyond the range of doubles, with gradual underflow."""
+    """Return the exponential; 0 and inf outside the range of doubles, with gradual underflow."""
     low = -746.0 if x < -746.0 else x
-    high = low if low < 710.0 else 710.0  # NaN goes to 710 here and comes back with r
+    high = low if low < 710.0 else 710.0  # NaN becomes 710 here and is restored by r.
     rounded = high * _LOG2_E + _ROUND
     k = rounded - _ROUND
     r = (low - k * _LN2[0]) - k * _LN2[1]
@@ -102,7 +103,7 @@ def exp(x: float) -> float:
     p89 = _EXP[8] + _EXP[9] * r
     q = (p01 + p23 * r2) + r4 * ((p45 + p67 * r2) + r4 * p89)
     value = 1.0 + (r + r2 * q)
-    # 2^k in two factors, so that k = 1024 and the subnormals come out right
+    # 2^k is split into two factors, so that k = 1024 and subnormal results are correct.
     integer = float_bits(rounded) - _ROUND_BITS
     half = integer >> 1
     return value * bits_float((half + 1023) << 52) * bits_float((integer - half + 1023) << 52)
@@ -110,9 +111,9 @@ def exp(x: float) -> float:
 
 @scalar
 def log(x: float) -> float:
-    """Return the natural logarithm; -inf at 0, NaN below."""
+    """Return the natural logarithm; -inf at 0 and NaN for negative numbers."""
     subnormal = x < 2.2250738585072014e-308
-    scaled = x * 18014398509481984.0 if subnormal else x  # 2^54
+    scaled = x * 18014398509481984.0 if subnormal else x  # The factor is 2^54.
     bits = float_bits(scaled) + _BITS_TO_ONE
     e = bits_float((bits >> 52) - 1023 + _ROUND_BITS) - _ROUND
     e = e - 54.0 if subnormal else e
@@ -125,16 +126,16 @@ def log(x: float) -> float:
     last = _LOG[4] + z * (_LOG[5] + z * _LOG[6])
     r = z * (odd + z2 * (middle + z2 * last))
     half_f2 = 0.5 * f * f
-    # 2 s = f - s f, and f^2/2 is subtracted from f last, where its rounding is small
+    # f is added last because 2 s = f - s f, and f^2/2 is then rounded at a small size.
     value = e * _LN2[0] - ((half_f2 - (s * (half_f2 + r) + e * _LN2[1])) - f)
-    value = value if x < math.inf else x  # inf and NaN pass through
+    value = value if x < math.inf else x  # Infinity and NaN pass through.
     value = value if x != 0.0 else -math.inf
     return math.nan if x < 0.0 else value
 
 
 @scalar
 def power(x: float, y: float) -> float:
-    """Return a power of a positive x as exp(y log x); the relative error is 1e-16 |y log x|."""
+    """Return a power of positive x as exp(y log x), with relative error 1e-16 |y log x|."""
     return exp(y * log(x))
 
 
@@ -144,8 +145,7 @@ def sincos(x: float) -> tuple[float, float]:
     rounded = x * _TWO_OVER_PI + _ROUND
     n = rounded - _ROUND
     quadrant = float_bits(rounded) & 3
-    # r + tail = x - n pi/2: the first two products are exact, the sum of the second keeps its
-    # rounding error
+    # In r + tail = x - n pi/2, two products are exact; the second sum retains its rounding error.
     a = x - n * HALF_PI[0]
     b = -(n * HALF_PI[1])
     c = a + b
@@ -182,16 +182,16 @@ def tan(x: float) -> float:
 
 @scalar
 def reciprocals(a: float, b: float) -> tuple[float, float]:
-    """Return (1 / a, 1 / b) within 1.5 ulp, by one division.
+    """Return (1 / a, 1 / b) within 1.5 ulp, with one division.
 
-    If ``a b`` is 0 or beyond the range of doubles, the result is not finite or 0.
+    If ``a b`` is 0 or outside the range of doubles, the result is not finite or is 0.
     """
     inverse = 1.0 / (a * b)
     return b * inverse, a * inverse
 
 
 class Octant(NamedTuple):
-    """Angle as quarters of pi and the arc tangent of a quotient of at most tan(pi/8)."""
+    """Angle as a number of quarters of pi and the arc tangent of a quotient <= tan(pi/8)."""
 
     numerator: float
     denominator: float
@@ -207,7 +207,7 @@ def octant_of(y: float, x: float) -> Octant:
     steep = abs_y > abs_x
     small = abs_x if steep else abs_y
     large = abs_y if steep else abs_x
-    # above pi/8: atan(a/b) = pi/4 + atan((a - b) / (a + b)), with one division for both
+    # Above pi/8, atan(a/b) = pi/4 + atan((a - b) / (a + b)); both cases share one division.
     upper = small > TAN_EIGHTH_PI * large
     numerator = small - large if upper else small
     denominator = small + large if upper else large
@@ -262,7 +262,7 @@ def shallow_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[floa
     per_x_1, per_x_2 = reciprocals(x_1, x_2)
     u_1, u_2 = y_1 * per_x_1, y_2 * per_x_2
     angle_1, angle_2 = u_1 + atan_excess(u_1), u_2 + atan_excess(u_2)
-    return (angle_1 if u_1 != 0.0 else u_1), (angle_2 if u_2 != 0.0 else u_2)  # -0.0 stays -0.0
+    return (angle_1 if u_1 != 0.0 else u_1), (angle_2 if u_2 != 0.0 else u_2)  # -0.0 is preserved.
 
 
 @scalar
@@ -277,7 +277,7 @@ def two_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, f
 
 @scalar
 def asin(x: float) -> float:
-    """Return the arc sine, limited to its value at +-1 if rounding leads beyond."""
+    """Return the arc sine, with arguments limited to +-1 because of rounding."""
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(x, math.sqrt((1.0 - x) * (1.0 + x)))
@@ -285,7 +285,7 @@ def asin(x: float) -> float:
 
 @scalar
 def acos(x: float) -> float:
-    """Return the arc cosine, limited to its value at +-1 if rounding leads beyond."""
+    """Return the arc cosine, with arguments limited to +-1 because of rounding."""
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(math.sqrt((1.0 - x) * (1.0 + x)), x)

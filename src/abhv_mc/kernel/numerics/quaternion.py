@@ -1,8 +1,8 @@
 """Attitude as a unit quaternion, scalar first, from body to NED components.
 
-v_N = q v_B q*. Yaw, pitch, roll are the 3-2-1 angles from NED to body. Formulas: Stevens, Lewis and
-Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8. The matrix elements are written out
-in each function, as the compiler shares them between calls with the same quaternion.
+v_N = q v_B q*. Yaw, pitch and roll are the 3-2-1 angles from NED to body. Formulas: Stevens, Lewis
+and Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8. Matrix elements are written out
+in each function, because the compiler shares them between calls with the same quaternion.
 """
 
 from abhv_mc.kernel.jit import scalar
@@ -70,7 +70,7 @@ def rotate_meridional(
 def quaternion_rate(
     q0: float, q1: float, q2: float, q3: float, p: float, q: float, r: float
 ) -> tuple[float, float, float, float]:
-    """Return the derivative, 1/s, at the body rate p, q, r (rad/s, body axes) relative to NED."""
+    """Return the derivative, 1/s, for body rates p, q, r (rad/s, body axes) relative to NED."""
     return (
         -0.5 * (q1 * p + q2 * q + q3 * r),
         0.5 * (q0 * p + q2 * r - q3 * q),

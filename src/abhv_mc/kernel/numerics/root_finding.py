@@ -1,9 +1,9 @@
 """Brent's root finder for compiled functions.
 
 R. P. Brent, "Algorithms for Minimization without Derivatives" (1973), ch. 4: inverse quadratic or
-linear interpolation while it converges, bisection otherwise; the root stays bracketed.
+linear interpolation while it converges, else bisection; the root stays bracketed.
 
-Pass module-level compiled functions only, as numba does not cache kernels with closures.
+Pass only compiled functions of modules, because numba does not cache kernels with closures.
 """
 
 import math
@@ -15,7 +15,7 @@ from abhv_mc.kernel.jit import scalar
 CONVERGED = 0
 NO_SIGN_CHANGE = 1
 OUT_OF_ITERATIONS = 2
-NOT_A_NUMBER = 3  # the function gave NaN inside the bracket
+NOT_A_NUMBER = 3  # status if the function returns NaN inside the bracket
 
 _TWO_EPSILON = 4.440892098500626e-16
 
@@ -31,12 +31,12 @@ def brent(
 ) -> tuple[float, int, int]:
     """Find a zero of ``function(x, *arguments)`` in [low, high]: (root, iterations, status).
 
-    The root is within ``x_tolerance`` (absolute) and a few roundings. Iterations count the function
-    calls after those at the ends. Without a change of sign, or with NaN at an end, the root is the
-    end with the smaller residual.
+    The root is within ``x_tolerance`` (absolute) and a few rounding errors. Iterations are the
+    function calls after those at the ends. Without a change of sign, or with NaN at an end, the
+    root is the end with the smaller residual.
     """
-    # b is the best point so far, c the other end of the bracket, a the point before b.
-    # One call site serves the ends and the search, as each call site would be compiled separately.
+    # b is the best point so far, c the other end of the bracket, and a the point before b.
+    # With a single call site, the function is compiled only once.
     a, b, c = low, low, low
     fa, fb, fc = 0.0, 0.0, 0.0
     step, before = 0.0, 0.0
@@ -85,7 +85,7 @@ def brent(
                 q = -q
             else:
                 p = -p
-            # keep to the bracket, and at least halve the step before last
+            # Steps must stay in the bracket and be at most half the step before last.
             bisect = 2.0 * p >= 3.0 * half * q - abs(tolerance * q) or p >= abs(0.5 * before * q)
             if not bisect:
                 before = step

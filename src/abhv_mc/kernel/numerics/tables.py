@@ -1,8 +1,8 @@
 """Compiled multilinear look-up of packed tables, with one search per axis.
 
-It works lane by lane, as flights are in different cells; within a lane all tables of a cell are
-contiguous, so the interpolation is the vector loop (no gather). Outside its grid an axis is clamped
-and the lane's ``outside`` row is set; there is no extrapolation.
+Lanes are treated one by one, because flights are in different cells; within a lane all tables of a
+cell are contiguous, so that the interpolation is the vectorized loop (without gather). Arguments
+outside the grid are clamped, and the lane's ``outside`` row is set; there is no extrapolation.
 """
 
 from abhv_mc.kernel.jit import scalar
@@ -10,7 +10,7 @@ from abhv_mc.kernel.jit import scalar
 
 @scalar
 def natural(i):
-    """Return a nonnegative index in a form that tells the compiler so."""
+    """Return an index in a form that tells the compiler that it is not negative."""
     return i & 0x7FFFFFFF
 
 
@@ -18,11 +18,12 @@ def natural(i):
 def bracket(grid, inverse_step, length, hint, x):
     """Return the cell 0..length-2 and the fraction 0..1 of ``x``, clamped to the axis.
 
-    The search starts at ``hint``; the result does not depend on it.
+    The search starts at ``hint``, which does not affect the result.
     """
     low = grid[0]
     high = grid[length - 1]
-    x = x if x > low else low  # NaN becomes the first node; the state itself is checked elsewhere
+    # NaN becomes the first node, because the state itself is checked elsewhere.
+    x = x if x > low else low
     x = x if x < high else high
     i = natural(hint)
     while i < length - 2 and x >= grid[natural(i + 1)]:
@@ -47,7 +48,7 @@ def corners_of(data, i, s0, s1):
 
 @scalar
 def mix(weights, corners):
-    """Return the weighted sum of the corners' values."""
+    """Return the weighted sum of the values at the corners."""
     w00, w10, w01, w11 = weights
     a, b, c, d = corners
     return w00 * a + w10 * b + w01 * c + w11 * d

@@ -1,9 +1,9 @@
 """Step of a second-order actuator (Zhu & Shen 2014, eq. (4)) with rate limit and stops.
 
-The command is constant over the step. Within the limits the step is exact. A step that may meet a
-limit is split into short steps, as a limit met within a long step would reduce the integrator's
-order. Steps of actuators that are of first order, or have a dead zone or backlash, are always
-split.
+The command is constant over the step. Within the limits the step is exact. A step that may reach a
+limit is split into short steps, because a limit reached within a long step would reduce the
+integrator's order. First-order actuators, and actuators with a dead zone or backlash, always use
+short steps.
 """
 
 from typing import NamedTuple
@@ -12,10 +12,10 @@ from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 
-# Columns of ``Vehicle.actuators``, the list of actuators, SI and radians: limits of the position,
-# greatest rate, bandwidth in rad/s, damping ratio (0.5 for first order: 2 damping / bandwidth is
-# the time constant), one of the kinds, half-width of the dead zone in the error between command and
-# position, and total backlash between the actuator and its surface.
+# Columns of ``Vehicle.actuators``, the list of actuators, in SI units and radians.
+# For first order the damping ratio is 0.5, and 2 damping / bandwidth is the time constant.
+# The dead zone is a half-width in the error between command and position.
+# The backlash is the total one between the actuator and its surface.
 COLUMNS = (
     *("low", "high", "rate_limit", "bandwidth", "damping", "kind"),
     *("dead_zone", "backlash"),
@@ -24,25 +24,25 @@ LOW, HIGH, RATE_LIMIT, BANDWIDTH, DAMPING, KIND, DEAD_ZONE, BACKLASH = range(len
 SLACK = COLUMNS[DEAD_ZONE:]  # nonlinearities within the limits
 KINDS = ("second_order", "first_order", "ideal")
 SECOND_ORDER, FIRST_ORDER, IDEAL = range(len(KINDS))
-AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # indices of the list: three axes, the engine, effectors
+AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # indices in the list: three axes, the engine, effectors
 
-SUBSTEPS = 16  # short steps of an integrator step
-_TERMS = 40  # of the matrix exponential's series
+SUBSTEPS = 16  # short steps per integrator step
+_TERMS = 40  # terms of the matrix exponential's series
 
-# Rows of an actuator's block in the lane memory.
-STIFFNESS, FRICTION = range(2)  # wn^2, 2 zeta wn
-END = 2  # position error and rate at the end of a step: [e, r] times four numbers by rows
-MIDDLE = 6  # position of the middle stages: two numbers
-SHORT = 8  # as END, for a short step
-REACH = 12  # bound of the rate in a step: these two numbers times |rate| and |error|
+# rows of an actuator's block in the lane memory
+STIFFNESS, FRICTION = range(2)  # wn^2 and 2 zeta wn
+END = 2  # position error and rate after a step: four coefficients of [e, r] by rows
+MIDDLE = 6  # position at the middle stages: two coefficients
+SHORT = 8  # coefficients like END, for a short step
+REACH = 12  # coefficients of |rate| and |error| that bound the rate in a step
 N_ACTUATOR_ROWS = 14
 
 
 class Response(NamedTuple):
     """Coefficients of an actuator's equation and its transition over a short step, by rows."""
 
-    stiffness: float  # 1/s2
-    friction: float  # 1/s
+    stiffness: float  # stiffness, 1/s2
+    friction: float  # friction, 1/s
     e11: float
     e12: float
     e21: float
@@ -51,13 +51,14 @@ class Response(NamedTuple):
 
 @scalar
 def transition(stiffness, friction, step):
-    """Return exp(A step), A = [[0, 1], [-stiffness, -friction]], and its integral's row 1.
+    """Return exp(A step) of A = [[0, 1], [-stiffness, -friction]], and row 1 of its integral.
 
-    Matrices are given by rows; the integral is over the step.
+    Matrices are given by rows; the integral is taken over the step.
     """
     e11, e12, e21, e22 = 1.0, 0.0, 0.0, 1.0
     i11, i12 = 1.0, 0.0
-    for k in range(_TERMS, 0, -1):  # Horner: I + A step / k (I + ...); the integral has k + 1
+    # Horner's scheme, I + A step / k (I + ...); the integral has k + 1.
+    for k in range(_TERMS, 0, -1):
         x, y = step / k, step / (k + 1)
         i11, i12 = 1.0 - y * stiffness * i12, y * (i11 - friction * i12)
         e11, e12, e21, e22 = (
@@ -71,11 +72,11 @@ def transition(stiffness, friction, step):
 
 @scalar
 def short_step(position, rate, command, response, step, low, high, rate_limit):
-    """Return position, rate and the position's integral after a step that may meet limits."""
+    """Return position, rate and position integral after a step that may reach limits."""
     stiffness, friction, e11, e12, e21, e22 = response
     error = position - command
     free = e21 * error + e22 * rate
-    # ``free`` lets a rate at its limit rise further before it falls; this rise is removed.
+    # ``free`` lets a rate at its limit increase before it decreases; the increase is removed.
     push = -(stiffness * error + friction * rate)
     outward = push if rate >= rate_limit else (-push if rate <= -rate_limit else 0.0)
     leaves = outward > 0.0 and abs(free) < rate_limit
@@ -83,12 +84,11 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     free -= (rise if rate > 0.0 else -rise) if leaves else 0.0
     end_rate = clamp(free, -rate_limit, rate_limit)
     meets_limit = free != end_rate
-    # A rate that meets its limit changes linearly before and is constant afterwards.
+    # A rate that reaches its limit changes linearly before and is constant afterwards.
     share = (end_rate - rate) / (free - rate if meets_limit else 1.0)
     end_position = position + step * (end_rate - 0.5 * share * (end_rate - rate))
     end_position = end_position if meets_limit else command + (e11 * error + e12 * rate)
-    # A surface moves linearly to a stop, rests there, and returns in the time left if its command
-    # is inside.
+    # A surface moves linearly to a stop, rests there, and returns if its command is inside.
     stop = clamp(end_position, low, high)
     stopped = stop != end_position
     path = stop - position
@@ -106,7 +106,7 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
 
 @scalar
 def lag_step(position, command, bandwidth, step, low, high, rate_limit):
-    """Return position, rate and the position's integral after a first-order actuator's step.
+    """Return position, rate and position integral after a first-order actuator's step.
 
     The actuator first moves at its rate limit, then approaches the command exponentially.
     """
@@ -126,7 +126,7 @@ def lag_step(position, command, bandwidth, step, low, high, rate_limit):
 
 @scalar
 def mean_within(a, b, zone):
-    """Return the mean of x clamped to +-zone, over x from ``a`` to ``b``."""
+    """Return the mean of x clamped to +-zone, for x from ``a`` to ``b``."""
     at_a, at_b = clamp(a, -zone, zone), clamp(b, -zone, zone)
     span = b - a
     short = abs(span) < 1e-9
@@ -136,11 +136,11 @@ def mean_within(a, b, zone):
 
 @scalar
 def slack_step(position, rate, command, response, bandwidth, step, low, high, rate_limit, zone):
-    """Return position, rate and the position's integral after a step with a dead zone.
+    """Return position, rate and position integral after a step with a dead zone.
 
     Only the error beyond the dead zone acts: the effective command is the point of the zone about
-    the command that is nearest to the position. ``bandwidth`` is that of a first-order actuator, 0
-    for one of second order.
+    the command that is closest to the position. ``bandwidth`` is that of a first-order actuator, 0
+    for second order.
     """
     error = position - command
     if bandwidth > 0.0:
@@ -156,7 +156,7 @@ def slack_step(position, rate, command, response, bandwidth, step, low, high, ra
 def turning_point(position, rate, end_rate, step):
     """Return the position at which the rate changes its sign within a step.
 
-    If the rate keeps its sign, the position at the start of the step is returned.
+    If the rate keeps its sign, return the position at the start of the step.
     """
     turns = (rate > 0.0) != (end_rate > 0.0)
     time = step * rate / (rate - end_rate if turns and rate != end_rate else 1.0)

@@ -1,10 +1,10 @@
 """Step of all actuators in lanes.
 
-The list contains the actuators of the three axes and the engine, then those of the effectors. They
-depend only on their commands, which are constant over a tick, so they are computed before the
-equations of motion. Those of axes and engine have rows in the memory ``Z``; those of effectors
-(:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. ``M`` is the memory of the actuators
-that a function computes.
+The list contains the actuators of the three axes and the engine, followed by those of the
+effectors. They depend only on their commands, which are constant over a tick, and are therefore
+computed before the equations of motion. Actuators of axes and engine have rows in the memory ``Z``;
+actuators of effectors (:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. ``M`` is the
+memory of the actuators that a function computes.
 """
 
 from typing import NamedTuple
@@ -46,9 +46,8 @@ from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
-# Rows of an effector with an actuator, in the effectors' memory: position, rate, the position of
-# the stages, both after the step, its command, the factor on its rate limit, the lead of the
-# actuator over the surface (backlash); then the block of :func:`prepare_actuator`.
+# rows of an effector with an actuator, followed by the block of :func:`prepare_actuator`
+# NEXT and NEXT_RATE apply after the step; AHEAD is the actuator's lead within its backlash.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
@@ -64,8 +63,8 @@ def pass_commands(Z, width):
 class Actuator(NamedTuple):
     """Rows of one actuator in its memory.
 
-    ``position`` and ``rate`` are those before the step, ``end`` and ``end_rate`` those after it;
-    ``middle`` is the position of the middle stages.
+    ``position`` and ``rate`` are values before the step, ``end`` and ``end_rate`` after it;
+    ``middle`` is the position at the middle stages.
     """
 
     position: int
@@ -83,7 +82,7 @@ class Actuator(NamedTuple):
 def actuator_rows(i):
     """Return the rows of an actuator of the list.
 
-    The three axes are alike and share a block.
+    The three axes have the same actuator and share a block.
     """
     if i >= FIRST_EFFECTOR:
         first = (i - FIRST_EFFECTOR) * N_EFFECTOR_ROWS
@@ -116,7 +115,7 @@ def actuator_rows(i):
 
 @lanes
 def limits_of(Z, lane, actuators, i):
-    """Return the lowest and highest position of an actuator; axes have symmetric limits."""
+    """Return an actuator's lowest and highest position; axes have symmetric limits."""
     if i == ENGINE:
         return actuators[i, LOW], actuators[i, HIGH] * Z[_K_ETA_LIMIT, lane]
     if i < AXES:
@@ -127,7 +126,7 @@ def limits_of(Z, lane, actuators, i):
 
 @lanes
 def prepare_actuators(Z, M, width, actuators, first, last, step):
-    """Compute the coefficients of actuators of the list, which are constant over a flight."""
+    """Compute the coefficients of actuators of the list, which are constant in a flight."""
     for i in range(first, last):
         block = actuator_rows(i).block
         for lane in range(width):
@@ -160,12 +159,12 @@ def prepare_actuator(Z, lane, block, bandwidth, damping, step):
 
 @lanes
 def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
-    """Compute an actuator's state after a step, and the position of the middle stages.
+    """Compute an actuator's state after a step, and its position at the middle stages.
 
     The middle position is chosen so that the integrator's sum over the step equals the integral of
-    the position. It equals the position half-way to the integrator's order, also at limits.
-    ``low``, ``high`` and ``rate_limit`` are [lane]. The command row of a recorded actuator contains
-    its rate.
+    the position. It agrees with the position half-way through the step to the integrator's order,
+    also at limits. ``low``, ``high`` and ``rate_limit`` are [lane]. The command row of a recorded
+    actuator contains its rate.
     """
     slow, block = 0, rows.block
     for lane in range(width):
@@ -210,7 +209,7 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
             )
             total += integral
         middle = 0.25 * (6.0 / step * total - start - position)
-        # A lane that meets no limit keeps the exact step, as it would without other lanes.
+        # A lane that reaches no limit keeps the exact step, as without other lanes.
         Z[rows.middle, lane] = Z[rows.middle, lane] if inside else middle
         Z[rows.end, lane] = Z[rows.end, lane] if inside else position
         Z[rows.end_rate, lane] = Z[rows.end_rate, lane] if inside else rate
@@ -225,8 +224,9 @@ def has_slack(actuators, i):
 
 @lanes
 def find_slack(Z, width, actuators, i, zone, play):
-    """Compute dead zone and half the backlash of an actuator [lane], with dispersions."""
-    first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE  # then the backlash
+    """Compute an actuator's dead zone and half its backlash [lane], with dispersions."""
+    # The backlash row follows the dead zone.
+    first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE
     for lane in range(width):
         zone[lane] = actuators[i, DEAD_ZONE] * Z[first, lane]
         play[lane] = 0.5 * actuators[i, BACKLASH] * Z[first + 1, lane]
@@ -267,10 +267,10 @@ def place_actuator(Z, lane, row, position):
 
 @routine
 def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step):
-    """Compute the step of an actuator that is of first order or has a dead zone or backlash.
+    """Compute the step of a first-order actuator, or one with a dead zone or backlash.
 
     The results are those of :func:`run_actuator`. ``bandwidth`` [lane] is that of a first-order
-    actuator, 0 for one of second order.
+    actuator, 0 for second order.
     """
     short, block = step / SUBSTEPS, rows.block
     for lane in range(low.size):
@@ -315,7 +315,7 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
 
 @lanes
 def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
-    """Compute actuators of the list over a step, after its first stage.
+    """Compute the actuators of the list over a step, after its first stage.
 
     Ideal actuators keep their positions. If ``active`` is None, no actuator has slack
     (:func:`has_slack`).
@@ -329,7 +329,7 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
                 M[rows.end_rate, lane] = 0.0
             continue
         fastest = actuators[i, RATE_LIMIT]
-        if i == first or i >= AXES:  # the axes are alike
+        if i == first or i >= AXES:  # All axes have the same slack.
             for lane in range(width):
                 low[lane], high[lane] = limits_of(Z, lane, actuators, i)
         if i == ENGINE:

@@ -1,4 +1,4 @@
-"""Look-up of tables and build-up of the six coefficients from the variables, in lanes."""
+"""Table look-up and build-up of the six aerodynamic coefficients, in lanes."""
 
 from typing import NamedTuple
 
@@ -31,14 +31,14 @@ from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS
 
 
 class TableCells(NamedTuple):
-    """Cells of the lanes in the tables from the last look-up, and buffers for interpolation."""
+    """Table cells of the lanes from the last look-up, and buffers for interpolation."""
 
-    cell: Ints  # [axis, lane], at which the next search starts
-    fraction: Floats  # [axis, lane] of the cell's length
-    lowest: Ints  # [axis] the lowest cell of the lanes
+    cell: Ints  # [axis, lane] cell at which the next search starts
+    fraction: Floats  # [axis, lane] fraction of the cell's length
+    lowest: Ints  # [axis] lowest cell over the lanes
     spread: Ints  # [axis] number of cells from the lowest to the highest
-    weight: Floats  # [4, lane]
-    row: Floats  # [table row]
+    weight: Floats  # weights of the corners [4, lane]
+    row: Floats  # buffer of values [table row]
 
 
 def make_cells(width: int) -> TableCells:
@@ -52,10 +52,10 @@ def make_cells(width: int) -> TableCells:
 
 @lanes
 def find_cells(Z, W, tables, cells):
-    """Find cell and fraction of every axis and lane, and count axes outside their grid.
+    """Find cell and fraction of every axis and lane; count axes outside their grid.
 
-    Flights of a campaign mostly stay in one cell or two neighbouring ones: then no search is needed
-    and the loop over the lanes vectorizes (four times as fast).
+    Flights of a campaign are mostly in one cell or two neighbouring cells. Then no search is needed
+    and the loop over the lanes vectorizes (four times faster).
     """
     for lane in range(W):
         Z[OUTSIDE, lane] = 0.0
@@ -73,7 +73,7 @@ def find_cells(Z, W, tables, cells):
         for lane in range(W):
             x = Z[variable, lane]
             above = x >= middle
-            elsewhere |= not (left <= x < right)  # true for NaN, too
+            elsewhere |= not (left <= x < right)  # The condition is also true for NaN.
             some_below |= not above
             some_above |= above
             cells.cell[a, lane] = cell + 1 if above else cell
@@ -108,8 +108,8 @@ def interpolate_groups(T, W, tables, cells):
 
     If lanes share a cell, or two neighbouring cells of a 1-D or 2-D table, they use the same corner
     values and the loop over the lanes vectorizes. Otherwise each lane loads its own corners and the
-    loop over the contiguous tables vectorizes. The results are the same, bit for bit; a shared cell
-    takes half the time.
+    loop over the contiguous tables vectorizes. The results are identical, bit for bit; a shared
+    cell takes half the time.
     """
     data, fraction, weight = tables.data, cells.fraction, cells.weight
     for g in range(tables.group_start.size):
@@ -134,7 +134,8 @@ def interpolate_groups(T, W, tables, cells):
                 choose_nodes(T[row + k], fraction[a0], cells.cell[a0], upper, nodes, W)
         elif flat and not line and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
-            for k in range(0, used, 2):  # in pairs, as padding makes their number even
+            # Tables are processed in pairs, as padding makes their number even.
+            for k in range(0, used, 2):
                 corners, corners_2 = (
                     corners_of(data, c + k, s0, s1),
                     corners_of(data, c + k + 1, s0, s1),
@@ -182,7 +183,7 @@ def interpolate_groups(T, W, tables, cells):
 
 @lanes
 def set_weights(weights, fractions, a0, a1, W):
-    """Compute the weights of the four corners in the first two axes."""
+    """Compute the weights of the four corners on the first two axes."""
     for lane in range(W):
         weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane] = weigh(
             fractions[a0, lane], fractions[a1, lane]
@@ -191,7 +192,7 @@ def set_weights(weights, fractions, a0, a1, W):
 
 @lanes
 def choose_nodes(out, fraction, cell, upper, nodes, W):
-    """Interpolate a 1-D table between three nodes, for lanes in either cell."""
+    """Interpolate a 1-D table between three nodes, for lanes in two neighbouring cells."""
     a, b, c = nodes
     for lane in range(W):
         up = cell[lane] == upper
@@ -209,7 +210,7 @@ def share_corners_2d(out, out_2, weights, corners, corners_2, W):
 
 @lanes
 def choose_corners_2d(out, weights, cell, upper, corners, corners_up, W):
-    """Interpolate a table in two neighbouring 2-D cells, for lanes in either."""
+    """Interpolate a table for lanes in two neighbouring 2-D cells."""
     a, b, c, d = corners
     a_up, b_up, c_up, d_up = corners_up
     for lane in range(W):
@@ -230,7 +231,7 @@ def share_corners_3d(out, weights, t2, corners, corners_up, W):
 
 @lanes
 def look_up(Z, T, W, tables, cells):
-    """Look up all tables at the variables, T [row, lane], and copy the fixed quantities to Z."""
+    """Look up all tables at the variables, T [row, lane]; copy the fixed quantities to Z."""
     find_cells(Z, W, tables, cells)
     interpolate_groups(T, W, tables, cells)
     for i in range(len(FIXED_TABLE_ROWS)):

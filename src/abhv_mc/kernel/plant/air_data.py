@@ -1,7 +1,7 @@
-"""First loop of a stage: air data and variables of the tables from the state.
+"""Air data and table variables from the state, the first loop of a stage.
 
-The mission's nominal air is wind and a factor on the standard density against altitude, from a
-table; without a table it is not computed. The factor is constant over a control tick, as is the
+The mission's nominal air consists of wind and a factor on the standard density over altitude, from
+a table; without a table it is not computed. The factor is constant over a control tick, like the
 factor of a dispersed profile.
 """
 
@@ -29,8 +29,8 @@ from abhv_mc.kernel.world.atmosphere import (
     atmosphere_lanes,
 )
 
-# Units: m, m/s towards north and east, factors on the standard atmosphere. The density factor
-# includes the effect of the temperature factor.
+# Units are m, m/s towards north and east, and factors on the standard atmosphere.
+# The density factor includes the effect of the temperature factor.
 PROFILE = (
     "altitude",
     "wind_north",
@@ -46,7 +46,7 @@ _WARMER = parameter_row("atmosphere.temperature")
 def flow_direction(u, v, w):
     """Return V, 1 / V, sin alpha, cos alpha, sin beta and cos beta of a body-axis velocity.
 
-    At rest both angles and 1 / V are zero, so that a dropped sphere needs no special case.
+    At rest both angles and 1 / V are zero, so that a dropped sphere is no special case.
     """
     in_plane_squared = u * u + w * w
     speed = math.sqrt(in_plane_squared + v * v)
@@ -70,7 +70,7 @@ def flow_direction(u, v, w):
 def flow_angles(Z, width, alpha_row, beta_row):
     """Compute angle of attack and sideslip from the sines and cosines of the air data.
 
-    Usually both are within pi/8: then no octants need to be distinguished.
+    Both are usually within pi/8; then no octants are distinguished.
     """
     is_large = False
     for lane in range(width):
@@ -94,7 +94,8 @@ def flow_angles(Z, width, alpha_row, beta_row):
 def move_air(Z, width, profile):
     """Compute the velocity of the air at the stage's state ``XS``.
 
-    It is the sum of a wind linear in altitude, the gusts of the tick, and the wind of the profile.
+    The velocity is the sum of a wind linear in altitude, the gusts of the tick, and the wind of the
+    profile.
     """
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
@@ -118,21 +119,21 @@ def move_air(Z, width, profile):
 
 @lanes
 def wind_in_body(Z, lane, north, east):
-    """Return the body components of a wind at the stage's attitude."""
+    """Return the body components of a horizontal wind at the attitude of the stage."""
     q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
     return rotate_to_body(q0, q1, q2, q3, north, east, 0.0)
 
 
 def no_profile() -> Floats:
-    """Return a profile without knots, which stands for calm standard air."""
+    """Return a profile without knots, which represents calm standard air."""
     return np.empty((0, len(PROFILE)))
 
 
 @lanes
 def between_knots(profile, column, altitude):
-    """Interpolate a column at an altitude, linear between the knots and constant beyond them."""
+    """Interpolate a column linearly between knots of altitude, constant beyond the ends."""
     knot, count = 0, profile.shape[0] - 1
-    while count > 1:  # number of intervals, halved at each step
+    while count > 1:  # number of intervals, halved in each iteration
         half = count // 2
         knot = knot + half if altitude > profile[knot + half, _ALTITUDE] else knot
         count -= half
@@ -155,7 +156,7 @@ def nominal_density(Z, width, profile):
 
 @lanes
 def is_warm(Z, width, profile):
-    """Return whether a flight has a non-standard temperature, which holds for all its ticks."""
+    """Return whether any flight has a non-standard temperature; constant over the flight."""
     differs = False
     for knot in range(profile.shape[0]):
         differs |= profile[knot, _TEMPERATURE] != 1.0
@@ -164,10 +165,10 @@ def is_warm(Z, width, profile):
 
 @lanes
 def warm_air(Z, width, density_row, per_sound_row):
-    """Change density and 1 / speed of sound by the profile's temperature and the flight's offset.
+    """Apply profile temperature and the flight's offset to density and 1 / speed of sound.
 
-    The density already includes the profile's temperature. The pressure does not change. The offset
-    cools the air to a tenth of its temperature at most.
+    The density already includes the temperature of the profile. The pressure does not change. The
+    offset cools the air to a tenth of its temperature at most.
     """
     for lane in range(width):
         per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]
@@ -179,13 +180,13 @@ def warm_air(Z, width, density_row, per_sound_row):
 
 @lanes
 def air_data(Z, width, vehicle, earth, warm):
-    """Compute air data and table variables of the stage's state ``XS``, with dispersions.
+    """Compute air data and table variables at the stage's state ``XS``, with dispersions.
 
     ``warm`` is the result of :func:`is_warm`. Damping terms use the body rates relative to the air,
-    which rotates with the Earth and rotary gusts.
+    including the Earth's rotation and rotary gusts.
     """
     constants = vehicle.constants
-    # The row of the Mach number contains 1 / speed of sound until the airspeed is computed.
+    # The row of the Mach number contains 1 / speed of sound until the airspeed is known.
     atmosphere_lanes(Z, width, XS + s.ALTITUDE, s.RHO, s.V_MACH)
     if warm:
         warm_air(Z, width, s.RHO, s.V_MACH)
@@ -242,7 +243,7 @@ def air_data(Z, width, vehicle, earth, warm):
 
 @lanes
 def deflections(Z, width):
-    """Compute the effective deflections and equivalence ratio of the stage."""
+    """Compute effective deflections and equivalence ratio at the stage."""
     for lane in range(width):
         Z[s.V_DELTA_A, lane] = Z[s.EFFECT, lane] * Z[XS + s.AILERON, lane]
         Z[s.V_DELTA_R, lane] = Z[s.EFFECT + 1, lane] * Z[XS + s.RUDDER, lane]

@@ -1,6 +1,7 @@
 """Gusts, turbulence and density profile of each flight, constant over a control tick.
 
-Flights without them have additions of zero and factors of one, which leave their bits unchanged.
+In flights without disturbances, additions are zero and factors are one, which leaves the bits
+unchanged.
 """
 
 import math
@@ -28,13 +29,13 @@ from abhv_mc.kernel.world.turbulence import (
     roll_gust_sigma,
 )
 
-_GUST = parameter_row("wind.gust_north")  # then east and down
+_GUST = parameter_row("wind.gust_north")  # first of the gust's north, east and down component
 _GUST_START = parameter_row("wind.gust_start")
 _GUST_LENGTH = parameter_row("wind.gust_length")
-_WIND = parameter_row("wind.north")  # then east, and both shears
+_WIND = parameter_row("wind.north")  # first of the wind's north and east component and both shears
 _SIGMA = parameter_row("wind.turbulence")
 _LENGTH = parameter_row("wind.turbulence_length")
-_AXIS_SIGMA = parameter_row("wind.turbulence_forward")  # then right and down
+_AXIS_SIGMA = parameter_row("wind.turbulence_forward")  # first of the forward, right and down axis
 _AXIS_LENGTH = parameter_row("wind.turbulence_length_forward")
 _ROTARY = parameter_row("wind.turbulence_rotary")
 _SEED = parameter_row("wind.turbulence_seed")
@@ -46,7 +47,7 @@ _KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
 
 @lanes
 def any_lane(Z, width, first, rows, value):
-    """Return whether any of ``rows`` rows from ``first`` differs from a value in any lane."""
+    """Return whether any of ``rows`` rows from ``first`` on differs from a value in a lane."""
     different = 0
     for row in range(first, first + rows):
         for lane in range(width):
@@ -56,20 +57,21 @@ def any_lane(Z, width, first, rows, value):
 
 @lanes
 def seed_stream(Z, width, first_row, seed_row, stream):
-    """Start the ``stream``-th stream of random numbers of the flight's seed, in six rows."""
+    """Initialize random stream number ``stream`` of the flight's seed, in six rows."""
     for word in range(N_STREAM_ROWS):
         modulus = M1 if word < 3 else M2
         for lane in range(width):
             number = float(N_STREAM_ROWS * stream + word)
             Z[first_row + word, lane] = seed_word(Z[seed_row, lane], number, modulus)
-    for _ in range(8):  # discard the first numbers, which are simple functions of the seed
+    # The first numbers are discarded, because they are simple functions of the seed.
+    for _ in range(8):
         for lane in range(width):
             draw(Z, lane, first_row)
 
 
 @lanes
 def draw(Z, lane, r):
-    """Return the next uniform number of a lane's stream."""
+    """Return the next uniform random number of a lane."""
     u, s0, s1, s2, s3, s4, s5 = next_uniform(
         Z[r, lane], Z[r + 1, lane], Z[r + 2, lane], Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane]
     )
@@ -80,19 +82,19 @@ def draw(Z, lane, r):
 
 @lanes
 def draw_normals(Z, lane, r):
-    """Return two standard normal numbers of a lane's stream."""
+    """Return two standard normal random numbers of a lane."""
     u1 = draw(Z, lane, r)
     u2 = draw(Z, lane, r)
     return normal_pair(u1, u2)
 
 
 class Disturbances(NamedTuple):
-    """Disturbances that are active in any lane; others are not computed."""
+    """Disturbances that are active in any lane; inactive ones are not computed."""
 
     gusty: bool
     turbulent: bool
-    profiled: bool  # a density profile
-    windy: bool  # the air moves: any wind, a gust or turbulence
+    profiled: bool  # whether there is a density profile
+    windy: bool  # whether the air moves: any wind, gust or turbulence
 
 
 @lanes
@@ -105,7 +107,7 @@ def active_disturbances(Z, width):
 
 @lanes
 def calm(Z, width):
-    """Reset gusts to zero, and density and temperature to the standard."""
+    """Reset gusts to zero, and density and temperature factors to one."""
     for lane in range(width):
         Z[s.GUST_P, lane], Z[s.GUST_Q, lane], Z[s.GUST_R, lane] = 0.0, 0.0, 0.0
         Z[s.GUST_U, lane], Z[s.GUST_V, lane], Z[s.GUST_W, lane] = 0.0, 0.0, 0.0
@@ -114,7 +116,7 @@ def calm(Z, width):
 
 @lanes
 def disturb(Z, width, span, active, time, dt, first):
-    """Add gusts in body axes and the density factor of the tick that starts at ``time`` (s)."""
+    """Add body-axis gusts and density factor for the tick that starts at ``time`` (s)."""
     if active.gusty:
         gust(Z, width, time)
     if active.turbulent:
@@ -125,7 +127,7 @@ def disturb(Z, width, span, active, time, dt, first):
 
 @lanes
 def gust(Z, width, time):
-    """Add the discrete 1-cosine gust, as a function of the distance covered."""
+    """Add the discrete 1-cosine gust as a function of the distance covered."""
     for lane in range(width):
         distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
         share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
@@ -145,8 +147,8 @@ def gust(Z, width, time):
 def turbulence(Z, width, span, dt, first):
     """Add Dryden turbulence along and about body axes, stationary from the start.
 
-    The rotation of the air follows from the gusts' slopes along the path, q = -dw/dx and r = dv/dx,
-    each with a lag that depends on the span.
+    The rotation of the air follows from the gusts' derivatives along the path, q = -dw/dx and r =
+    dv/dx, each with a lag that depends on the span.
     """
     if first:
         seed_stream(Z, width, TURBULENCE, _SEED, 0)

@@ -1,7 +1,7 @@
 """Custom dynamics of a vehicle: states of a custom function, integrated with the vehicle.
 
-The function is called once a stage, after all other forces, and receives the acceleration that
-these cause. Its force and moment are added to the derivatives, which are linear in them.
+The function is called once per stage, after all other forces, and receives the acceleration caused
+by these. Its force and moment are added to the derivatives, which are linear in both.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -12,12 +12,12 @@ from abhv_mc.kernel.plant.rigid_body import add_force, add_moment
 from abhv_mc.kernel.plant.state import N_PARAMETERS, N_STATES, XS
 from abhv_mc.kernel.plant.thrust import DISPERSED
 
-_N_MOTION = s.MASS - s.U + 1  # velocity, attitude, rates and mass
+_N_MOTION = s.MASS - s.U + 1  # number of rows of velocity, attitude, rates and mass
 
 
 @lanes
 def start_states(Z, width, states, settings, initial_state):
-    """Set the initial states, with their initial dispersions, which follow the settings."""
+    """Set the initial states with their initial dispersions, which follow the settings."""
     for i in range(states):
         for lane in range(width):
             start = initial_state[N_STATES + i] + Z[s.SETTING + settings + i, lane]
@@ -26,7 +26,7 @@ def start_states(Z, width, states, settings, initial_state):
 
 @lanes
 def load_settings(Z, width, parameters, flights, n):
-    """Load settings and initial dispersions of each flight, the columns after the parameters."""
+    """Load settings and initial dispersions of each flight, in columns after the parameters."""
     for lane in range(width):
         flight = flights[min(lane, n - 1)]
         for i in range(parameters.shape[1] - N_PARAMETERS):
@@ -35,7 +35,7 @@ def load_settings(Z, width, parameters, flights, n):
 
 @lanes
 def keep_motion(Z, width):
-    """Copy the motion of the stage for the function, as the equations of motion overwrite it."""
+    """Copy the motion at the stage, before the equations of motion overwrite it."""
     for i in range(_N_MOTION):
         for lane in range(width):
             Z[s.MOTION + i, lane] = Z[XS + s.U + i, lane]
@@ -43,7 +43,7 @@ def keep_motion(Z, width):
 
 @lanes
 def run_dynamics(Z, width, vehicle, user_code, stage):
-    """Call the function and add its force, moment and rates to the integrator's sums."""
+    """Call the function; add its force, moment and rates to the integrator's sums."""
     for i in range(3):
         for lane in range(width):
             Z[s.MOTION_ACCELERATION + i, lane] = Z[s.SPECIFIC_X + i, lane] + Z[s.GRAVITY + i, lane]
@@ -77,7 +77,7 @@ def run_dynamics(Z, width, vehicle, user_code, stage):
 
 @lanes
 def finish_states(Z, width, states, step, alive):
-    """Compute the states after the step; ended flights (``alive`` 0) keep theirs."""
+    """Compute the states after the step; ended flights (``alive`` 0) keep their states."""
     sixth = step / 6.0
     for i in range(states):
         for lane in range(width):
@@ -90,7 +90,7 @@ def finish_states(Z, width, states, step, alive):
 
 @lanes
 def add_sensed(Z, width, measured):
-    """Add the effect of the states on sensors to the first ``measured`` quantities."""
+    """Add the effect of the custom states on the first ``measured`` sensors."""
     for i in range(measured):
         for lane in range(width):
             Z[s.MEASURED + i, lane] += Z[s.SENSED + i, lane]

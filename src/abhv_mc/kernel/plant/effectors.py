@@ -64,11 +64,11 @@ def set_effectors(Z, width, mix):
 
 @lanes
 def place_effectors(Z, A, width, vehicle, failing, without):
-    """Set the deflections of the stage, from effective axis deflections or actuators.
+    """Set deflections at the stage, from effective axis deflections or from actuators.
 
     ``failing`` means that an effector of some flight fails, see
-    :mod:`abhv_mc.kernel.plant.failures`. ``without`` is an axis whose contribution is omitted, -1
-    for none; its deflection among the variables is 0 then.
+    :mod:`abhv_mc.kernel.plant.failures`. ``without`` is an axis whose contribution is omitted (-1
+    for none); its deflection among the variables is then 0.
     """
     driven = count_driven(vehicle)
     for e in range(driven):
@@ -89,14 +89,14 @@ def place_effectors(Z, A, width, vehicle, failing, without):
 
 @lanes
 def fail_effector(Z, width, row, e):
-    """Apply a failure to an effector's deflection."""
+    """Apply a failure to the deflection of an effector."""
     for lane in range(width):
         Z[row, lane] = Z[s.EFFECTOR_GAIN + e, lane] * Z[row, lane] + Z[s.EFFECTOR_OFFSET + e, lane]
 
 
 @lanes
 def weaken_effector(Z, A, width, vehicle, e, i, without):
-    """Reduce the contribution of an axis to an effector, by the positions of its set."""
+    """Reduce an axis' contribution to an effector, given the positions of its set."""
     share, row = vehicle.effectors.share, natural(VAR + vehicle.effectors.variable[e])
     for f in range(share.shape[1]):
         if share[i, e, f] != 0.0:
@@ -109,7 +109,7 @@ def weaken_effector(Z, A, width, vehicle, e, i, without):
 
 @lanes
 def leave_effectors(Z, width, vehicle):
-    """Reset direct commands of effectors."""
+    """Reset the direct commands of effectors."""
     for e in range(count_driven(vehicle)):
         for lane in range(width):
             Z[s.EFFECTOR_COMMAND + e, lane] = math.inf
@@ -117,10 +117,10 @@ def leave_effectors(Z, width, vehicle):
 
 @lanes
 def share_commands(Z, width, vehicle):
-    """Complete the commands of a law that commands effectors directly.
+    """Complete the commands of a control law that commands effectors directly.
 
-    Other effectors follow the mix of the axes; the axes' commands become those of all effectors
-    together.
+    Other effectors follow the mix of the axes; the axis commands become those produced by all
+    effectors together.
     """
     mix, axes, count = vehicle.effectors.mix, vehicle.effectors.axes, count_driven(vehicle)
     for lane in range(width):
@@ -147,7 +147,7 @@ def share_commands(Z, width, vehicle):
 
 @lanes
 def start_effectors(Z, A, width, vehicle, step):
-    """Set the initial effectors by the mix of the axes' deflections, at rest."""
+    """Initialize the effectors from the mix of the axis deflections, at rest."""
     actuators, count = vehicle.actuators, count_driven(vehicle)
     prepare_actuators(Z, A, width, actuators, FIRST_EFFECTOR, FIRST_EFFECTOR + count, step)
     for e in range(count):
@@ -162,7 +162,7 @@ def start_effectors(Z, A, width, vehicle, step):
 
 @lanes
 def show_axes(Z, A, width, vehicle):
-    """Set the axes' deflections and rates to those that the effectors produce."""
+    """Set axis deflections and rates to those produced by the effectors."""
     axes, count = vehicle.effectors.axes, count_driven(vehicle)
     if count > 0:
         for i in range(3):
@@ -177,7 +177,7 @@ def show_axes(Z, A, width, vehicle):
 
 @lanes
 def command_effectors(Z, A, width, vehicle):
-    """Compute the limited commands of the tick, direct ones or the mix of the axes'."""
+    """Compute the limited commands of the tick, either direct or mixed from the axes."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
@@ -214,7 +214,7 @@ def begin_effectors(Z, A, width, vehicle):
 
 @lanes
 def run_effectors(Z, A, width, vehicle, step, active):
-    """Compute effectors with actuators through a step, after its first stage."""
+    """Compute effectors with actuators over a step, after its first stage."""
     last = FIRST_EFFECTOR + count_driven(vehicle)
     run_actuators(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, last, step, False, active)
 
@@ -230,7 +230,7 @@ def end_effectors(A, width, vehicle):
 
 @lanes
 def finish_effectors(Z, A, width, vehicle, alive):
-    """Set the state after the step. A flight that has ended (``alive`` 0) keeps its state."""
+    """Set the state after the step; ended flights (``alive`` 0) keep their state."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):

@@ -1,7 +1,8 @@
-"""Last loop of a stage: forces, derivatives of the 22 states, and integrator's sums.
+"""Forces, derivatives of the 22 states and the integrator's sums, last loop of a stage.
 
-Body axes are forward-right-down, the local frame north-east-down, the Earth a rotating ellipsoid;
-Zhu & Shen (2014), eqs. (2)-(4) in these axes; moments are about the centre of gravity.
+Body axes are forward-right-down, the local frame is north-east-down, and the Earth is a rotating
+ellipsoid. The equations are (2)-(4) of Zhu & Shen (2014) in these axes; moments are about the
+centre of gravity.
 """
 
 import math
@@ -30,9 +31,9 @@ _K_LIFT, _K_DRAG, _K_SIDE_FORCE, _K_ROLL, _K_PITCH, _K_YAW, _D_LIFT, _D_DRAG, _D
 
 @scalar
 def aerodynamic_force(constants, q_bar, lift, drag, side, flow):
-    """Return the body-axis aerodynamic force, N, from stability- or wind-axis coefficients.
+    """Return the aerodynamic force, N, body axes, from stability- or wind-axis coefficients.
 
-    ``flow`` contains sine and cosine of the angle of attack, then of the sideslip.
+    ``flow`` contains sine and cosine of the angle of attack, followed by those of the sideslip.
     """
     sin_a, cos_a, sin_b, cos_b = flow
     q_s = q_bar * constants.area
@@ -50,26 +51,26 @@ class Stage(NamedTuple):
     """Stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
 
     weight: float
-    ahead: float  # s
+    ahead: float  # time to the next stage, s
 
 
 @scalar
 def runge_kutta_stage(stage, step):
-    """Return a stage 0..3 of the classical method of order 4, see :func:`finish_step`.
+    """Return stage 0..3 of the classical method of order 4, see :func:`finish_step`.
 
-    Stage -1 does not change sum and state; it evaluates the forces at a control tick, for
+    Stage -1 does not change sum or state; it evaluates the forces at a control tick, for
     measurement.
     """
     moves = 0.0 if stage < 0 else 1.0
     return Stage(
-        moves * (2.0 if abs(stage - 1.5) < 1.0 else 1.0),  # 2 for the middle stages
+        moves * (2.0 if abs(stage - 1.5) < 1.0 else 1.0),  # The middle stages have weight 2.
         moves * (step if stage == 2 else 0.5 * step),
     )
 
 
 @lanes
 def accumulate(Z, lane, i, derivative, stage):
-    """Add a derivative to the Runge-Kutta sum and set the next stage's state."""
+    """Add a derivative to the Runge-Kutta sum, and set the next stage's state."""
     Z[SUM + i, lane] += stage.weight * derivative
     Z[XS + i, lane] = Z[X + i, lane] + stage.ahead * derivative
 
@@ -78,8 +79,8 @@ def accumulate(Z, lane, i, derivative, stage):
 def equations_of_motion(Z, width, vehicle, earth, stage, active):
     """Compute the derivatives at the stage's state ``XS``, and the next stage's state.
 
-    Actuators are computed separately. If ``active`` is not None, there may be the moment of a
-    thrust function and an offset of the thrust from the thrust line.
+    Actuators are computed separately. If ``active`` is not None, a thrust function may cause a
+    moment, and the thrust may be offset from the thrust line.
     """
     constants = vehicle.constants
     for lane in range(width):
@@ -95,7 +96,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         mass = Z[XS + s.MASS, lane]
         q_bar = Z[s.Q_BAR, lane]
 
-        # Forces and moments about the centre of gravity.
+        # forces and moments about the centre of gravity
         lift = Z[_K_LIFT, lane] * Z[_LIFT, lane] + Z[_D_LIFT, lane]
         drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane] + Z[s.ENGINE_DRAG, lane]
         side = Z[_K_SIDE_FORCE, lane] * Z[_SIDE_FORCE, lane]
@@ -143,7 +144,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             my += Z[s.F_MOMENT + 1, lane] + (arm_z * tx - arm_x * tz)
             mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
 
-        # Rotation.
+        # rotation
         ixx = Z[s.INERTIA_XX, lane] * Z[s.K_XX, lane]
         iyy = Z[s.INERTIA_YY, lane] * Z[s.K_YY, lane]
         izz = Z[s.INERTIA_ZZ, lane] * Z[s.K_ZZ, lane]
@@ -157,7 +158,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             Z[s.ANGULAR_ACCELERATION + 1, lane] = q_dot
             Z[s.ANGULAR_ACCELERATION + 2, lane] = r_dot
 
-        # Translation over the ellipsoid.
+        # translation over the ellipsoid
         sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
         meridian, vertical = radii(earth, sin_lat)
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
@@ -166,7 +167,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         if active is not None:
             Z[s.GRAVITY, lane], Z[s.GRAVITY + 1, lane], Z[s.GRAVITY + 2, lane] = g_x, g_y, g_z
         we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
-        # Inertial body rate plus Earth rate: transport and Coriolis terms together.
+        # The inertial body rate plus Earth rate combines transport and Coriolis terms.
         a, b, c = p + we_x, q + we_y, r + we_z
         specific_x, specific_y, specific_z = (
             (fx + tx) * per_mass,
@@ -187,8 +188,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
 
-        # Attitude: body rate relative to the local frame, which rotates with the Earth and the
-        # flight.
+        # The attitude changes with the body rate relative to the local frame, which rotates itself.
         n_x, n_y, n_z = rotate_to_body(
             q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat
         )
@@ -206,10 +206,10 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
 def finish_step(Z, width, step, alive):
     """Compute the new state from the sum of the stages, and normalize the quaternion.
 
-    A flight that has ended (``alive`` 0) keeps its state.
+    Ended flights (``alive`` 0) keep their state.
     """
     sixth = step / 6.0
-    for i in range(s.AILERON):  # the actuators, which follow, are complete
+    for i in range(s.AILERON):  # The actuators, which follow in the state, are already complete.
         for lane in range(width):
             Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0

@@ -1,7 +1,7 @@
-"""Failures of surfaces, engine and sensors at a control tick, by the flight's parameters.
+"""Failures of surfaces, engine and sensors at a control tick, from flight parameters.
 
-Flights whose failure times are all infinite have factors of one and additions of zero, which leave
-their bits unchanged. A failure acts from the first control tick at or after its time.
+In flights whose failure times are all infinite, factors are one and additions are zero, which
+leaves the bits unchanged. A failure acts from the first control tick at or after its time.
 """
 
 from typing import NamedTuple
@@ -20,15 +20,15 @@ from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
 _N_FIRST = 4  # effectors whose failures are in the first block of parameters
-_SAME_TIME = 1e-9  # s, tolerance of ticks before a failure's time
+_SAME_TIME = 1e-9  # tolerance of ticks before a failure's time, s
 
-_TIMES = parameter_row(FAILURE_TIMES[0])  # three of each surface and effector: stuck, loss, slow
+_TIMES = parameter_row(FAILURE_TIMES[0])  # three times per surface and effector: stuck, loss, slow
 _EFFECTOR_TIMES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_time")
 _ENGINE_TIME = parameter_row("failure.engine.time")
 _SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
 _MODES = parameter_row(
     "failure.aileron.stuck_at"
-)  # three of each: stuck_at, effectiveness, rate_limit
+)  # three values each: stuck_at, effectiveness, rate_limit
 _EFFECTOR_MODES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
 _MORE_TIMES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_time")
 _MORE_MODES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_at")
@@ -42,18 +42,18 @@ _EFFECTOR_EFFECTIVENESS = parameter_row(f"control.{EFFECTORS[0]}_effectiveness")
 
 
 class Failures(NamedTuple):
-    """Failures that occur in any lane; others are not computed."""
+    """Failures that occur in any lane; other failures are not computed."""
 
     surfaces: bool
     effectors: bool
     engine: bool
-    engines: bool  # single ones of several
+    engines: bool  # whether single engines of several fail
     sensors: bool
 
 
 @lanes
 def possible_failures(Z, width, constants):
-    """Determine the possible failures from the flights' parameters and the vehicle's inlet."""
+    """Determine the possible failures from flight parameters and the vehicle's inlet."""
     return Failures(
         constants.driven == 0.0 and any_lane(Z, width, _TIMES, 3 * N_AXES, NEVER),
         any_lane(Z, width, _EFFECTOR_TIMES, 3 * _N_FIRST, NEVER)
@@ -67,7 +67,7 @@ def possible_failures(Z, width, constants):
 
 @lanes
 def start_failures(Z, width):
-    """Initialize a lane without failures, after its parameters are set."""
+    """Initialize a lane without failures, after its parameters have been set."""
     for lane in range(width):
         for i in range(N_AXES):
             Z[s.RATE_FACTOR + i, lane] = 1.0
@@ -87,7 +87,7 @@ def start_failures(Z, width):
 
 @lanes
 def fail_sensors(Z, width, time):
-    """Apply failures to measurements: frozen, or biased if a bias is given."""
+    """Apply failures to measurements, which are frozen, or biased if a bias is given."""
     for i in range(s.N_MEASURED):
         for lane in range(width):
             failed = time >= Z[_SENSOR_TIMES + i, lane] - _SAME_TIME
@@ -103,7 +103,8 @@ def fail_sensors(Z, width, time):
 def fail_plant(Z, A, width, failures, vehicle, time, tick):
     """Compute the actuators' commands and the failures' factors at ``time`` (s).
 
-    ``tick`` is the control period. Call it after the law's commands have been passed on.
+    ``tick`` is the control period. Call this function after the commands of the control law have
+    been copied to the actuators.
     """
     if failures.surfaces:
         fail_surfaces(Z, width, vehicle.actuators, time)
@@ -118,7 +119,7 @@ def fail_plant(Z, A, width, failures, vehicle, time, tick):
 
 @lanes
 def hold_stuck(Z, lane, row, target, position, stuck):
-    """Return the deflection of a stuck surface: ``target``, or its ``position`` when it stuck.
+    """Return a stuck surface's deflection: ``target``, or the ``position`` where it stuck.
 
     ``row`` stores the deflection.
     """
@@ -132,8 +133,8 @@ def hold_stuck(Z, lane, row, target, position, stuck):
 def fail_surfaces(Z, width, actuators, time):
     """Apply failures to aileron, rudder and elevator.
 
-    A surface that sticks at its position stops immediately; one that sticks elsewhere is driven
-    there by its actuator.
+    A surface that sticks at its position stops immediately; if it sticks elsewhere, its actuator
+    drives it there.
     """
     for i in range(N_AXES):
         for lane in range(width):
@@ -186,7 +187,7 @@ def failure_rows(e):
 
 @lanes
 def has_failed(Z, lane, times, time):
-    """Return whether a surface sticks, has lost effectiveness, and is slow, as three values."""
+    """Return whether a surface is stuck, has lost effectiveness, and is slow."""
     return (
         time >= Z[times, lane] - _SAME_TIME,
         time >= Z[times + 1, lane] - _SAME_TIME,
@@ -198,8 +199,7 @@ def has_failed(Z, lane, times, time):
 def fail_effectors(Z, A, width, vehicle, time, tick):
     """Apply failures to the effectors, which are mixed from the three axis deflections.
 
-    A slow effector follows its mix at a reduced rate limit of the surfaces, and is constant over
-    the tick.
+    A slow effector follows its mix at a reduced rate limit, and is constant over the tick.
     """
     constants, mix = vehicle.constants, vehicle.effector_mix
     fastest = vehicle.actuators[0, RATE_LIMIT]
@@ -248,7 +248,7 @@ def engine_lag(Z, lane, actuators):
 
 @lanes
 def fails_now(Z, lane, time, begin, duration):
-    """Return whether ``time`` is within the failure with time and duration in these rows."""
+    """Return whether ``time`` is within the failure whose time and duration are given."""
     since = time - Z[begin, lane]
     return since >= -_SAME_TIME and since < Z[duration, lane] - _SAME_TIME
 
@@ -257,7 +257,7 @@ def fails_now(Z, lane, time, begin, duration):
 def fail_engine(Z, width, vehicle, time, tick):
     """Compute thrust, drag and pitching moment of an engine that has failed or unstarted.
 
-    Its thrust decays with the lag of the engine; it relights after a delay, with a time constant.
+    The thrust decays with the lag of the engine, which relights after a delay with a time constant.
     """
     constants, inlet = vehicle.constants, vehicle.constants.inlet
     ideal = vehicle.actuators[ENGINE, KIND] == IDEAL
@@ -287,7 +287,7 @@ def fail_engine(Z, width, vehicle, time, tick):
 
 @lanes
 def fail_engines(Z, width, vehicle, engine_fails, time, tick):
-    """Apply failures of single engines: the reduced thrust is offset from the thrust line.
+    """Apply failures of single engines, whose reduced thrust shifts the thrust line.
 
     Each thrust decays and recovers with the lag of the engine. ``engine_fails`` means that
     :func:`fail_engine` has been called.
@@ -320,9 +320,9 @@ def fail_engines(Z, width, vehicle, engine_fails, time, tick):
 
 @lanes
 def watch_inlet(Z, width, inlet, time):
-    """Update whether the inlet is unstarted, with effect from the next tick.
+    """Update whether the inlet is unstarted, with effect from the next tick on.
 
-    It restarts after the flow has been inside its range for the restart delay.
+    The inlet restarts after the flow has been within its range for the restart delay.
     """
     for lane in range(width):
         alpha, beta, mach = Z[s.V_ALPHA, lane], Z[s.V_BETA, lane], Z[s.V_MACH, lane]

@@ -1,8 +1,8 @@
-"""Custom coefficient function of a vehicle in flight, called once for all lanes.
+"""Custom aerodynamic coefficient function of a vehicle, called once for all lanes.
 
 Dispersions act as with tables. The factor on a coefficient's dependence on a variable multiplies
-``f(x) - f(x with that variable 0)``, or for an axis the difference without the axis' contribution
-to all deflections, by an additional evaluation for each dispersed variable.
+``f(x) - f(x with the variable 0)`` or, for an axis, the difference without the axis' contribution
+to all deflections. This requires an additional evaluation for each dispersed variable.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -14,11 +14,12 @@ from abhv_mc.kernel.plant.slopes import N_INPUTS
 from abhv_mc.kernel.plant.state import N_COEFFICIENTS, parameter_row
 from abhv_mc.kernel.plant.thrust import DISPERSED, NOMINAL
 
-STEP = 1e-5  # rad: slopes by central differences
+STEP = 1e-5  # step of central differences, rad
 _K_PART = parameter_row(
     "aero.lift.sideslip"
-)  # and so on for each coefficient, in the order of the variables
-N_PARTS = s.V_DELTA_E - s.V_BETA + 1  # sideslip, rates and deflections
+)  # The other coefficients follow, in the order of the variables.
+# number of dispersed variables: sideslip, rates and deflections
+N_PARTS = s.V_DELTA_E - s.V_BETA + 1
 
 
 @lanes
@@ -40,7 +41,7 @@ def call_aerodynamics(Z, foreign, user_code, settings):
 
 @lanes
 def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
-    """Compute the dispersed coefficients of the stage at its deflections."""
+    """Compute the dispersed coefficients at the stage's deflections."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
     call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
@@ -62,14 +63,14 @@ def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
 
 @lanes
 def add_dispersion(Z, A, width, vehicle, user_code, failing, variable):
-    """Add the effect of one variable's dispersions to ``F_COEF``; keep ``Z[COEF]``."""
+    """Add the effect of one variable's dispersions to ``F_COEF``, leaving ``Z[COEF]``."""
     row = s.V_BETA + variable
     for lane in range(width):
         Z[s.F_MASS, lane] = Z[row, lane]
         Z[row, lane] = 0.0
     if variable >= 4:
         place_effectors(Z, A, width, vehicle, failing, variable - 4)
-    base = s.F_BASE  # of the coefficients, undispersed
+    base = s.F_BASE  # rows of the undispersed coefficients
     for c in range(N_COEFFICIENTS):
         for lane in range(width):
             Z[base + c, lane] = Z[s.COEF + c, lane]
@@ -88,7 +89,7 @@ def add_dispersion(Z, A, width, vehicle, user_code, failing, variable):
 
 @lanes
 def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
-    """Compute the coefficients of the nominal vehicle at the variables, a density and a speed."""
+    """Compute nominal coefficients at the variables, with given density and speed rows."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
     call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
@@ -96,9 +97,9 @@ def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
 
 @lanes
 def nominal_slopes(Z, width, vehicle, user_code, first_row):
-    """Compute slopes with aileron, rudder, elevator and sideslip.
+    """Compute the derivatives by aileron, rudder, elevator and sideslip.
 
-    They are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the
+    The results are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the
     variables are unchanged.
     """
     for c in range(N_COEFFICIENTS):

@@ -1,19 +1,19 @@
 """Names of all dispersible parameters, in the order of a flight's parameters.
 
-:mod:`abhv_mc.plant.parameters` describes them. New parameters are appended, as the position
-here is the dimension of a Sobol or Halton sequence and must not change. Related parameters may
-therefore be in several blocks; the kernel finds each block by the name of its first parameter.
+The parameters are described in :mod:`abhv_mc.plant.parameters`. New parameters are appended,
+because the position here is the dimension of a Sobol or Halton sequence and must not change.
+Related parameters may therefore be in several blocks; the kernel finds each block by the name of
+its first parameter.
 """
 
 import math
 
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS, MAX_ENGINES
 
-NEVER = math.inf  # time of a failure that does not happen
+NEVER = math.inf  # time of a failure that does not occur
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
-# Parts that may fail: axis deflections, effectors and engines by their number in the vehicle file,
-# sensors.
+# parts that may fail: axes, effectors and engines by number, and sensors
 AXES = ("aileron", "rudder", "elevator")
 EFFECTORS = tuple(f"effector_{i}" for i in range(MAX_EFFECTORS))
 ENGINES = tuple(f"engine_{i}" for i in range(MAX_ENGINES))
@@ -21,7 +21,7 @@ SENSORS = (
     *("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
 )
-# Additional measurements of custom laws, whose errors were added later.
+# additional measurements of custom laws, whose errors were added later
 MORE_SENSORS = (
     *(
         "airspeed",
@@ -37,7 +37,7 @@ MORE_SENSORS = (
     ),
     *("equivalent_airspeed", "cross_track"),
 )
-ACCELERATIONS = ("acceleration_x", "acceleration_y", "acceleration_z")  # specific force
+ACCELERATIONS = ("acceleration_x", "acceleration_y", "acceleration_z")  # specific force, body axes
 _EARLIER_SENSORS = (*SENSORS, *MORE_SENSORS)
 ALL_SENSORS = (*_EARLIER_SENSORS, *ACCELERATIONS)
 UNSCALED_SENSORS = (
@@ -54,7 +54,7 @@ SCALED_SENSORS = tuple(name for name in ALL_SENSORS if name not in UNSCALED_SENS
 SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in ALL_SENSORS)
 _RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 _GUST_AXES = ("forward", "right", "down")
-_FIRST = (*AXES, *EFFECTORS[:4])  # in the first block
+_FIRST = (*AXES, *EFFECTORS[:4])  # parts in the first block of failures
 _MORE = EFFECTORS[4:]
 
 
@@ -97,7 +97,7 @@ PARAMETER_NAMES: tuple[str, ...] = (
     *("wind.turbulence", "wind.turbulence_length", "wind.turbulence_seed"),
     *SENSOR_NOISES[: len(SENSORS)],
     *("sensor.noise_seed", "sensor.delay"),
-    # All failure times are contiguous, so that one search finds whether any of them is used.
+    # All failure times are contiguous, so that one search finds any finite time.
     *_failure_names(_FIRST, _TIMES),
     "failure.engine.time",
     *(f"failure.sensor.{name}.time" for name in SENSORS),

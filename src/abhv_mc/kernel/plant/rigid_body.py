@@ -1,4 +1,4 @@
-"""Rigid-body dynamics: angular acceleration, and forces added to a stage's derivatives."""
+"""Rigid-body dynamics: angular acceleration, and forces added to derivatives."""
 
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import reciprocals
@@ -29,7 +29,7 @@ def add_derivative(Z, lane, i, derivative, stage):
 def add_force(Z, lane, stage, per_mass, fx, fy, fz):
     """Add a force at the centre of gravity to the derivatives and the specific force.
 
-    The force is in N and body axes.
+    The force is given in N and body axes.
     """
     x, y, z = fx * per_mass, fy * per_mass, fz * per_mass
     Z[s.SPECIFIC_X, lane] += x

@@ -1,4 +1,4 @@
-"""Slopes of the coefficients with deflections and sideslip, for control allocation."""
+"""Derivatives of the coefficients by deflections and sideslip, for control allocation."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,14 @@ N_INPUTS = len(INPUTS)
 class Effectiveness(NamedTuple):
     """Terms of the slopes: ``slope[coefficient, input] += weight * row * variable``."""
 
-    coefficient: Ints  # [term]
+    coefficient: Ints  # [term] index of the coefficient
     input: Ints  # [term] index into INPUTS
     row: Ints  # [term] table row, or a slope row after the tables
-    variable: Ints  # [term]
-    weight: Floats  # [term]
+    variable: Ints  # [term] index of the variable
+    weight: Floats  # [term] weight
     slope_group: Ints  # [slope] differentiated group
     slope_axis: Ints  # [slope] axis of differentiation
-    slope_row: Ints  # [slope] first row
+    slope_row: Ints  # [slope] first slope row
 
 
 @lanes
@@ -63,7 +63,7 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
 
 @lanes
 def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
-    """Compute the slopes in rows ``first_row + coefficient * N_INPUTS + input`` of every lane."""
+    """Compute the slopes of every lane in rows ``first_row + coefficient * N_INPUTS + input``."""
     for i in range(N_COEFFICIENTS * N_INPUTS):
         for lane in range(W):
             Z[first_row + i, lane] = 0.0

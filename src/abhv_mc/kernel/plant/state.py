@@ -21,8 +21,8 @@ from abhv_mc.kernel.plant.parameter_names import (
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_ACTUATORS, VARIABLES
 from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
 
-# Order of the state: geodetic altitude, longitude, latitude, body velocity u v w (Earth-relative),
-# attitude quaternion body -> NED, inertial body rates, mass, surface deflections and rates, engine.
+# The velocity is relative to the Earth, in body axes; body rates are inertial.
+# The attitude quaternion is that from body to NED axes.
 STATES = (
     "altitude",
     "longitude",
@@ -55,70 +55,67 @@ ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
 AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 
 # Capacity of a lane; load_vehicle rejects larger vehicles. Unused capacity costs nothing.
-MAX_TABLE_ROWS = (
-    1024  # tables and their slopes with the deflections, spare rows of the padding counted
-)
-MAX_AXES = 64  # different grids
+MAX_TABLE_ROWS = 1024  # rows of tables and of their slopes with the deflections, including padding
+MAX_AXES = 64  # number of different grids
 
-# Contiguous blocks of the lane memory Z. The module that owns a block defines its number of rows;
-# named rows are counted by unpacking, which fails for a range of another length.
+# Contiguous blocks of the lane memory Z; each module defines the number of rows of its block.
+# Unpacking named rows fails for a range of another length.
 X = 0  # state at the start of the step
 XS = X + N_STATES  # state at the stage of the integrator
 SUM = XS + N_STATES  # weighted sum of the stages' derivatives
-P = SUM + N_STATES  # parameters
+P = SUM + N_STATES  # dispersed parameters
 VAR = P + len(PARAMETER_NAMES)  # variables of the tables and of the build-up
-COEF = VAR + len(VARIABLES)  # coefficients
+COEF = VAR + len(VARIABLES)  # aerodynamic coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
 AIR = CMD + 4  # air data of the stage
 FIXED = AIR + 20  # fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # true motion relative to the Earth
 MEASURED = NAV + 8  # measurement, the input of the control laws
 N_MEASURED = len(SENSORS)
-N_SEEN = len(ALL_SENSORS)  # including the additional measurements of custom laws
-COUNTED = MEASURED + N_SEEN  # 1 if the sample of this tick counts
+N_SEEN = len(ALL_SENSORS)  # number of measurements, including the additional ones of custom laws
+COUNTED = MEASURED + N_SEEN  # 1 if the sample of the tick counts
 COMMANDS = COUNTED + 1  # commands of the guidance to the attitude loop
 GUST = (
     COMMANDS + 3
-)  # gust and turbulence of the tick in body axes, and the profile's density and temperature factors
-TURBULENCE = GUST + 8  # random numbers, then the forming filters
+)  # gust and turbulence of the tick in body axes, and density and temperature factors
+TURBULENCE = GUST + 8  # random numbers, followed by the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
-PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, by flight
-ACTUATORS = PER_MASS_FACTOR + 1  # coefficients of the actuators of surfaces and engine, by flight
-# Of the current actuator: lowest, highest, rate, dead zone, half of the backlash, bandwidth.
+PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, constant in a flight
+# coefficients of the actuators of surfaces and engine, constant in a flight
+ACTUATORS = PER_MASS_FACTOR + 1
+# current actuator: lowest, highest, rate, dead zone, half the backlash, bandwidth
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS
-AHEAD = LIMITS + 6  # of axes and engine: actuator minus position, within its backlash
+AHEAD = LIMITS + 6  # actuator minus surface position within the backlash, for axes and engine
 FAILURE = AHEAD + 4  # failures at the tick, and their memory
 FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
 )  # arguments and results of custom functions of the vehicle
-EFFECTOR_COMMAND = FOREIGN + 23  # direct commands of effectors by a law, infinite if there is none
-# Effectors with actuators: position, unlimited command, whether either is at its limit; whether any
-# is.
+# direct commands of effectors by a control law, infinite if there is none
+EFFECTOR_COMMAND = FOREIGN + 23
+# effectors with actuators: position, unlimited command, whether each or any is at its limit
 EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (
     EFFECTOR_COMMAND + i * MAX_ACTUATORS for i in range(1, 4)
 )
 ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
 ENGINE_WHOLE = (
     ANY_SATURATED + 1
-)  # factor on the thrust of all engines, then of each; position of the remaining thrust
-# Custom dynamics (abhv_mc.kernel.plant.dynamics): states at the start of the step and at the stage,
-# weighted sum of their rates, rates; motion as argument of the function, and its results; settings
-# by flight.
-MAX_STATES = 32  # of a vehicle's custom dynamics
-MAX_SETTINGS = 128  # of a vehicle's functions, including initial values of its states
+)  # thrust factors of all engines and of each one; position of the remaining thrust
+# custom dynamics: states, stage states, weighted rates, rates, motion, results and settings
+MAX_STATES = 32  # maximum number of states of a vehicle's custom dynamics
+MAX_SETTINGS = 128  # maximum number of settings of a vehicle's functions, including initial states
 CUSTOM_STATE = ENGINE_WHOLE + 1 + len(ENGINES) + 3
 CUSTOM_STAGE, CUSTOM_SUM, CUSTOM_RATE, MOTION = (CUSTOM_STATE + i * MAX_STATES for i in range(1, 5))
-MOTION_ACCELERATION = MOTION + 11  # after velocity, attitude, rates and mass
+MOTION_ACCELERATION = MOTION + 11  # The acceleration follows velocity, attitude, rates and mass.
 ANGULAR_ACCELERATION, GRAVITY = MOTION_ACCELERATION + 3, MOTION_ACCELERATION + 6
 CUSTOM_FORCE, CUSTOM_MOMENT = GRAVITY + 3, GRAVITY + 6
 SENSED = CUSTOM_MOMENT + 3  # additions to the measured quantities
 SETTING = SENSED + N_SEEN
-LAW = SETTING + MAX_SETTINGS  # rows of control and flight follow, starting with the law's memory
+# Rows of control and flight follow, starting with the control law's memory.
+LAW = SETTING + MAX_SETTINGS
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
-# Air data: density, dynamic pressure, flow; latitude and the Earth's rotation in body axes;
-# velocity of the air and specific force in body axes; thrust.
+# air data: flow, latitude and Earth rotation, air velocity, specific force and thrust
 _FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
 SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
@@ -145,16 +142,16 @@ M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = ra
     M_EAST,
 ) = range(MEASURED + N_MEASURED, COUNTED - 5)
 M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 5, COUNTED - 4
-M_ACCELERATION = COUNTED - 3  # along x, y, z
+M_ACCELERATION = COUNTED - 3  # acceleration along x, y, z
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
     GUST, TURBULENCE
 )
-# Commands of the actuators; factors on rate and effectiveness of the three surfaces; engine: factor
-# on thrust, increments of drag and pitching moment, whether it has failed; deflections of stuck
-# surfaces; inlet: whether it is unstarted and the last time outside its range; last time of a
-# failed engine; effectors: gain, offset, deflections of stuck and of slow ones; then frozen
-# measurements.
+# commands of the actuators; factors on rate and effectiveness of the three surfaces
+# failed engine: factor on thrust, increments of drag and pitching moment, whether it has failed
+# deflections of stuck surfaces; inlet: whether it is unstarted, and last time out of range
+# last time of a failed engine; gain, offset, stuck and slow deflections of effectors
+# frozen measurements
 ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
 STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = (
@@ -168,9 +165,7 @@ EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
 )
 ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 
-# Custom functions: density and airspeed as arguments; thrust, moment and fuel flow; coefficients
-# with dispersions and without; 1 / mass at the stage, or a stored variable; whether they are
-# dispersed.
+# custom functions: arguments, thrust and moment, fuel flow, coefficients, whether dispersed
 F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
 F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
 F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
@@ -183,8 +178,8 @@ N_PARAMETERS = len(PARAMETER_NAMES)
 def aligned_zeros(
     shape: tuple[int, ...] | int, dtype: type[np.generic] = np.float64
 ) -> NDArray[Any]:
-    """Return zeros aligned to cache lines, so that vectors of eight doubles do not cross them."""
-    line = 64  # bytes
+    """Return zeros aligned to cache lines, which vectors of eight doubles do not cross."""
+    line = 64  # length of a cache line, bytes
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.zeros(size + line, dtype=np.uint8)
     start = -memory.ctypes.data % line
@@ -197,7 +192,7 @@ def parameter_row(name: str) -> int:
 
 
 def parameter_rows(first: str, count: int) -> range:
-    """Return the rows of ``count`` parameters from ``first`` on."""
+    """Return the rows of ``count`` parameters, starting with ``first``."""
     return range(parameter_row(first), parameter_row(first) + count)
 
 
@@ -206,8 +201,7 @@ def variable_row(name: str) -> int:
     return VAR + VARIABLES.index(name)
 
 
-# Rows read by several modules: variables, and dispersions of mass and inertia, engine, actuators,
-# air.
+# rows read by several modules: variables, and dispersions of mass, engine, actuators and air
 V_ONE, V_MACH, V_ALPHA, V_BETA, V_P_HAT, V_Q_HAT, V_R_HAT, V_DELTA_A, V_DELTA_R, V_DELTA_E = range(
     VAR, VAR + 10
 )

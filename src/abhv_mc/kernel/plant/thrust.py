@@ -1,4 +1,4 @@
-"""Thrust from tables and from a custom engine function, and its misalignment."""
+"""Thrust from tables or a custom engine function, and its misalignment."""
 
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.jit_pointer import call_address
@@ -8,8 +8,7 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.rigid_body import add_derivative, add_force, add_moment
 from abhv_mc.kernel.plant.state import XS, parameter_rows
 
-# Settings passed to the engine function: those of the vehicle file, or those of each flight (rows
-# from ``SETTING``).
+# settings passed to the engine function: of the vehicle file, or of each flight (``SETTING``)
 NOMINAL, DISPERSED = range(2)
 _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 
@@ -18,7 +17,7 @@ _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
     """Return the thrust from tables, N.
 
-    It is captured air times specific impulse, or dynamic pressure times a thrust area.
+    The thrust is captured air times specific impulse, or dynamic pressure times a thrust area.
     """
     captured = constants.capture_thrust * eta * rho * airspeed * Z[s.CAPTURE, lane] * Z[s.ISP, lane]
     return captured + q_bar * Z[s.THRUST_AREA, lane]
@@ -34,7 +33,7 @@ def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
 def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settings):
     """Compute thrust, moment and fuel flow by the engine function, in rows from ``F_THRUST``.
 
-    The moment is about the moment reference of the aerodynamics.
+    The moment is about the aerodynamic moment reference.
     """
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
@@ -55,8 +54,8 @@ def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settin
 def foreign_thrust(Z, width, vehicle, user_code):
     """Compute the dispersed thrust of the engine function at the stage's state.
 
-    The results are in the rows from ``F_THRUST``. The moment is about the centre of gravity and
-    includes the asymmetry due to failed engines.
+    The results are in the rows from ``F_THRUST`` on. The moment is about the centre of gravity and
+    includes the asymmetry caused by failed engines.
     """
     call_propulsion(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED, DISPERSED)
     constants = vehicle.constants
@@ -87,9 +86,9 @@ def foreign_thrust(Z, width, vehicle, user_code):
 
 @lanes
 def add_thrust(Z, width, stage):
-    """Add the thrust of the engine function to derivatives that have been accumulated.
+    """Add the thrust of the engine function to accumulated derivatives.
 
-    The derivatives are linear in the force, so the state of the next stage is updated, too.
+    The derivatives are linear in the force; the state of the next stage is updated as well.
     """
     for lane in range(width):
         Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
@@ -100,7 +99,7 @@ def add_thrust(Z, width, stage):
 
 @lanes
 def is_misaligned(Z, width):
-    """Return whether the thrust of a flight is misaligned, which holds for all its ticks."""
+    """Return whether the thrust of any flight is misaligned; constant over the flight."""
     return any_lane(Z, width, _INCLINATION, 2, 0.0)
 
 
@@ -108,9 +107,9 @@ def is_misaligned(Z, width):
 def turn_thrust(Z, width, vehicle, by_function, stage):
     """Turn the thrust about its point of application, upward, then to the right.
 
-    The changes of force and moment are added to derivatives that have been accumulated: these are
-    linear in both, so the state of the next stage is updated, too. A moment that an engine function
-    returns in addition to its force does not change.
+    The changes of force and moment are added to accumulated derivatives, which are linear in both;
+    the state of the next stage is updated as well. A moment that an engine function returns in
+    addition to its force does not change.
     """
     constants, foreign = vehicle.constants, vehicle.foreign
     for lane in range(width):
@@ -127,7 +126,8 @@ def turn_thrust(Z, width, vehicle, by_function, stage):
         arm_x = x + Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
         arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
         arm_z = z + Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]
-        per_mass, _ = reciprocals(Z[s.V_MASS, lane] * Z[s.K_MASS, lane], 1.0)  # of this stage
+        # 1 / mass of the stage
+        per_mass, _ = reciprocals(Z[s.V_MASS, lane] * Z[s.K_MASS, lane], 1.0)
         add_force(Z, lane, stage, per_mass, dx, dy, dz)
         p_dot, q_dot, r_dot = add_moment(
             Z,

@@ -1,7 +1,7 @@
-"""Packed form of a vehicle: named tuples of arrays that the compiled plant reads.
+"""Packed form of a vehicle: named tuples of arrays for the compiled plant.
 
-They are arguments of the compiled code, not constants: one compiled flight serves every vehicle,
-and a changed table never meets a stale cache.
+They are arguments of the compiled code, not constants, so that one compiled flight serves every
+vehicle and changed tables need no new compilation.
 """
 
 import math
@@ -12,11 +12,12 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 
 MAX_EFFECTORS = 16
-MAX_ACTUATORS = MAX_EFFECTORS + 3  # including axes that the aerodynamics use directly
+# maximum number of actuators, including axes that the aerodynamics use directly
+MAX_ACTUATORS = MAX_EFFECTORS + 3
 MAX_ENGINES = 4
 
-# Variables of table axes and build-up terms, SI and radians. Effectors are surfaces of the vehicle,
-# mixed from the three axis deflections.
+# Variables of table axes and build-up terms, SI and radians.
+# Effectors are surfaces of the vehicle, mixed from the three axis deflections.
 VARIABLES = (
     "one",
     "mach",
@@ -34,26 +35,24 @@ VARIABLES = (
     *(f"effector_{i}" for i in range(MAX_EFFECTORS)),
 )
 
-# Lift and drag are in stability axes (from alpha), side force along body y; moments about body
-# axes.
+# Lift and drag are in stability axes, the side force is along body y, moments about body axes.
 COEFFICIENTS = ("lift", "drag", "side_force", "rolling_moment", "pitching_moment", "yawing_moment")
 
-# Quantities that the plant reads from every vehicle's tables: entry i is table row
-# ``Tables.fixed_row[i]``, which is constant if the vehicle has no such table.
+# Quantities of every vehicle; entry i is table row ``Tables.fixed_row[i]`` (constant if absent).
 FIXED_TABLE_ROWS = (
     "capture_area_ratio",  # ca(Mach, alpha); 0 if the vehicle has a thrust area instead
-    "specific_impulse",  # s
+    "specific_impulse",  # specific impulse, s
     "thrust_area",  # T / q_bar, m2; 0 if the vehicle has capture area and specific impulse
-    "inertia_xx",  # kg m2
+    "inertia_xx",  # moment of inertia, kg m2
     "inertia_yy",
     "inertia_zz",
-    "inertia_13",  # matrix element, positive for GHAME
-    "center_of_gravity_x",  # m, forward of the moment reference
-    "center_of_gravity_z",  # m, down from the moment reference
+    "inertia_13",  # matrix element 13, positive for GHAME
+    "center_of_gravity_x",  # distance forward of the moment reference, m
+    "center_of_gravity_z",  # distance below the moment reference, m
 )
 
 MAX_DIMENSIONS = 3
-CHUNK = 8  # doubles of one AVX-512 register, two AVX2 ones
+CHUNK = 8  # doubles in one AVX-512 register or two AVX2 registers
 
 
 class Tables(NamedTuple):
@@ -66,32 +65,32 @@ class Tables(NamedTuple):
     Constants are tables on the variable ``one`` (grid 0, 2), so they never leave the tables.
     """
 
-    axis_variable: Ints  # [axis] index into VARIABLES
-    axis_start: Ints  # [axis] first node in grid
+    axis_variable: Ints  # [axis] index of the variable in VARIABLES
+    axis_start: Ints  # [axis] first node in ``grid``
     axis_length: Ints  # [axis] number of nodes, at least 2
-    grid: Floats  # [node] concatenated axes, strictly increasing within an axis
-    inverse_step: Floats  # [node] 1 / (grid[i + 1] - grid[i]); 0 at an axis's last node
-    group_dimensions: Ints  # [group] 2 or 3
+    grid: Floats  # [node] nodes of all axes, strictly increasing within an axis
+    inverse_step: Floats  # [node] 1 / (grid[i + 1] - grid[i]); 0 at the last node of an axis
+    group_dimensions: Ints  # [group] number of dimensions, 2 or 3
     group_axis: Ints  # [group, 3] axis index; an unused dimension has axis 0 with stride 0
-    group_stride: Ints  # [group, 3]
-    group_start: Ints  # [group]
+    group_stride: Ints  # [group, 3] stride in ``data``
+    group_start: Ints  # [group] start in ``data``
     group_width: (
-        Ints  # [group] a multiple of CHUNK, padded with zeros, so that vector loops have no rest
+        Ints  # [group] multiple of CHUNK, padded with zeros for vector loops without a remainder
     )
     group_used: Ints  # [group] number of tables without padding
-    group_row: Ints  # [group]
-    data: Floats  # [value]
+    group_row: Ints  # [group] first output row
+    data: Floats  # values of all tables
     fixed_row: Ints  # [entry] table row of each of FIXED_TABLE_ROWS
     n_rows: int  # number of output rows
 
 
 class BuildUp(NamedTuple):
-    """Coefficient = sum over its terms of factor * table * variable."""
+    """Build-up of coefficients as a sum of factor * table * variable over terms."""
 
-    coefficient: Ints  # [term] index into COEFFICIENTS
+    coefficient: Ints  # [term] index of the coefficient in COEFFICIENTS
     table: Ints  # [term] table row
-    variable: Ints  # [term] index into VARIABLES
-    factor: Ints  # [term] index into PARAMETERS: the dispersion that multiplies this term
+    variable: Ints  # [term] index of the variable in VARIABLES
+    factor: Ints  # [term] index in PARAMETERS of the dispersion that multiplies the term
 
 
 class Sensing(NamedTuple):
@@ -103,27 +102,29 @@ class Sensing(NamedTuple):
 
 
 class LoadBounds(NamedTuple):
-    """Greatest values in a flight, SI and radians; infinite without a limit."""
+    """Largest values allowed in a flight, SI and radians; infinite without a limit."""
 
-    dynamic_pressure: float = math.inf  # Pa
-    load_factor: float = math.inf  # g
-    heat_flux: float = math.inf  # W/m2
-    bank: float = math.inf  # rad, to either side
-    bank_ripple: float = math.inf  # rad, see abhv_mc.kernel.flight.ripple
+    dynamic_pressure: float = math.inf  # maximum dynamic pressure, Pa
+    load_factor: float = math.inf  # maximum load factor, g
+    heat_flux: float = math.inf  # maximum heat flux, W/m2
+    bank: float = math.inf  # maximum bank to either side, rad
+    # maximum ripple of the bank, rad, see abhv_mc.kernel.flight.ripple
+    bank_ripple: float = math.inf
     angle_of_attack_ripple: float = math.inf
     sideslip_ripple: float = math.inf
 
 
 class Inlet(NamedTuple):
-    """Range in which the inlet stays started, SI and radians, and increments of its unstart."""
+    """Range in which the inlet stays started, SI and radians, and effects of an unstart."""
 
-    unstarts: float = 0.0  # 1 if the vehicle file has such a range
+    unstarts: float = 0.0  # 1 if the vehicle file has a started range, else 0
     angle_of_attack_min: float = -math.inf
     angle_of_attack_max: float = math.inf
     sideslip_max: float = math.inf
     mach_min: float = -math.inf
     mach_max: float = math.inf
-    restart_delay: float = math.inf  # s inside the range until it restarts; infinite: never
+    # time inside the range until the inlet restarts, s; infinite: never
+    restart_delay: float = math.inf
     drag_increment: float = 0.0
     pitching_moment_increment: float = 0.0
 
@@ -131,18 +132,18 @@ class Inlet(NamedTuple):
 class Foreign(NamedTuple):
     """Custom functions of the vehicle, whose code is identified by its digest."""
 
-    aerodynamics: int  # 1 if they compute the coefficients
-    propulsion: int  # 1 if they compute the thrust
-    engine_x: float  # m, point of the thrust's moments, from the moment reference
+    aerodynamics: int  # 1 if custom functions compute the coefficients
+    propulsion: int  # 1 if custom functions compute the thrust
+    engine_x: float  # reference point of the thrust's moments, m from the moment reference
     engine_z: float
     digest: Ints  # [4] SHA-256 of the code and its calling conventions; zeros without code
     settings: Floats  # [setting] of aerodynamics, propulsion and dynamics
     states: int  # number of custom states
-    state_limit: Floats  # [state] greatest magnitude, above which a flight ends
+    state_limit: Floats  # [state] largest magnitude, beyond which a flight ends
 
 
 def no_functions() -> Foreign:
-    """Return the functions of a vehicle of tables, which has none."""
+    """Return the empty custom functions of a vehicle defined by tables."""
     return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(0), 0, np.zeros(0))
 
 
@@ -155,33 +156,35 @@ class Constants(NamedTuple):
     # T = capture_thrust * eta * rho * V * ca * Isp: stoichiometric ratio * cowl area * g0
     capture_thrust: float
     standard_gravity: float  # g0 of the specific impulse, m/s2: fuel flow = T / (g0 Isp)
-    thrust_cos: float  # cosine and sine of the thrust line's upward inclination
+    thrust_cos: float  # cosine and sine of the upward inclination of the thrust line
     thrust_sin: float
-    thrust_offset_z: float  # thrust line below the moment reference, m
-    mass_start: float  # kg
-    mass_empty: float  # kg: no fuel below it
-    burns_fuel: float  # 1, or 0 without an empty mass: the mass is constant and the engine runs
-    surface_limit: float  # rad, greatest axis deflection that a law commands
-    equivalence_ratio_min: float  # least and greatest throttle
+    thrust_offset_z: float  # distance of the thrust line below the moment reference, m
+    mass_start: float  # initial mass, kg
+    mass_empty: float  # mass without fuel, kg
+    burns_fuel: float  # 1, or 0 without an empty mass: constant mass and a running engine
+    surface_limit: float  # largest axis deflection that a control law commands, rad
+    equivalence_ratio_min: float  # minimum and maximum throttle
     equivalence_ratio_max: float
-    angle_of_attack_min: float  # rad, a flight ends outside
+    angle_of_attack_min: float  # A flight ends outside this range of the angle of attack, rad.
     angle_of_attack_max: float
     sideslip_max: float
     # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
     drag_in_wind_axes: float
-    nose_radius: float  # m; 0 if the file has none
+    nose_radius: float  # nose radius, m; 0 if the file has none
     inlet: Inlet
-    bounds: LoadBounds  # a flight ends above
-    relight_delay: float = 0.0  # s from the end of an engine's failure until it starts to recover
-    relight_time_constant: float = 0.0  # s, of the recovery; 0: the lag of the engine
+    bounds: LoadBounds  # limits beyond which a flight ends
+    # delay from the end of an engine's failure to the start of its recovery, s
+    relight_delay: float = 0.0
+    relight_time_constant: float = 0.0  # time constant of the recovery, s; 0: the lag of the engine
     sensing: Sensing = Sensing()  # reference of measured angles and speed
-    driven: float = 0.0  # 1: effectors have actuators; 0: the three axes have, and effectors follow
+    # 1: effectors have actuators; 0: the three axes have actuators, and effectors follow
+    driven: float = 0.0
 
 
 class Effectors(NamedTuple):
     """Effectors with actuators: those of the file, then axes that the aerodynamics use."""
 
-    variable: Ints  # [effector] index into VARIABLES of its deflection
+    variable: Ints  # [effector] index in VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
     share: Floats  # [axis, effector, effector] projection of deflections onto an axis, within a set
     axes: Floats  # [axis, effector] pseudo-inverse of the mix, from effectors to axes
@@ -196,9 +199,9 @@ class Vehicle(NamedTuple):
     # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
     effector_mix: Floats
     effectors: Effectors
-    # [actuator, column of actuator_step] aileron, rudder, elevator, engine, then the effectors
+    # [actuator, column of actuator_step] aileron, rudder, elevator, engine, effectors
     actuators: Floats
     effector_names: Ints  # [effector, letter] code points, padded with zeros
-    # [engine, 4] share of the thrust; x, y, z from the thrust line, m; none: one engine
+    # [engine, 4] share of the thrust; x, y, z from the thrust line, m; empty: one engine
     engines: Floats
     foreign: Foreign = no_functions()

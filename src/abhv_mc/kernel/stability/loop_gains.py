@@ -26,7 +26,7 @@ def fill_loop_gains(
         for block in range(2):
             A = plant_A[p] if block == 0 else law_A[p]
             size = n if block == 0 else m
-            # Right-hand side: inputs of the plant, or the plant's outputs as inputs of the law.
+            # The right-hand side contains plant inputs, or plant outputs as inputs of the law.
             for i in range(size):
                 for k in range(inputs):
                     total = complex(0.0, 0.0)
@@ -36,7 +36,7 @@ def fill_loop_gains(
                         for j in range(outputs):
                             total += law_B[p, i, j] * y[j, k]
                     x[i, k] = total
-            # (z - A) x = b by elimination, with the larger pivot of two adjacent rows.
+            # (z - A) x = b is solved by elimination, with the larger pivot of two adjacent rows.
             for i in range(size):
                 for j in range(max(i - 1, 0), size):
                     work[i, j] = -A[i, j]

@@ -1,4 +1,4 @@
-"""Evaluation of the compiled plant and laws at single points, many in parallel."""
+"""Evaluation of the compiled plant and control laws at single points, in parallel."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -29,18 +29,18 @@ from abhv_mc.kernel.plant.state import SUM, XS, X
 
 
 class PlantAnswer(NamedTuple):
-    """Rates and measurements of the plant at states."""
+    """Rates and measurements of the plant at given states."""
 
-    rates: Floats  # [point, 14] of the states before those of the actuators
-    custom_rates: Floats  # [point, state] of custom dynamics
-    variables: Floats  # [point, variable] of the tables
+    rates: Floats  # [point, 14] rates of the states before those of the actuators
+    custom_rates: Floats  # [point, state] rates of custom dynamics
+    variables: Floats  # [point, variable] variables of the tables
     # [point, measured] without bias, noise and delay, but with failed sensors
     measured: Floats
 
 
 @lanes
 def _load(Z, row, width, values, numbers, start, n):
-    """Load columns of ``values[numbers[start + lane]]`` into the rows from ``row``.
+    """Load columns of ``values[numbers[start + lane]]`` into the rows from ``row`` on.
 
     Spare lanes repeat the last point.
     """
@@ -52,7 +52,7 @@ def _load(Z, row, width, values, numbers, start, n):
 
 @lanes
 def _store(Z, row, values, start, n):
-    """Store rows from ``row`` to the points [point, column] from ``start`` on."""
+    """Store rows from ``row`` on in the points [point, column] from ``start`` on."""
     for lane in range(n):
         for i in range(values.shape[1]):
             values[start + lane, i] = Z[row + i, lane]
@@ -60,7 +60,7 @@ def _store(Z, row, values, start, n):
 
 @lanes
 def _fail(plan, memory, width, active, tick):
-    """Apply failures to the plant; numba does not compile the branch if ``active`` is None."""
+    """Apply failures to the plant; the branch is not compiled if ``active`` is None."""
     if active is not None:
         tick_length = plan.timing.step * plan.timing.steps_per_tick
         fail_plant(
@@ -93,10 +93,10 @@ def make_probe_begin(lean: bool) -> Callable[..., Any]:
     """Return the kernel of a tick's start; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
 
     def probe_begin(plan, memory, before, moving, numbers, tick, sensed, acting):
-        """Start a tick from the memory ``before`` [point, row] and ``moving`` of effectors.
+        """Start a tick from memory ``before`` [point, row] and effector memory ``moving``.
 
-        ``sensed`` [point, row] is the memory after the measurement, ``acting`` after failures of
-        the plant.
+        ``sensed`` [point, row] is the memory after the measurement, and ``acting`` the memory after
+        failures of the plant.
         """
         if has_width(memory, LANES):
             find = lean_active if lean else find_active
@@ -107,7 +107,7 @@ def make_probe_begin(lean: bool) -> Callable[..., Any]:
 
 @lanes
 def _answer(plan, memory, width, active, centred, tick, answer, start, n):
-    """Fill the answer for the states in the lanes."""
+    """Fill ``answer`` for the states in the lanes."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     for lane in range(width):
         for i in range(s.AILERON):
@@ -178,10 +178,10 @@ def make_probe_plant(lean: bool) -> Callable[..., Any]:
     ):
         """Fill ``answer`` for ``states`` [point, state] and memory ``acting`` [flight, row].
 
-        ``custom`` [point, state] are custom states; ``positions`` [point, effector] are those of
-        effectors with actuators. ``flight`` [point] is the flight of a point, ``numbers`` [point]
-        its number. Slow effectors keep their deflection or, with ``centred``, are set by the
-        state's mix.
+        ``custom`` [point, state] contains custom states; ``positions`` [point, effector] those of
+        effectors with actuators. ``flight`` [point] is the flight of each point and ``numbers``
+        [point] its number. Slow effectors keep their deflection or, with ``centred``, are set by
+        the mix of the state.
         """
         if has_width(memory, LANES):
             find = lean_active if lean else find_active
@@ -212,7 +212,7 @@ def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
             source = numbers[start + min(lane, n - 1)]
             for i in range(rows.size):
                 Z[rows[i], lane] = before[source, i]
-            Z[s.P, lane] = 1.0  # the factor of the nominal vehicle's terms
+            Z[s.P, lane] = 1.0  # factor of the nominal vehicle's terms
         control(plan, memory, width, plan.law, active, tick)
         for lane in range(n):
             for i in range(rows.size):
@@ -228,10 +228,10 @@ def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
 
 
 def make_probe_law(lean: bool) -> Callable[..., Any]:
-    """Return the kernel of a law's tick; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
+    """Return the kernel of a control law's tick; ``lean`` as in ``make_fly_lanes``."""
 
     def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
-        """Compute a tick of the law, from the memory rows ``before`` to ``after`` [point, row]."""
+        """Compute a control tick from memory rows ``before`` to ``after`` [point, row]."""
         if has_width(memory, LANES):
             _law_all(
                 plan,

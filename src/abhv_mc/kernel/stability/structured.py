@@ -1,9 +1,9 @@
-"""Upper bound of the structured singular value of complex diagonal blocks.
+"""Upper bound of the structured singular value for complex diagonal blocks.
 
 mu(M) <= min over diagonal D of sigma(D M D^-1), which is convex in log D, equal to mu for up to
-three blocks and nearly equal for four. Packard and Doyle, Automatica 29 (1993) 71-109. Scalings
-start from Osborne's balancing, followed by BFGS with a weak Wolfe search, which also works at
-points where two singular values coincide (Lewis and Overton, Math. Program. 141 (2013)).
+three blocks and nearly equal for four: Packard and Doyle, Automatica 29 (1993) 71-109. Scalings
+start from Osborne's balancing, followed by BFGS with a weak Wolfe search, which also works where
+two singular values coincide (Lewis and Overton, Math. Program. 141 (2013)).
 """
 
 import numpy as np
@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.jit import kernel, routine
 
-_SWEEPS = 30  # of Jacobi's method; five are usual
-_STEPS = 60  # of the descent
-_FLAT = 1e-10  # gradient at which the descent ends
+_SWEEPS = 30  # maximum sweeps of Jacobi's method; five are usual
+_STEPS = 60  # maximum steps of the descent
+_FLAT = 1e-10  # gradient norm at which the descent ends
 
 
 @routine
 def _sigma(M, x, H, V, gradient):
-    """Return log of the largest singular value of exp(x) M exp(-x), and fill its gradient.
+    """Return the log of the largest singular value of exp(x) M exp(-x), and its gradient.
 
-    H and V are buffers.
+    H and V are buffers; the gradient is filled in place.
     """
     n = M.shape[0]
-    # H = N^H N with the scaled matrix N; its eigenvectors by Jacobi rotations.
+    # H = N^H N with the scaled matrix N, whose eigenvectors are found by Jacobi rotations.
     for i in range(n):
         for j in range(n):
             total = complex(0.0, 0.0)
@@ -77,7 +77,7 @@ def _sigma(M, x, H, V, gradient):
 
 @routine
 def _osborne(M, x):
-    """Fill x with log scalings that give rows the norm of their columns, without the diagonal."""
+    """Fill x with log scalings that balance rows and columns, without the diagonal."""
     n = M.shape[0]
     largest = 1e-300
     for i in range(n):
@@ -151,7 +151,7 @@ def _descend(M, x, H, V, room):
                     for j in range(n):
                         inverse[i, j] = curvature / square if i == j else 0.0
                 first = False
-            # inverse <- (1 - s y'/c) inverse (1 - y s'/c) + s s'/c
+            # The update is inverse <- (1 - s y'/c) inverse (1 - y s'/c) + s s'/c.
             hy = room[5]
             yhy = 0.0
             for i in range(n):
@@ -204,18 +204,18 @@ def _peak(M, value, peak_index):
             _osborne(M[system, best], x)
             bound[best] = _descend(M[system, best], x, H, V, room)
             tight[best] = 1
-            # This scaling is good at neighbouring frequencies, too: most of them need no descent.
+            # The scaling is also good at neighbouring frequencies, most of which need no descent.
             for f in range(M.shape[1]):
                 if bound[f] > bound[best] and tight[f] == 0:
                     bound[f] = min(bound[f], _sigma(M[system, f], x, H, V, room[0]))
         value[system], peak_index[system] = np.exp(bound[best]), best
 
 
-LAST_COMPILED = _structured  # last kernel that stability margins compile
+LAST_COMPILED = _structured  # last kernel that is compiled for stability margins
 
 
 def structured_singular_values(M: NDArray[np.complex128]) -> Floats:
-    """Return upper bounds [point] of mu of matrices [point, n, n] with complex scalar blocks."""
+    """Return upper bounds [point] on mu of matrices [point, n, n] with complex scalar blocks."""
     matrices = np.ascontiguousarray(M, dtype=np.complex128)
     value = np.empty(len(matrices))
     _structured(matrices, np.empty(matrices.shape[:2]), value)
@@ -225,7 +225,7 @@ def structured_singular_values(M: NDArray[np.complex128]) -> Floats:
 def peak_of_structured_singular_values(M: NDArray[np.complex128]) -> tuple[Floats, Ints]:
     """Return each system's largest bound [system] and the index of its frequency.
 
-    ``M`` is [system, frequency, n, n].
+    ``M`` has shape [system, frequency, n, n].
     """
     matrices = np.ascontiguousarray(M, dtype=np.complex128)
     value, peak_index = np.empty(len(matrices)), np.empty(len(matrices), dtype=np.int64)

@@ -2,7 +2,7 @@
 
 "U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers
 (table 4), pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the
-molecular-scale temperature, which is what density and speed of sound need; it is the kinetic
+molecular-scale temperature, which determines density and speed of sound; it equals the kinetic
 temperature up to 80 km and exceeds it by 0.04 % at 86 km.
 """
 
@@ -12,15 +12,15 @@ from typing import NamedTuple
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.numerics.lane_math import exp, log
 
-GEOPOTENTIAL_RADIUS = 6356766.0  # m, r0: geopotential altitude H = r0 Z / (r0 + Z)
-GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), R* / M0: the standard's own R*
+GEOPOTENTIAL_RADIUS = 6356766.0  # r0 in the geopotential altitude H = r0 Z / (r0 + Z), m
+GAS_CONSTANT = 8314.32 / 28.9644  # R* / M0 with the standard's own R*, J/(kg K)
 HEAT_CAPACITY_RATIO = 1.4
 
-# A row per layer: geopotential height of the base, m; temperature at the base, K; lapse rate / that
-# temperature, 1/m; rate; pressure at the base, Pa. log(p / p_base) is the rate times log(T /
-# T_base), or in an isothermal layer times the height above its base: -g0 M0 / (R* lapse), or -g0 M0
-# / (R* T), 1/m. Lapse rates are -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km. Above 86 km the temperature
-# is constant (in the standard to 91 km) and the pressure continues to decrease.
+# Columns: geopotential base height, m; base temperature, K; relative lapse rate, 1/m; rate; base
+# pressure, Pa. The relative lapse rate is divided by the base temperature.
+# In layers with a lapse rate, log(p / p_base) = rate log(T / T_base), rate = -g0 M0 / (R* lapse).
+# In isothermal layers, log(p / p_base) = rate (height above base), rate = -g0 M0 / (R* T), 1/m.
+# Lapse rates are -6.5, 0, 1, 2.8, 0, -2.8, -2, 0 K/km; above 86 km the temperature is constant.
 _LAYERS = (
     (0.0, 288.15, -2.2557695644629534e-05, 5.255876113278518, 101325.0),
     (11000.0, 216.65, 0.0, -0.00015768841327629986, 22632.06397346293),
@@ -37,23 +37,23 @@ _BASE, _TEMPERATURE, _RELATIVE_LAPSE, _RATE, _PRESSURE = zip(*_LAYERS, strict=Tr
 class Layer(NamedTuple):
     """Layer of the standard atmosphere."""
 
-    base: float  # geopotential height, m
+    base: float  # geopotential height of the base, m
     top: float
-    temperature: float  # K, at the base
-    relative_lapse: float  # 1/m
+    temperature: float  # temperature at the base, K
+    relative_lapse: float  # lapse rate divided by the base temperature, 1/m
     rate: float
-    pressure: float  # Pa, at the base
+    pressure: float  # pressure at the base, Pa
 
 
 @scalar
 def geopotential_height(altitude: float) -> float:
-    """Return the geopotential height, m, of a geometric altitude in metres."""
+    """Return the geopotential height, m, of a geometric altitude, m."""
     return GEOPOTENTIAL_RADIUS * altitude / (GEOPOTENTIAL_RADIUS + altitude)
 
 
 @scalar
 def layer_at(height: float) -> Layer:
-    """Return the layer of a geopotential height (m), the lowest one below 0 m and for NaN."""
+    """Return the layer at a geopotential height (m); the lowest one below 0 m and for NaN."""
     base, top = _BASE[0], _BASE[1]
     base_temperature = _TEMPERATURE[0]
     relative_lapse = _RELATIVE_LAPSE[0]
@@ -76,7 +76,7 @@ def air_in_layer(
 ) -> tuple[float, float, float, float]:
     """Return density, pressure, temperature and 1 / speed of sound.
 
-    ``isothermal`` saves the logarithm; it may be False for any layer.
+    ``isothermal`` avoids the logarithm; it may be False for any layer.
     """
     above_base = height - layer.base
     ratio = 1.0 if isothermal else 1.0 + layer.relative_lapse * above_base
@@ -86,7 +86,8 @@ def air_in_layer(
     )
     pressure = layer.pressure * exp(layer.rate * along)
     per_sound_speed = 1.0 / math.sqrt((HEAT_CAPACITY_RATIO * GAS_CONSTANT) * temperature)
-    density = pressure * (HEAT_CAPACITY_RATIO * (per_sound_speed * per_sound_speed))  # p / (R T)
+    # density from p / (R T)
+    density = pressure * (HEAT_CAPACITY_RATIO * (per_sound_speed * per_sound_speed))
     return density, pressure, temperature, per_sound_speed
 
 
@@ -95,7 +96,7 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
     """Return (density kg/m3, pressure Pa, temperature K, speed of sound m/s).
 
     The altitude is geometric, in m. Below 0 m the lowest layer continues; above 86 km the air is
-    isothermal. NaN results in NaN.
+    isothermal. The result is NaN for NaN.
     """
     height = geopotential_height(altitude)
     density, pressure, temperature, per_sound_speed = air_in_layer(layer_at(height), height, False)
@@ -106,8 +107,8 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
 def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
     """Compute density and 1 / speed of sound in every lane.
 
-    Flights of a campaign mostly share a layer: then its numbers are scalars, and an isothermal
-    layer needs no logarithm.
+    Flights of a campaign are mostly in the same layer: then the layer's numbers are scalars, and an
+    isothermal layer needs no logarithm.
     """
     for lane in range(width):
         Z[density_row, lane] = geopotential_height(Z[altitude_row, lane])

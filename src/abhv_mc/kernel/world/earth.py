@@ -7,13 +7,13 @@ from abhv_mc.kernel.jit import scalar
 
 
 class Earth(NamedTuple):
-    """Figure, gravity and rotation of the Earth, SI."""
+    """Figure, gravity and rotation of the Earth, SI units."""
 
-    equatorial_radius: float  # m
-    flattening: float  # 0 for a sphere
+    equatorial_radius: float  # equatorial radius, m
+    flattening: float  # flattening, 0 for a sphere
     gravitational_parameter: float  # GM, m3/s2
-    j2: float  # 0 for a central field
-    rotation_rate: float  # rad/s, 0 without rotation
+    j2: float  # second zonal harmonic, 0 for a central field
+    rotation_rate: float  # rotation rate, rad/s; 0 without rotation
     # factor on J2's attraction towards the equator; other than 1 only to replay a faulty model
     j2_meridional: float = 1.0
 
@@ -35,21 +35,21 @@ def radii(earth: Earth, sin_lat: float) -> tuple[float, float]:
 def gravity_ned(
     earth: Earth, altitude: float, sin_lat: float, cos_lat: float
 ) -> tuple[float, float]:
-    """Return gravity (north, down), m/s2: attraction and centrifugal acceleration.
+    """Return gravity (north, down), m/s2, including the centrifugal acceleration.
 
     ``altitude`` (m) and latitude are geodetic. The attraction is the exact gradient of the
     potential -(GM/r) (1 - J2 (a/r)^2 P2(z/r)), resolved along the ellipsoid's normal, without an
-    east component. On the WGS-84 ellipsoid it differs by at most 1.2e-4 m/s2 from normal
-    gravity, which includes the other even zonals.
+    east component. On the WGS-84 ellipsoid it differs by at most 1.2e-4 m/s2 from normal gravity,
+    which includes the other even zonal harmonics.
     """
     e2 = earth.flattening * (2.0 - earth.flattening)
     _, prime_vertical = radii(earth, sin_lat)
     rho = (prime_vertical + altitude) * cos_lat  # distance from the axis
-    z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat  # from the equatorial plane
+    z = (prime_vertical * (1.0 - e2) + altitude) * sin_lat  # distance from the equatorial plane
     inverse_square = 1.0 / (rho * rho + z * z)
     central = earth.gravitational_parameter * inverse_square * math.sqrt(inverse_square)
     j2_term = 1.5 * earth.j2 * earth.equatorial_radius * earth.equatorial_radius * inverse_square
-    # Along the meridian the attraction is -2 j2_term central rho z / r, which the factor changes.
+    # The meridional attraction of J2, -2 j2_term central rho z / r, is changed by the factor.
     taken = 2.0 * (1.0 - earth.j2_meridional)
     tilt = (5.0 - taken) * (z * z * inverse_square)
     g_rho = (

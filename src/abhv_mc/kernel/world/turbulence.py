@@ -5,8 +5,7 @@ import math
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.lane_math import exp, log, sincos
 
-# One longitudinal, two lateral, two vertical; then the roll gust, and the lagged lateral and
-# vertical gusts.
+# filter states: one longitudinal, two lateral, two vertical, roll, lagged lateral, lagged vertical
 N_FILTER_STATES = 8
 
 _ROOT3 = math.sqrt(3.0)
@@ -15,9 +14,9 @@ _THIRD = 1.0 / 3.0
 
 @scalar
 def one_minus_cosine(distance, length):
-    """Return the fraction 0..1 of the gust's amplitude ``distance`` m into the gust.
+    """Return the fraction 0..1 of the gust amplitude at a ``distance`` (m) into the gust.
 
-    ``length`` (m) is half a wave.
+    ``length`` (m) is half a wavelength.
     """
     x = distance / length
     x = 0.0 if x < 0.0 else x
@@ -30,7 +29,7 @@ def one_minus_cosine(distance, length):
 def dryden_first(x, a, dt, noise):
     """Return the next state of the longitudinal filter of unit variance.
 
-    The spectrum is 2 / (a pi) 1 / (1 + (w / a)^2), a = V / L.
+    The spectrum is 2 / (a pi) 1 / (1 + (w / a)^2) with a = V / L.
     """
     e = exp(-a * dt)
     return e * x + math.sqrt(1.0 - e * e) * noise
@@ -40,8 +39,8 @@ def dryden_first(x, a, dt, noise):
 def dryden_second(x1, x2, a, dt, noise1, noise2, first):
     """Return the next states of the lateral or vertical filter, driven by unit white noise w.
 
-    x1' = -a x1 + w and x2' = -a x2 + x1. At the ``first`` tick the states are drawn from the
-    filter's stationary distribution.
+    The states obey x1' = -a x1 + w and x2' = -a x2 + x1. At the ``first`` tick they are drawn from
+    the filter's stationary distribution.
     """
     s11 = math.sqrt(0.5 / a)
     s21 = 0.25 / (a * a * s11)
@@ -66,7 +65,7 @@ def dryden_second(x1, x2, a, dt, noise1, noise2, first):
 
 @scalar
 def dryden_second_output(x1, x2, a):
-    """Return the gust velocity of unit variance.
+    """Return the gust velocity, of unit variance, from the filter states.
 
     The spectrum is 1 / (a pi) (1 + 3 (w / a)^2) / (1 + (w / a)^2)^2.
     """
@@ -77,8 +76,8 @@ def dryden_second_output(x1, x2, a):
 def roll_gust_sigma(length, span):
     """Return the rms of the roll gust, rad/s, for a vertical gust of 1 m/s rms.
 
-    The spectrum is 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) over 0 < w, with the span
-    b (m) and the length L (m).
+    The spectrum is 0.8 (pi L / 4 b)^(1/3) / (L V (1 + (4 b w / pi V)^2)) for w > 0, with span b (m)
+    and length L (m).
     """
     return math.sqrt(
         0.8
@@ -90,5 +89,5 @@ def roll_gust_sigma(length, span):
 
 @scalar
 def follow(late, value, rate, dt):
-    """Return the output of a first-order lag for a constant value over ``dt``."""
+    """Return the output of a first-order lag after time ``dt`` with a constant input."""
     return value + exp(-rate * dt) * (late - value)

@@ -1,1 +1,1 @@
-"""Print-ready figures: functions from arrays to matplotlib figures, without pyplot."""
+"""Print-ready figures: functions that return matplotlib figures of arrays, without pyplot."""

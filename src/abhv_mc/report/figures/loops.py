@@ -1,4 +1,4 @@
-"""Bode and Nichols figures of single loops, broken at the actuator with the others closed."""
+"""Bode and Nichols figures of single loops, each with the other loops closed."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,8 +17,8 @@ _POINTS = 1500
 
 
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
-    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system and yield the paths."""
-    # Below the Nyquist frequency, at which integrators of an even period respond as at zero.
+    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system; yield both paths."""
+    # At the Nyquist frequency, integrators of an even period respond as at zero frequency.
     highest = 0.999 * np.pi / linear.period
     omega = np.geomspace(1e-2, highest, _POINTS)
     if linear.phases:
@@ -77,6 +77,6 @@ def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure
 
 
 def _phase(gains: NDArray[np.complex128]) -> Floats:
-    """Return the continuous phase, deg, that starts between -360 and 0 deg."""
+    """Return the continuous phase, deg, starting between -360 and 0 deg."""
     phase = np.rad2deg(np.unwrap(np.angle(gains)))
     return np.asarray(phase - 360.0 * np.ceil(phase[0] / 360.0))

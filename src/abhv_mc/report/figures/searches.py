@@ -1,4 +1,4 @@
-"""Figures of searches, of single flights beside the nominal one, and of planned campaigns."""
+"""Figures of searches, of single and nominal flights, and of planned campaigns."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -26,9 +26,10 @@ from abhv_mc.topics.figure_style import (
     styled,
 )  # fmt: skip
 
-_ROW = 0.22  # height of a parameter's row, in
-_FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])  # the first flight after the nominal stands out
-# Channel, axis label and scale of each panel of a figure of single flights.
+_ROW = 0.22  # height of a parameter's row, inches
+# The first flight after the nominal one has the most visible colour.
+_FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])
+# channel, axis label and scale of each panel with single flights
 FLIGHT_PANELS = (
     ("altitude_m", "altitude (km)", 1e-3),
     ("speed_mps", "speed (m/s)", 1.0),
@@ -49,9 +50,9 @@ def plot_convergence(
     stages: Sequence[tuple[int, str]],
     limits: Sequence[float] = (),
 ) -> Figure:
-    """Plot the worst value so far of a search and of random flights over the number of flights.
+    """Plot the worst value so far of a search and of random flights.
 
-    ``stages`` are the first flight and the name of each stage.
+    ``stages`` contains the first flight and the name of each stage.
     """
     figure = new_figure(2.8)
     axes = figure.subplots()
@@ -80,9 +81,9 @@ def plot_convergence(
 
 @styled
 def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
-    """Plot the position (-1 to 1) of the worst case in each range and the sensitivity there.
+    """Plot the worst case's position (-1 to 1) in each range, and its sensitivities.
 
-    ``change`` [parameter, 2] is the change of the value for a lower and a higher parameter.
+    ``change`` [parameter, 2] is the change of the metric for a lower and a higher parameter.
     """
     figure = new_figure(0.9 + _ROW * len(names) * 1.3)
     left, right = figure.subplots(1, 2, sharey=True)
@@ -105,7 +106,7 @@ def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, lab
 
 @styled
 def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Floats]]) -> Figure:
-    """Plot each repetition's thresholds of the metric and the probability of exceeding them."""
+    """Plot the thresholds of each repetition and the probabilities of exceeding them."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     for i, (thresholds, probabilities) in enumerate(repetitions):
@@ -126,10 +127,10 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 @styled
 def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Floats) -> Figure:
-    """Plot a probability with its interval as flights are added, and the values of the flights.
+    """Plot a probability with its interval as flights are added, and each flight's metric.
 
-    ``steps`` [step, 5] are flights, the probabilities by two processes, and the ends of the
-    interval.
+    Each row of ``steps`` [step, 5] contains the number of flights, the probabilities from two
+    processes, and both ends of the interval.
     """
     figure = new_figure(2.6)
     left, right = figure.subplots(1, 2)
@@ -153,7 +154,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
 
 @styled
 def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
-    """Plot acceptance rate and move size at each level after the first; ``target`` is dashed."""
+    """Plot acceptance rate and move size at each level after the first; target dashed."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
@@ -177,7 +178,7 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: 
 
 @styled
 def plot_failures(names: Sequence[str], points: Floats) -> Figure:
-    """Plot quantiles of the parameters' standard normal numbers among failures and all flights."""
+    """Plot parameter quantiles, as standard normal numbers, of failures and of all flights."""
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)
     axes = figure.subplots()
     rows = np.arange(len(names))
@@ -201,10 +202,10 @@ def plot_flights(
     title: str = "",
     limits: Sequence[float] = (),
 ) -> Figure:
-    """Plot channels [flight, time] with the nominal flight first and dashed.
+    """Plot channels [flight, time]; the nominal flight is first and dashed.
 
-    Values are NaN after a flight's end, which is marked by a cross. ``limits`` are drawn in the
-    first panel.
+    Values after a flight's end are NaN; a cross marks the end. ``limits`` are drawn in the first
+    panel.
     """
     figure, grid = new_panels(
         len(panels),
@@ -242,14 +243,15 @@ def plot_flights(
     return figure
 
 
-_PLANNED = (BLUE, VERMILION, GREEN)  # colours of the planned flights, twice and four times as many
+# colours of the planned number of flights, its double and its fourfold
+_PLANNED = (BLUE, VERMILION, GREEN)
 
 
 @styled
 def plot_planned(planned: Planned) -> Figure:
-    """Plot the chance of PASS over the true failure rate.
+    """Plot the chance of PASS against the true failure rate.
 
-    The figure has a panel for each requirement and one for all of them.
+    There is one panel for each requirement and one for all of them together.
     """
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)
@@ -262,7 +264,7 @@ def plot_planned(planned: Planned) -> Figure:
                 rates,
                 chance.at_some_flight,
                 color=color,
-                label=f"at some flight up to {chance.runs}",
+                label=f"after some flight up to {chance.runs}",
             )
             axes.plot(
                 rates,
@@ -284,12 +286,12 @@ def plot_planned(planned: Planned) -> Figure:
         for joint, color in zip(planned.together, _PLANNED, strict=True):
             band = joint.at_some_flight
             axes.fill_between(rates, band.low, band.high, color=color, alpha=0.25, linewidth=0)
-        axes.set_title("all requirements PASS at some flight (bounds)", fontsize=8)
+        axes.set_title("all requirements PASS after some flight (bounds)", fontsize=8)
     for axes in grid.flat[:count]:
         axes.axvline(1.0, color=INK, linewidth=0.8)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("chance of PASS")
-    label_lowest(grid, count, "true failure rate over the allowed one")
+    label_lowest(grid, count, "true failure rate / allowed failure rate")
     legend_below(figure, grid.flat[0])
     return figure

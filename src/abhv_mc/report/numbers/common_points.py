@@ -1,4 +1,4 @@
-"""Restriction of two campaigns with unknowns to their common points, so that flights pair."""
+"""Selection of the common points of two campaigns with unknowns, to pair their flights."""
 
 from dataclasses import replace
 
@@ -9,16 +9,16 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError
 
-_SAME = 1e-9  # relative tolerance of equal points
+_SAME = 1e-9  # relative tolerance for equal points
 
 
 def restrict_to_common_points(
     a: FlownCampaign, b: FlownCampaign
 ) -> tuple[FlownCampaign, FlownCampaign]:
-    """Return both campaigns with the flights at the points of the unknowns that both ran.
+    """Return both campaigns with the flights at their common points of the unknowns.
 
-    Sample k at common point p is flight ``k * points + p`` of both. Raise InputError if the
-    unknowns differ or no point is common.
+    Sample k at common point p is flight ``k * points + p`` in both. Raise InputError if the
+    unknowns differ or there is no common point.
     """
     unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
     if unknowns_a.names != unknowns_b.names:
@@ -40,7 +40,7 @@ def restrict_to_common_points(
 
 
 def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign:
-    """Return the results with the flights at some points, in this order."""
+    """Return the results with the flights at the given points, in this order."""
     total = len(results.campaign.unknowns.points)
     if np.array_equal(points, np.arange(total)):
         return results
@@ -48,7 +48,7 @@ def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign
     order[points] = np.arange(len(points))
 
     def renumber(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Return the new numbers in order, and the rows that have them."""
+        """Return new flight numbers in ascending order, and the rows they belong to."""
         position = order[numbers % total]
         rows = np.flatnonzero(position >= 0)
         new = (numbers // total * len(points) + position)[rows]

@@ -1,4 +1,4 @@
-"""Paired comparison of two campaigns on the same samples."""
+"""Paired comparison of two campaigns with the same samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,20 +24,21 @@ from abhv_mc.topics.missed_requirements import requirement_failures, requirement
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignPair(ControllerPair):
-    """Comparison of a controller of one campaign with one of the other."""
+    """Comparison of a controller of one campaign with a controller of another one."""
 
     controllers: tuple[str, str]
-    any_failure: PairedFailures  # a missed requirement or an early termination
+    any_failure: PairedFailures  # failures by a missed requirement or an early termination
     newly_lost: int  # flights that terminated early or failed to run in the second campaign alone
-    not_worse: Mapping[str, Gate]  # by metric; at the worst point of the unknowns
+    # non-inferiority gates by metric, at the worst point of the unknowns
+    not_worse: Mapping[str, Gate]
 
 
 @dataclass(frozen=True)
 class Compared:
     """Comparison of two campaigns flight by flight."""
 
-    requirements: tuple[str, ...]  # in words, in the order of the pairs' counts
-    words: Mapping[str, Mapping[str, str]]  # of each metric
+    requirements: tuple[str, ...]  # requirements as text, in the order of the counts in ``pairs``
+    words: Mapping[str, Mapping[str, str]]  # printed names of each metric
     paired: tuple[CampaignPair, ...]
 
 
@@ -52,9 +53,9 @@ class Baseline(Compared):
 def require_same_samples(
     samples_a: Mapping[str, Floats], samples_b: Mapping[str, Floats], folder: Path, path: Path
 ) -> None:
-    """Raise InputError for ``path`` if its samples differ from those of ``folder``.
+    """Raise InputError if the samples of two campaign folders differ.
 
-    ``samples_a`` are those of ``folder``, ``samples_b`` those of ``path``.
+    ``samples_a`` belong to ``folder`` and ``samples_b`` to ``path``, which the message names.
     """
     expected = f"the samples of {folder}"
     for name in samples_a:
@@ -74,7 +75,7 @@ def require_same_samples(
 
 
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
-    """Raise InputError if the flights of a campaign to be run cannot pair with a baseline's."""
+    """Raise InputError if a campaign to be run cannot be paired with a baseline."""
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
@@ -100,7 +101,7 @@ def _drawn(results: FlownCampaign) -> dict[str, Floats]:
 
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
-    """Return the shares of ``METRIC=5%`` by metric. Raise InputError if a text is invalid."""
+    """Parse texts such as ``METRIC=5%`` into shares. Raise InputError if one is invalid."""
     margins = {}
     for text in texts:
         metric, sign, value = text.partition("=")
@@ -109,9 +110,7 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
         except Refusal:
             margin = -1.0
         if margin < 0.0:
-            raise InputError(
-                "--fail-if-worse", f"'{text}'", "METRIC=SHARE, a share from 0 such as 5%"
-            )
+            raise InputError("--fail-if-worse", f"'{text}'", "METRIC=SHARE with a share such as 5%")
         if metric.strip() in margins:
             raise InputError(
                 "--fail-if-worse", f"'{metric.strip()}' given twice", "each metric once"
@@ -126,7 +125,7 @@ def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownC
 
 
 def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
-    """Return two campaigns at their common points of unknowns.
+    """Return two campaigns restricted to their common points of the unknowns.
 
     Raise InputError if their samples differ.
     """
@@ -143,10 +142,10 @@ def compare_results(
 ) -> Compared:
     """Compare the controllers of two campaigns on the same samples.
 
-    Requirements and metrics are those of `a`. By default each controller that both campaigns ran
-    is compared; `controllers` names one of `a` and one of `b`. If the numbers of flights differ,
-    the common flights are compared. `margins` are the shares by which `b` may be worse, by metric.
-    Raise InputError if nothing is in common.
+    Requirements and metrics are those of `a`. By default, each controller in both campaigns is
+    compared; `controllers` names one of `a` and one of `b`. If the numbers of flights differ, the
+    common flights are compared. `margins` are the shares by which `b` may be worse, by metric.
+    Raise InputError if the campaigns have nothing in common.
     """
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
@@ -198,14 +197,14 @@ def compare_results(
 def select_flights(
     a: FlownCampaign, b: FlownCampaign, controller_a: str, controller_b: str
 ) -> tuple[ControllerFlights, ControllerFlights]:
-    """Return the flights of a controller of each campaign, both with the metric records of `a`."""
+    """Return one controller's flights of each campaign, with the metric records of `a`."""
     return a.flights[controller_a], replace(b.flights[controller_b], records=a.campaign.metrics)
 
 
 def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     """Compare a campaign with an earlier one on the same samples.
 
-    Raise InputError if they differ.
+    Raise InputError if the samples differ.
     """
     earlier = read_flown(baseline)
     before, after = restrict_to_common_points(earlier, results)
@@ -218,7 +217,7 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 
 
 def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Return the result of a metric's gate in words; ``label`` names the second side."""
+    """Describe the result of a metric's gate; ``label`` names the second campaign."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
     point = f"at {gate.at}, " if gate.at else ""
     text = (
@@ -251,9 +250,8 @@ def _gate(
 ) -> Gate:
     """Return the gate of `b` at its worst point of the unknowns.
 
-    The worst point is the one that rejects `b` or comes closest to that. `b` must
-    be shown not worse at every point, which needs no correction of the risk; the tests that reject
-    it share the risk.
+    The worst point rejects `b` or comes closest to rejecting it. As `b` must be shown not worse at
+    every point, the risk needs no correction; the tests that reject `b` share the risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
@@ -280,11 +278,11 @@ def _gate(
 def pair_controllers(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the controllers to compare: the two that are named, or each that both campaigns ran."""
+    """Yield the pairs of controllers to compare: those named, or each one in both campaigns."""
     if controllers:
         if len(controllers) != 2:
             problem = f"{len(controllers)} controllers"
-            raise InputError("--controllers", problem, "two: the first folder's and the second's")
+            raise InputError("--controllers", problem, "two names: one of each folder")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
                 expected = " or ".join(results.controllers)

@@ -1,4 +1,4 @@
-"""Unpaired comparison of two campaigns: verdicts, and differences of failures and quantiles."""
+"""Unpaired comparison of two campaigns: verdicts, failure shares and quantiles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class SideVerdict:
 
 @dataclass(frozen=True)
 class ContrastRequirement:
-    """Requirement in both campaigns and the change of the share of failures, second minus first."""
+    """Requirement in both campaigns, with the change of the share of failures."""
 
     words: str
     probability: float
@@ -39,36 +39,37 @@ class ContrastRequirement:
 
 @dataclass(frozen=True)
 class ContrastQuantile:
-    """Quantile in both campaigns; no difference if too few flights lie beyond it."""
+    """Quantile in both campaigns; without a difference if too few flights lie beyond it."""
 
     before: Interval
     after: Interval
-    difference: Interval | None  # second minus first
+    difference: Interval | None  # second campaign minus first campaign
 
 
 @dataclass(frozen=True)
 class ContrastController:
-    """Comparison of a controller of each campaign."""
+    """Comparison of one controller of each campaign."""
 
     controllers: tuple[str, str]
     flights: tuple[int, int]
     requirements: tuple[ContrastRequirement, ...]
-    metrics: Mapping[str, Mapping[str, ContrastQuantile]]  # by metric and level
+    metrics: Mapping[str, Mapping[str, ContrastQuantile]]  # quantiles by metric and level
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of two campaigns on different samples by the requirements of the first."""
+    """Comparison of two campaigns on different samples, for the first one's requirements."""
 
-    changes: tuple[str, ...]  # 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
-    words: Mapping[str, Mapping[str, str]]  # of each metric
+    # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
+    changes: tuple[str, ...]
+    words: Mapping[str, Mapping[str, str]]  # printed names of each metric
     contrasted: tuple[ContrastController, ...]
 
 
 def contrast_results(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str] = ()
 ) -> Contrast:
-    """Compare the distributions of two campaigns over the metrics that both have.
+    """Compare the distributions of the metrics that two campaigns have in common.
 
     Raise InputError for campaigns with unknowns, whose flights do not share one distribution.
     """

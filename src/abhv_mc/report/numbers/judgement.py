@@ -33,14 +33,14 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
-_NAMED = 2  # most missed requirements and metrics that are named
+_NAMED = 2  # maximum number of missed requirements and metrics named in a sentence
 _FAILS_STAY = "FAIL verdicts are already decided"
-_MOST_WORDS = 80  # on the first screen; further reasons are in the sections
-_SAME_USAGE = 0.05  # largest deviation from 1 of a ratio of control effort that is not mentioned
+_MOST_WORDS = 80  # maximum number of words on the first screen
+_SAME_USAGE = 0.05  # largest deviation from 1 of a control-effort ratio that is not mentioned
 
 
 def judge_campaign(models: Models) -> Judgement:
-    """Assess a campaign by the models of its topics."""
+    """Assess a campaign from the models of its topics."""
     verdicts = models[VERDICTS]
     bound = _binding_statuses(verdicts)
     statuses, better = set().union(*bound.values()), _better_controller(models)
@@ -62,7 +62,7 @@ def judge_campaign(models: Models) -> Judgement:
 
 
 def _changed_words(models: Models) -> str:
-    """Return the sentence on the last change of requirements after results had been seen."""
+    """Describe a change of requirements made after results had been seen."""
     for change in models.results.requirement_changes[-1:]:
         changes = shorten_list(list(change.changes))
         return f"Requirements were changed after results of {change.flights} flights: {changes}."
@@ -70,7 +70,7 @@ def _changed_words(models: Models) -> str:
 
 
 def _count_words(*texts: str | NextStep | None) -> int:
-    """Return the number of words on the first screen."""
+    """Return the number of words of all texts together."""
     lines = (
         f"Next: {text.why}: {text.command}" if isinstance(text, NextStep) else text
         for text in texts
@@ -79,20 +79,20 @@ def _count_words(*texts: str | NextStep | None) -> int:
 
 
 def _runs_words(models: Models) -> str:
-    """Return '64 of 2100 flights run.' if the campaign file asks for more flights, else ''."""
+    """Return '64 of 2100 flights run.' if flights of the campaign file are missing, else ''."""
     missing = _missing_runs(models)
     runs = models.results.campaign.runs_at_point
     return f"{count_of(runs, missing, 'flights')} run." if missing else ""
 
 
 def _missing_runs(models: Models) -> int:
-    """Return the flights of the campaign file if they exceed those of the folder, else 0."""
+    """Return the number of flights in the campaign file if the folder has fewer, else 0."""
     runs = models.results.manifest.file_runs or 0
     return runs if runs > models.results.campaign.runs_at_point else 0
 
 
 def _asked_words(models: Models) -> str:
-    """Return the answer to a question about drivers, margins or the worst flight, else ''."""
+    """Return the answer to a question on drivers, margins or the worst flight, else ''."""
     asks = models.results.campaign.model.asks
     if asks == "drivers":
         return next(iter(models.sentences(DRIVERS)), "")
@@ -102,7 +102,7 @@ def _asked_words(models: Models) -> str:
 
 
 def _worst_words(models: Models) -> str:
-    """Return the sentence on the worst flight of the first controller and its dispersions."""
+    """Describe the worst flight of the first controller and its dispersions."""
     names = models.names
     name = next(iter(names.controllers))
     worst = models[FLIGHTS].worst[name][0]
@@ -127,9 +127,9 @@ def _worst_words(models: Models) -> str:
 
 
 def _met_words(models: Models, detail: int) -> str:
-    """Return the sentence on controllers that meet all requirements and those that do not.
+    """State which controllers meet all their requirements and which ones do not.
 
-    A larger `detail`, up to 3, adds more names and counts of the missed requirements.
+    A larger `detail`, up to 3, adds more names and numbers of missed requirements.
     """
     verdicts, names = models[VERDICTS], models.names
     number = len(verdicts.requirements)
@@ -176,14 +176,14 @@ def _name_controllers(controllers: list[str], names: Names) -> str:
 
 
 def _all_of(number: int) -> str:
-    """Return 'both' or 'all 3'."""
+    """Return 'both' for two, otherwise text such as 'all 3'."""
     return "both" if number == 2 else f"all {number}"
 
 
 def _concerned_controllers(models: Models) -> list[str]:
-    """Return the controllers that the answer is about.
+    """Return the controllers in question.
 
-    These are the bound ones and those in the question; all if the campaign has no question.
+    They are the bound ones and those of the campaign's question, or all without a question.
     """
     campaign = models.results.campaign
     asked = campaign.compared if campaign.model.asks else tuple(models.names.controllers)
@@ -193,7 +193,7 @@ def _concerned_controllers(models: Models) -> list[str]:
 def _binding_verdicts(
     verdicts: Verdicts, name: str
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the requirements that bind a controller, or all if none does, with its verdicts.
+    """Return the requirements binding a controller, with verdicts; all if none is binding.
 
     The verdict is None if no flight of the controller could be computed.
     """
@@ -204,7 +204,7 @@ def _binding_verdicts(
 def _listed_entries(
     own: list[tuple[Requirement, ControllerVerdict | None]],
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the missed requirements with their verdicts, or those not shown if none is missed."""
+    """Return missed requirements with their verdicts, else those not shown to be met."""
     missed = [entry for entry in own if entry[1] and entry[1].status == "FAIL"]
     return missed or [entry for entry in own if not entry[1] or entry[1].status != "PASS"]
 
@@ -216,10 +216,11 @@ def _short_words(
     *,
     is_named: bool,
 ) -> str:
-    """Return 'misses the speed error requirement (101 of 1000 flights; 1 % allowed)'.
+    """Describe the missed requirements of one controller.
 
-    Of two missed requirements return 'misses 2 of 5: speed error and sideslip', of more their
-    number. A requirement that `is_named` before is 'it'.
+    For example, 'misses the speed error requirement (101 of 1000 flights; 1 % allowed)'. Two are
+    named as 'misses 2 of 5: speed error and sideslip'; more are only counted. A requirement that
+    `is_named` before is called 'it'.
     """
     listed = _listed_entries(own)
     missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
@@ -249,7 +250,7 @@ def _short_words(
 
 
 def _better_words(models: Models, better: str) -> str:
-    """Return the sentence on the better controller, if the statistics name one."""
+    """Return the sentence on the better controller, if the statistics show one."""
     names, pairs = models.names, _compared_pairs(models)
     if better == ALONE:
         return ""
@@ -268,12 +269,12 @@ def _better_words(models: Models, better: str) -> str:
 
 
 def _losing(pairs: Sequence[ControllerPair]) -> bool:
-    """Return whether a controller of any pair is shown to lose more flights."""
+    """Return whether any pair shows a controller that loses more flights."""
     return any(pair.losing for pair in pairs)
 
 
 def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> str:
-    """Return 'TLC is better than LQR: 2 against 9 of 100 flights lost.' for pairs of `better`."""
+    """Return the sentence that `better` is better than its rivals, with the reason."""
     if len(pairs) == 1 and pairs[0].losing:
         pair, lost = pairs[0], pairs[0].ended_early
         counts = {pair.a: lost.both + lost.only_a, pair.b: lost.both + lost.only_b}
@@ -281,7 +282,7 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
         compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
         winner, loser = names.subject(better), names.subject(rival)
         return f"{winner} is better than {loser}: {compared} flights lost."
-    rivals: dict[str, list[str]] = {}  # by the reason
+    rivals: dict[str, list[str]] = {}  # reason -> rival controllers
     for pair in pairs:
         reason = "by losing fewer flights"
         if not pair.losing:
@@ -299,7 +300,7 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
 
 
 def _compared_pairs(models: Models) -> list[ControllerPair]:
-    """Return the pairs of controllers in the question, by default those with the first."""
+    """Return the pairs of controllers in question, by default those with the first one."""
     pairs, compared = models[COMPARISON].pairs.values(), models.results.campaign.compared
     return [pair for pair in pairs if not compared or {pair.a, pair.b} <= set(compared)]
 
@@ -307,7 +308,7 @@ def _compared_pairs(models: Models) -> list[ControllerPair]:
 def _binding_statuses(verdicts: Verdicts) -> dict[str, set[str]]:
     """Return the statuses of the requirements that bind each controller.
 
-    The status is NOT SHOWN if none of its flights could be computed.
+    The status is NOT SHOWN if none of the controller's flights could be computed.
     """
     statuses: dict[str, set[str]] = {}
     for item in verdicts.requirements:
@@ -362,7 +363,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         for label, phrases in missed.items()
         if len(phrases) > _NAMED
     ]
-    if several:  # fewer missed requirements are named in the answer
+    if several:  # The answer already names one missed requirement of several.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
@@ -372,7 +373,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
 
 
 def shorten_list(items: list[str]) -> str:
-    """Return 'a, b and c', or 'a, b and 2 more' of longer lists."""
+    """Return 'a, b and c', or 'a, b and 2 more' for longer lists."""
     return (
         joined(items)
         if len(items) <= _REASONS
@@ -381,9 +382,9 @@ def shorten_list(items: list[str]) -> str:
 
 
 def _error_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on the smaller errors of each side, '' without a shown difference.
+    """Return the sentence on each side's smaller errors; '' without a shown difference.
 
-    For example 'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times
+    For example, 'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times
     the control effort.'
     """
     metrics_by_side = {
@@ -404,9 +405,9 @@ def _error_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _angle_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on rms errors of angles, '' without rms errors outside the transients.
+    """Return the sentence on rms errors of angles; '' if the metrics are missing.
 
-    For example 'TLC has a smaller rms error than LQR in sideslip, in bank only outside the
+    For example, 'TLC has a smaller rms error than LQR in sideslip, in bank only outside the
     transients.'
     """
     angles = closer_in(pair, names)
@@ -439,7 +440,7 @@ def _usage_words(pair: ControllerPair) -> str:
 
 
 def _confidence_words(models: Models, better: str) -> str:
-    """Return the sentence on the risk of each verdict and of all jointly."""
+    """Return the sentence on the risk of each verdict and of all verdicts jointly."""
     verdicts, state = models[VERDICTS], models.results.manifest.state
     if state != "complete":
         return f"This campaign is {state}: all numbers are preliminary."
@@ -468,9 +469,9 @@ def _confidence_words(models: Models, better: str) -> str:
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the flights at which every PASS holds jointly if no more fail; None if all hold.
+    """Return the number of flights at which all PASS verdicts hold jointly; None if they do.
 
-    The joint verdicts follow Holm's procedure.
+    The joint verdicts follow Holm's procedure; no further failure is assumed.
     """
     joint = verdicts.held_together
     if joint is None or not joint.dropped:
@@ -490,7 +491,7 @@ def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
 
 
 def _next_step(models: Models, met: Met) -> NextStep | None:
-    """Return the next step: an explanation of failures, or more flights, or none."""
+    """Recommend an explanation of failures, more flights, or no further flights."""
     if models.results.manifest.state != "complete":
         return None
     statuses = _concerned_statuses(models)
@@ -535,7 +536,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
 
 
 def _concerned_statuses(models: Models) -> list[str]:
-    """Return the statuses of the verdicts on the controllers that the answer is about."""
+    """Return the statuses of the verdicts on the controllers in question."""
     return [
         verdict.status
         for name in _concerned_controllers(models)
@@ -545,7 +546,7 @@ def _concerned_statuses(models: Models) -> list[str]:
 
 
 def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:
-    """Return the number of flights at which all binding verdicts are likely to be PASS."""
+    """Recommend a number of flights at which all binding verdicts are likely to be PASS."""
     open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
     if not open_ones:
         return None
@@ -562,7 +563,9 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:
     text = f"no number of flights up to {most} makes {goal} likely"
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
-        text += f"; {need} flights would do for {len(separate)} of the {len(open_ones)} verdicts"
+        text += (
+            f"; {need} flights would suffice for {len(separate)} of the {len(open_ones)} verdicts"
+        )
     return NextStep(text)
 
 

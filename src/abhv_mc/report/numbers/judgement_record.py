@@ -1,4 +1,4 @@
-"""Stored assessment of a campaign, which a run without new flights reads from `report.json`."""
+"""Stored assessment of a campaign, read from `report.json` if there are no new flights."""
 
 import json
 from dataclasses import dataclass
@@ -16,23 +16,23 @@ class NextStep:
     """Recommended next step."""
 
     why: str
-    command: str = ""  # with DIR for the results folder; '' if no command helps
+    command: str = ""  # command with DIR for the results folder; '' if no command helps
 
 
 @dataclass(frozen=True)
 class Judgement:
     """Assessment of a campaign: requirements, controller comparison, reasons and next step."""
 
-    met: Met  # by the binding controllers
-    better: str  # a controller, MIXED, NO_DIFFERENCE or ALONE
-    because: tuple[str, ...]  # the most important reason first
-    sure: str  # confidence
+    met: Met  # requirements met by each binding controller
+    better: str  # name of a controller, MIXED, NO_DIFFERENCE or ALONE
+    because: tuple[str, ...]  # reasons, most important first
+    sure: str  # statement of confidence
     next: NextStep | None
-    answer: str  # both answers in words
+    answer: str  # sentences on requirements and on the better controller
 
 
 def judgement_lead(judgement: Judgement, folder: str) -> Lead:
-    """Return the assessment in words; ``folder`` is the results folder in commands."""
+    """Return the assessment as sentences; commands name the results ``folder``."""
     following = ""
     if judgement.next:
         command = judgement.next.command.replace("DIR", folder)
@@ -41,7 +41,7 @@ def judgement_lead(judgement: Judgement, folder: str) -> Lead:
 
 
 def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
-    """Read the assessment in a folder's `report.json`; None if it is missing or out of date."""
+    """Read the assessment from a folder's `report.json`; None if missing or outdated."""
     try:
         content = json.loads((folder / "report.json").read_text("utf-8"))
         state = manifest.digest, manifest.state, len(manifest.requirement_sets)

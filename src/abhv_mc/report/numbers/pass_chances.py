@@ -1,4 +1,4 @@
-"""Chances of PASS of a planned campaign over the true failure rate, and the flights it needs."""
+"""Chances of PASS of a planned campaign, and the number of flights it needs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from abhv_mc.statistics.unknowns import most_points, search_flights
 from abhv_mc.topics.missed_requirements import limit_words
 
 RUN_FACTORS = (1, 2, 4)  # multiples of the planned number of flights
-# True failure rates over the allowed one; 0.2 and 1 are among them.
+# ratios of true to allowed failure rate, including 0.2 and 1
 _RATES = np.concatenate(
     [
         [0.0],
@@ -30,13 +30,14 @@ class PassChance:
     """Chance of PASS [rate] for a number of flights."""
 
     runs: int
-    at_some_flight: Floats  # if verdicts are checked after each flight up to ``runs``
-    at_runs: Floats  # if they are checked once, after ``runs`` flights
+    # chance of PASS if verdicts are checked after each flight up to ``runs``
+    at_some_flight: Floats
+    at_runs: Floats  # chance of PASS if verdicts are checked once, after ``runs`` flights
 
 
 @dataclass(frozen=True)
 class PlannedRequirement:
-    """Flights and chances of PASS of one requirement."""
+    """Flights and chances of PASS for one requirement."""
 
     metric: str
     words: str
@@ -58,7 +59,7 @@ class Band:
 
 @dataclass(frozen=True)
 class JointPassChance:
-    """Bounds of the chance that all requirements PASS."""
+    """Bounds on the chance that all requirements PASS."""
 
     runs: int
     at_some_flight: Band
@@ -67,7 +68,7 @@ class JointPassChance:
 
 @dataclass(frozen=True)
 class Planned:
-    """Flights and chances of PASS of a planned campaign, for each requirement and for all."""
+    """Flights and chances of PASS of a planned campaign, by requirement and jointly."""
 
     name: str
     runs: int
@@ -75,22 +76,21 @@ class Planned:
     stops_when_proven: bool
     family_risk: float | None
     verdicts: int
-    rates_over_allowed: Floats  # [rate] true failure rates divided by the allowed one
+    rates_over_allowed: Floats  # true failure rates divided by the allowed one [rate]
     requirements: tuple[PlannedRequirement, ...]
     together: tuple[JointPassChance, ...]
     problems: Sequence[str]
     most_points: int = 1  # points of the unknowns, each with ``runs`` flights of each controller
-    search_flights: int = 0  # flights of the search for points, of all controllers
+    search_flights: int = 0  # flights of all controllers in the search for points
 
 
 def plan_campaign(campaign: Experiment) -> Planned:
-    """Return the chances of PASS at the planned number of flights, its double and its fourfold."""
+    """Return the chances of PASS for 1, 2 and 4 times the planned number of flights."""
     model, runs = campaign.model, campaign.runs_at_point
     verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []
     for item in campaign.requirements:
-        # With a joint risk each verdict is planned with its share, the first step of Holm's
-        # procedure.
+        # Under a joint risk, plan each verdict with its share (first step of Holm's procedure).
         risk = (
             min(item.consumer_risk, model.family.risk / verdicts)
             if model.family
@@ -140,7 +140,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest number of judged points of the unknowns, and their search's flights."""
+    """Return the largest number of judged points, and the flights of their search."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

@@ -1,7 +1,7 @@
 """Content of `report.json` and its JSON Schema.
 
-The same folder gives the same numbers to the last bit: seeds are fixed and nothing depends on time
-or machine. Infinite and missing values are None.
+The same folder gives bit-identical numbers: seeds are fixed, and nothing depends on time or
+machine. Infinite and missing values are None.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ FORMAT = 2
 
 
 def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, Any]:
-    """Return the content of a campaign's `report.json`, with the comparison with a ``baseline``."""
+    """Return the content of `report.json`, including the comparison with a ``baseline``."""
     manifest, users = models.results.manifest, models.users
     return {
         "format": FORMAT,
@@ -37,7 +37,7 @@ def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, 
 
 
 def warnings_of(models: Models) -> list[str]:
-    """Return the warnings of a run and of the topics."""
+    """Return the warnings of a campaign's run and of its topics."""
     manifest = models.results.manifest
     warnings = (*manifest.warnings, *manifest.not_made)
     return [*warnings, *missing_margins(models[MARGINS], models.names)]
@@ -81,7 +81,7 @@ def report_schema() -> Schema:
 
 
 def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
-    """Return the schema of a type as :func:`abhv_mc.topics.json_data.json_data` writes its values.
+    """Return the JSON Schema of a type as ``json_data`` writes its values.
 
     Classes are added to ``defs``.
     """
@@ -108,10 +108,10 @@ def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
         return {"type": "array", "items": _schema(arguments[0], defs)}
     if is_dataclass(hint):
         names = [field.name for field in fields(hint) if not field.metadata.get(DRAWN)]
-    elif hasattr(hint, "_fields"):  # a named tuple
+    elif hasattr(hint, "_fields"):  # named tuple
         names = list(hint._fields)
     else:
-        return {}  # any value
+        return {}  # Any value is valid.
     name = f"{hint.__module__}.{hint.__name__}"
     if name not in defs:
         defs[name] = {}

@@ -1,4 +1,4 @@
-"""List of the campaigns below a folder, read from manifests and `report.json`."""
+"""List of the campaigns below a folder, read from manifests and report files."""
 
 import json
 import os
@@ -14,22 +14,23 @@ from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.judgement_record import read_judgement
 
-COMPARISON_FILE = "comparison.json"  # next to the page of a comparison
+COMPARISON_FILE = "comparison.json"  # file with numbers, next to the page of a comparison
 _MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignRun:
-    """Campaign in a folder; ``problem`` is the reason if it could not be read."""
+    """Campaign in a folder; ``problem`` is the reason if it cannot be read."""
 
-    folder: str  # relative to the searched folder
+    folder: str  # path relative to the searched folder
     name: str = ""
     state: str = ""
     started: str = ""
     question: str = ""
     answer: str = ""
-    verdicts: Mapping[str, int] = field(default_factory=dict)  # binding requirements by verdict
-    flights: int = 0  # of each controller
+    # number of binding requirements by verdict
+    verdicts: Mapping[str, int] = field(default_factory=dict)
+    flights: int = 0  # flights of each controller
     flights_planned: int = 0
     version: str = ""
     commit: str = ""
@@ -40,10 +41,11 @@ class CampaignRun:
 
 @dataclass(frozen=True)
 class CampaignRuns:
-    """Campaigns below a folder, the latest first, and the pages of comparisons."""
+    """Campaigns below a folder, latest first, and the pages of comparisons."""
 
     runs: tuple[CampaignRun, ...]
-    comparisons: Mapping[str, str]  # 'digest digest' -> relative path of the page
+    # 'digest digest' of two campaigns -> relative path of their comparison page
+    comparisons: Mapping[str, str]
 
 
 def find_runs(root: Path, store: Store) -> CampaignRuns:
@@ -63,7 +65,7 @@ def find_runs(root: Path, store: Store) -> CampaignRuns:
 
 
 def _walk(root: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield folders with their files, except hidden ones, links and folders inside a campaign."""
+    """Yield folders with their files, except hidden ones, links and parts of a campaign."""
     for path, folders, files in os.walk(root):
         yield Path(path), files
         is_campaign = _MANIFEST in files and Path(path) != root
@@ -79,7 +81,7 @@ def _digests(file: Path) -> str | None:
 
 
 def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
-    """Read a campaign's folder; return None for a search or another program's manifest."""
+    """Read a campaign's folder; return None for a search or another program's folder."""
     paths = CampaignFolder(folder)
     try:
         if read_manifest(paths.manifest).search:
@@ -109,7 +111,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
 
 
 def _is_ours(manifest: Path) -> bool:
-    """Return whether an unreadable manifest may be of this program: damaged, or with a format."""
+    """Return whether an unreadable manifest may be of abhv-mc: damaged, or with a format."""
     try:
         content = json.loads(manifest.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -118,5 +120,6 @@ def _is_ours(manifest: Path) -> bool:
 
 
 def _question(folder: Path) -> str:
-    content = json.loads((folder / "report.json").read_text("utf-8"))  # read_judgement has read it
+    # The file is valid JSON, because read_judgement has read it.
+    content = json.loads((folder / "report.json").read_text("utf-8"))
     return str((content.get("provenance") or {}).get("question") or "")

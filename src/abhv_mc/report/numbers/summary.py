@@ -1,4 +1,4 @@
-"""Sentences that combine the topics of a campaign, and the statement of confidence."""
+"""Summary sentences of a campaign, and the statement of confidence."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,18 +15,18 @@ from abhv_mc.vehicle.shared_keys import IN_WIND
 
 
 def summary_sentences(models: Models) -> list[str]:
-    """Return the summary of a campaign: the sentences of each topic."""
+    """Return the summary of a campaign: the sentences of all topics."""
     return [sentence for topic in all_topics(models.users) for sentence in models.sentences(topic)]
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """Return the first sentences of a topic's section that depend on other topics, by topic.
+    """Return introductory sentences that depend on other topics, by topic.
 
-    ``warnings`` are added to those of the run and the topics.
+    ``warnings`` are added to the warnings of the run and the topics.
     """
     siblings, command = suggest_merge(models.results.folder, models.results.manifest)
     joint = models[VERDICTS].held_together
-    # The sentences name the verdicts that do not hold jointly.
+    # These sentences name the verdicts that do not hold jointly.
     jointly = models.sentences(VERDICTS) if joint is not None and joint.dropped else ()
     windy = [
         f"{warning[:1].upper()}{warning[1:]}."
@@ -52,7 +52,7 @@ def _judged_words(unknowns: Unknowns) -> str:
 
 
 def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
-    """Return the basis of the intervals and verdicts; ``warnings`` are added as notes."""
+    """Return the basis of the intervals and verdicts; ``warnings`` are appended as notes."""
     campaign, names, requirements = (
         models.results.campaign,
         models.names,

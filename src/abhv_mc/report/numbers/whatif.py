@@ -1,4 +1,4 @@
-"""Numbers of a campaign under other dispersions, by re-weighting the stored flights."""
+"""Estimates of a campaign under other dispersions, by re-weighting stored flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,14 +22,15 @@ from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantil
 from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
-FEWEST_EFFECTIVE = 100.0  # flights
-LEAST_EFFECTIVE = 0.5  # share of the flights; below it the intervals' coverage is too low
-MOST_UNSEEN = 0.01  # probability of values beyond those of all flights
+FEWEST_EFFECTIVE = 100.0  # minimum effective number of flights
+# minimum share of effective flights, for sufficient coverage of the intervals
+LEAST_EFFECTIVE = 0.5
+MOST_UNSEEN = 0.01  # maximum probability of values outside the range of all flights
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Estimate as simulated and with other settings."""
+    """Estimate with the simulated dispersions and with other ones."""
 
     before: Interval
     after: Interval
@@ -37,7 +38,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class WhatifRequirement:
-    """Share of flights that fail a requirement."""
+    """Share of flights that fail to meet a requirement."""
 
     metric: str
     words: str
@@ -47,18 +48,18 @@ class WhatifRequirement:
 
 @dataclass(frozen=True)
 class WhatifController:
-    """Flights of one controller and their effective number with other settings."""
+    """One controller's flights and their effective number with other settings."""
 
     flights: int
     effective_flights: float
-    unseen: float  # probability of values beyond those of all flights
+    unseen: float  # probability of values outside the range of all flights
     requirements: tuple[WhatifRequirement, ...]
-    metrics: Mapping[str, Mapping[str, Pair]]  # by metric and level
+    metrics: Mapping[str, Mapping[str, Pair]]  # estimates by metric and level
 
 
 @dataclass(frozen=True)
 class Whatif:
-    """Numbers of a campaign under other settings of its dispersions."""
+    """Estimates of a campaign under other settings of its dispersions."""
 
     before: Mapping[str, Mapping[str, object]]
     after: Mapping[str, Mapping[str, object]]
@@ -73,7 +74,7 @@ def make_whatif(
     settings: Mapping[str, Mapping[str, Any]],
     requirements: RequirementSource | None = None,
 ) -> Whatif:
-    """Return quantiles and failures as simulated and with other ``settings``.
+    """Return quantiles and failure shares with the simulated and with other ``settings``.
 
     Raise InputError if the flights do not cover the new distributions or their effective number is
     too small.

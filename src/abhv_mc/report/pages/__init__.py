@@ -1,1 +1,1 @@
-"""HTML pages, PDF and files for other programs, made from the numbers."""
+"""HTML pages, PDF files and files for other programs, made from the numbers of a report."""

@@ -1,4 +1,4 @@
-"""Creation of a report in a campaign's folder: numbers, figures and a page."""
+"""Creation of a report in a campaign's folder: numbers, figures and page."""
 
 import gc
 import hashlib
@@ -20,10 +20,10 @@ Stage = Callable[[str], AbstractContextManager[object]]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
-    """Return the hashes of a report's input: SHA-256 of files by path, digests of flights.
+    """Return hashes of a report's inputs: SHA-256 of files by path, and flight digests.
 
-    The digest covers all rows of a controller, because their division into block files may differ
-    after a block has been recomputed.
+    A digest covers all rows of a controller, because a recomputed block may divide them into other
+    files.
     """
     paths = CampaignFolder(folder)
     manifest = read_manifest(paths.manifest)
@@ -39,7 +39,7 @@ def hash_files(folder: Path) -> dict[str, str]:
 
 
 def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
-    """Return the SHA-256 of pages by name, None for a missing page."""
+    """Return the SHA-256 of pages by name; None for a missing page."""
     return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
 
 
@@ -72,7 +72,7 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
 
 
 def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
-    """Return whether the page and its figures are those this program makes from the data."""
+    """Return whether the page and its figures match the data and this program."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         hashes = {**written["pages"], **written["pictures"]}
@@ -90,7 +90,7 @@ _SIDE_OPTIONS: dict[str | None, tuple[str, ...]] = {
 
 
 def refuse_search(root: Path, manifest: Manifest) -> None:
-    """Raise InputError for the folder of a search; the message names the command for its page."""
+    """Raise InputError for the folder of a search, with the command that makes its page."""
     if manifest.search:
         expected = f"a campaign; for the page of the search run {search_command(root, manifest)}"
         raise InputError(root, "the flights of a search", expected)
@@ -126,7 +126,7 @@ def search_command(root: Path, manifest: Manifest) -> str:
 
 @contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Collect garbage rarely: with the many objects of figures it takes an eighth of the time."""
+    """Run garbage collection rarely; with many objects of figures it takes 1/8 of the time."""
     thresholds = gc.get_threshold()
     gc.set_threshold(100_000, 20, 20)
     try:
@@ -182,7 +182,8 @@ def build_report(
     from abhv_mc.topics.verdicts import VERDICTS
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
-    key = report_key(folder, baseline)  # before the data are read: a run may add flights meanwhile
+    # The key comes first, because a run may add flights in the meantime.
+    key = report_key(folder, baseline)
     results = read_flown(folder, requirements)
     models = Models(results, page=out or folder)
     comparison = compare_baseline(results, baseline) if baseline else None
@@ -219,7 +220,7 @@ def build_report(
         figure.path.with_suffix(kind) for figure in figures for kind in (".png", *[".svg"] * svg)
     }
     for stale in {*figures_folder.glob("*.png"), *figures_folder.glob("*.svg")} - current_files:
-        stale.unlink(missing_ok=True)  # another process may delete it at the same time
+        stale.unlink(missing_ok=True)  # Another process may delete this file at the same time.
     page = out / "report.html"
     pages = {
         page: make_page(models, figures, failed, comparison),

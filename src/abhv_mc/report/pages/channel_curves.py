@@ -1,4 +1,4 @@
-"""Bands and nominal flights of channels over time, for the interactive views."""
+"""Envelopes and nominal flights of channels over time, for the interactive views."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -12,8 +12,7 @@ from abhv_mc.topics.figure_bands import bands_off
 _MOST_TIMES = 301
 _SIGNALS: dict[str, Signal] = {signal.name: signal for signal in CHANNELS}
 _REFERENCES = {signal.name for signal in REFERENCE_CHANNELS}
-# Errors that are a channel minus the mission's reference. The reference is the same for all
-# flights, so that the bands of the error follow from those of the channel.
+# Tracking errors as channel minus reference, which is the same for all flights.
 _OFF_REFERENCE = {
     "altitude_error_m": ("altitude_m", "altitude_reference_m"),
     "speed_error_mps": ("speed_mps", "speed_reference_mps"),
@@ -23,7 +22,7 @@ _OFF_REFERENCE = {
 def describe_channel(
     name: str, recorded: Collection[str], signals: Sequence[Signal] = CHANNELS
 ) -> dict[str, str | None]:
-    """Return label, unit and description of a channel, and its command among ``recorded``."""
+    """Return a channel's label, unit and description, and its command if ``recorded``."""
     signal = next((item for item in signals if item.name == name), Signal(name, "-", ""))
     command = _beside(signal, "command")
     return {
@@ -36,13 +35,13 @@ def describe_channel(
 
 
 def _beside(signal: Signal, kind: str) -> str:
-    """Return 'bank_command_deg' for 'bank_deg'."""
+    """Return the name of a related channel, such as 'bank_command_deg' for 'bank_deg'."""
     stem, _, ending = signal.name.rpartition("_") if signal.unit != "-" else (signal.name, "", "")
     return f"{stem}_{kind}_{ending}".rstrip("_")
 
 
 def _label(signal: Signal) -> str:
-    """Return 'Angle of attack command' for 'angle_of_attack_command_deg'."""
+    """Return a channel's label, such as 'Angle of attack command'."""
     name = (
         signal.name.rpartition("_")[0]
         if signal.unit != "-" and signal.name in _SIGNALS
@@ -53,7 +52,7 @@ def _label(signal: Signal) -> str:
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
-    """Return every ``every``-th sample; of extremes that of all samples in between."""
+    """Return every ``every``-th sample; minimum and maximum cover the samples in between."""
     extreme = {"min": np.fmin, "max": np.fmax}.get(band)
     if extreme is None or every == 1:
         return curve[::every]
@@ -64,7 +63,7 @@ def _thinned(curve: Floats, band: str, every: int) -> Floats:
 
 
 def band_names(results: FlownCampaign) -> tuple[str, ...]:
-    """Return the names of the bands of a campaign's envelopes, in their order."""
+    """Return the names of the bands of a campaign's envelopes, in stored order."""
     return tuple(
         next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS))
     )
@@ -73,7 +72,7 @@ def band_names(results: FlownCampaign) -> tuple[str, ...]:
 def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tuple[Floats, Floats]:
     """Return time [time], s, and curves [band, time] of a channel.
 
-    The curves are the bands in their order and the nominal flight; missing values are NaN.
+    Curves are the bands, in stored order, and the nominal flight; missing values are NaN.
     """
     source, reference_name = _OFF_REFERENCE.get(channel, (channel, ""))
     is_stored = (controller, channel) in results.envelopes
@@ -104,10 +103,10 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
 def envelope_data(
     results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, object], dict[str, Floats]]:
-    """Return the data of the envelope view and its arrays.
+    """Return the data of the envelope view and their arrays.
 
     The arrays are ``time:CONTROLLER`` [time], ``CHANNEL:CONTROLLER`` [band, time], with the nominal
-    flight after the bands, and ``reference:CHANNEL`` [time].
+    flight last, and ``reference:CHANNEL`` [time].
     """
     names = results.controllers
     signals = results.campaign.channels
@@ -118,7 +117,7 @@ def envelope_data(
     }
     channels: list[dict[str, str | None]] = []
     arrays: dict[str, Floats] = {}
-    times = results.reference.get("time", np.empty(0))  # custom simulators have no reference
+    times = results.reference.get("time", np.empty(0))  # Custom simulators have no reference.
     every = max(1, -(-times.size // _MOST_TIMES))
     arrays["reference:time"] = times[::every]
     for channel, signal in recorded.items():

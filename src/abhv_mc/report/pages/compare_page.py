@@ -1,4 +1,4 @@
-"""Comparison of two campaigns: answer, gates, differences, and its page."""
+"""Comparison of two campaigns (answer, gates, differences) and its page."""
 
 import json
 import shlex
@@ -66,11 +66,11 @@ class Comparison:
 
     @property
     def table(self) -> "pd.DataFrame":
-        """Differences with their 95 % intervals, one row for each controller and quantity.
+        """Differences with their 95 % intervals, one row per controller and quantity.
 
-        On the same samples, first minus second: the median over flights, and quantiles. On
-        different samples, second minus first: the share of flights that fails each requirement,
-        and quantiles, with the values of both campaigns.
+        For the same samples, first minus second: median over the flights, and quantiles. For
+        different samples, second minus first: share of flights that fail each requirement, and
+        quantiles, with the values of both campaigns.
         """
         import pandas as pd
 
@@ -83,14 +83,14 @@ class Comparison:
         return pd.DataFrame(list(rows), columns=list(columns))
 
     def figure(self) -> "Figure":
-        """Return the figure of the page. Raise InputError if no metric differs."""
+        """Return the figure of the comparison. Raise InputError if no metric differs."""
         for _, figure in self._draw():
             return figure
         raise InputError("figure", "no metric that differs", "campaigns with a flight that differs")
 
 
 def _paired_rows(comparison: Compared) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of :attr:`Comparison.table` of a paired comparison."""
+    """Yield rows of :attr:`Comparison.table` for a paired comparison."""
     for pair in comparison.paired:
         for metric, entry in pair.metrics.items():
             names = {"median": entry.median_difference, **entry.quantile_differences}
@@ -109,10 +109,10 @@ def compare_folders(
     requirements: RequirementSource | None = None,
     is_paired: bool = False,
 ) -> Comparison:
-    """Compare two folders flight by flight if their samples are equal, else by distributions.
+    """Compare two folders flight by flight if their samples are equal, else unpaired.
 
-    Write a page into ``out``. Raise InputError for folders that have nothing in common, and for
-    different samples if ``margins`` or ``is_paired`` require a paired comparison.
+    If ``out`` is given, write a page there. Raise InputError if the folders have nothing in common,
+    or if their samples differ and ``margins`` or ``is_paired`` require pairs.
     """
     a, b = (read_flown(folder, requirements) for folder in (folder_a, folder_b))
     try:
@@ -150,7 +150,7 @@ def _write_numbers(
 ) -> None:
     """Write `comparison.json`.
 
-    It contains the numbers, and the digests with which `abhv-mc runs` finds them.
+    The file contains the numbers and the digests by which `abhv-mc runs` finds both campaigns.
     """
     digests = [results.manifest.digest for results in (a, b)]
     content = {"digests": digests, **json_data(comparison)}
@@ -205,8 +205,8 @@ def _section(
     )
     if any(names.campaign.judged for _, _, names in pairs):
         answers[-1] += (
-            " The better side is found over all required metrics and the control effort, with a "
-            "correction for their number."
+            " The better side is determined over all required metrics and the control effort, "
+            "with a correction for their number."
         )
     unknowns = a.campaign.unknowns
     if unknowns.names:
@@ -230,7 +230,7 @@ def _section(
 def _label_pairs(
     a: FlownCampaign, b: FlownCampaign, comparison: Compared
 ) -> list[tuple[str, CampaignPair, Names]]:
-    """Return the title of each pair, the pair, and names with the labels of its two sides."""
+    """Return each pair with its title and with names that label its two sides."""
     pairs, names, (first, second) = [], names_of(a), _folder_names(a, b)
     for pair in comparison.paired:
         label_a, label_b = (
@@ -254,13 +254,13 @@ def _label_pairs(
 
 
 def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
-    """Return names that distinguish two folders, or equal names for the same folder."""
+    """Return names that distinguish two folders; they are equal for the same folder."""
     path_a, path_b = a.folder.resolve(), b.folder.resolve()
     return (str(path_a), str(path_b)) if path_a.name == path_b.name else (path_a.name, path_b.name)
 
 
 def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> Lead:
-    """Return the answer: the better side of each pair, the reasons, and the next step."""
+    """Return the lead: the better side of each pair, the reasons, and the next step."""
     answers: dict[str, list[str]] = {}
     because = []
     for title, pair, names in pairs:
@@ -311,7 +311,7 @@ def _is_identical(pair: CampaignPair) -> bool:
 
 
 def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder: Path) -> Table:
-    """Return the table of the compared campaigns, with the command that remakes the page."""
+    """Return the table of both campaigns, with the command that remakes the page."""
     seeds = [
         (str(results.campaign.seed) if results.campaign.can_rerun else "imported")
         for results in (a, b)
@@ -370,7 +370,7 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
 
 
 def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Table]:
-    """Yield the tables of a pair, with the pair's title in their titles and captions."""
+    """Yield a pair's tables, with the title of the pair in their titles and captions."""
     differing = [item for item in pair.metrics.items() if item[1].a_better or item[1].b_better]
     metrics = dict(sorted(differing, key=lambda item: not item[1].compared))
     for table in pair_tables(pair, names, metrics, comparison.requirements):
@@ -378,7 +378,7 @@ def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) 
 
 
 def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPair]) -> list[Drawn]:
-    """Return the figure of the differences in required metrics and control effort.
+    """Return the figure of differences in required metrics and control effort.
 
     Metrics in which no flight differs are left out.
     """

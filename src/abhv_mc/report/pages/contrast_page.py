@@ -17,7 +17,7 @@ from abhv_mc.report.numbers.contrast import (
     ContrastRequirement,
     SideVerdict,
 )
-from abhv_mc.report.pages.page import make_table
+from abhv_mc.report.numbers.judgement import shorten_list
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,
@@ -29,19 +29,32 @@ from abhv_mc.topics.figure_style import (
     put_legend,
     styled,
 )
-from abhv_mc.topics.formatting import bounds, count_of, estimate, joined, percent
+from abhv_mc.topics.formatting import count_of, estimate, fixed, joined, percent
 from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
+from abhv_mc.topics.section import (
+    Bullets,
+    Cell,
+    FigureText,
+    Fold,
+    Item,
+    Lead,
+    Picture,
+    Section,
+    Table,
+    grouped,
+    interval_cell,
+)
 from abhv_mc.topics.topic import Drawn
 
-_MOST_CHANGES = 4  # in a sentence
+_MOST_CHANGES = 4  # maximum number of changed inputs in a sentence
 _MOST_PANELS = 6
-_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")  # first and second campaign
+# line styles of the first and the second campaign
+_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")
 _DASH = "\N{EM DASH}"
 
 
 class Panel(NamedTuple):
-    """Panel of a metric in the figure."""
+    """Panel of one metric in the figure."""
 
     label: str
     metric: str
@@ -51,11 +64,11 @@ class Panel(NamedTuple):
 def contrast_section(
     a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Section:
-    """Return the section: changed inputs, changed verdicts, and the tables."""
+    """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
     answers = [*change_sentences(contrast, labels)]
-    lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:4]))
-    changes = list(contrast.changes)
+    lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:]))
+    changes = [change for change in contrast.changes if not change.startswith("name: ")]
     if len(changes) > _MOST_CHANGES:
         changes = [*changes[:_MOST_CHANGES], f"{len(changes) - _MOST_CHANGES} more"]
     sentences = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
@@ -64,12 +77,14 @@ def contrast_section(
         "95 % intervals: Newcombe's for shares, bootstrap for quantiles. An interval that excludes "
         "0 shows a difference."
     )
-    tables = [
-        _verdict_table(a, contrast, labels, titles),
-        _quantile_table(a, contrast, labels, titles),
-    ]
-    filled = [table for table in tables if table.groups[0]]
-    return Section("Summary", (lead, Bullets(tuple(sentences)), Picture("distributions"), *filled))
+    differing, every = (
+        _quantile_table(a, contrast, labels, titles, shows_all=shows_all)
+        for shows_all in (False, True)
+    )
+    tables = [_verdict_table(a, contrast, labels, titles), differing]
+    items: list[Item] = [table for table in tables if table.groups]
+    items += [Fold(every.title, (every,))] if every.groups else []
+    return Section("Summary", (lead, Bullets(tuple(sentences)), Picture("distributions"), *items))
 
 
 def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]:
@@ -84,73 +99,97 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
 
 
 def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield the changed verdicts of each controller, then the controllers without a change."""
-    same = {}
+    """Yield the changes of each controller, then the controllers without a shown change."""
+    undecided: dict[str, int] = {}  # number of verdicts that only the number of flights changes
+    equal: dict[str, str] = {}
     for label, controller in zip(labels, contrast.contrasted, strict=True):
         if not controller.requirements:
             return
-        missed = [item for item in controller.requirements if _turns(item, "FAIL")]
-        met = [item for item in controller.requirements if _turns(item, "PASS")]
-        lost, unmissed = (
-            [
-                item
-                for item in controller.requirements
-                if (item.before.status, item.after.status) == turn
-            ]
-            for turn in (("PASS", "NOT SHOWN"), ("FAIL", "NOT SHOWN"))
-        )
-        changes = [
-            f"{verb} {joined([_change(item) for item in items])}"
-            for verb, items in (
-                ("newly misses", missed),
-                ("newly meets", met),
-                ("is no longer shown to meet", lost),
-                ("is no longer shown to miss", unmissed),
-            )
-            if items
-        ]
+        changes: dict[str, list[str]] = {}
+        for item in controller.requirements:
+            verb = _change_verb(item)
+            if verb:
+                changes.setdefault(verb, []).append(_change(item))
+            elif item.after.status != item.before.status:
+                undecided[label] = undecided.get(label, 0) + 1
         if changes:
-            yield f"{label} {'; '.join(changes)}."
-        else:
+            texts = [f"{verb} {shorten_list(items)}" for verb, items in changes.items()]
+            yield f"{label} {'; '.join(texts)}."
+        elif label not in undecided:
             passed = sum(item.after.status == "PASS" for item in controller.requirements)
-            same[label] = f"{passed} of {len(controller.requirements)}"
-    for counts in dict.fromkeys(same.values()):
-        labels_of = [label for label, passes in same.items() if passes == counts]
-        yield f"{joined(labels_of)}: equal verdicts in both campaigns, {counts} PASS."
+            equal[label] = f"{passed} of {len(controller.requirements)}"
+    if undecided:
+        counts = joined([f"{count} of {label}" for label, count in undecided.items()])
+        yield (
+            f"Verdicts that the second campaign leaves open, without a shown difference: {counts}."
+        )
+    for passed_count in dict.fromkeys(equal.values()):
+        labels_of = [label for label, count in equal.items() if count == passed_count]
+        yield f"{joined(labels_of)}: equal verdicts in both campaigns, {passed_count} PASS."
 
 
-def _turns(item: ContrastRequirement, status: str) -> bool:
-    return item.after.status == status != item.before.status
+def _change_verb(item: ContrastRequirement) -> str:
+    """Return the change of a decided verdict or of the failure share, '' if none is shown."""
+    before, after, difference = item.before.status, item.after.status, item.share_difference
+    if after != before and after in {"FAIL", "PASS"}:
+        return "newly misses" if after == "FAIL" else "newly meets"
+    if not _is_shown(difference):
+        return ""
+    if after != before:
+        return f"is no longer shown to {'meet' if before == 'PASS' else 'miss'}"
+    return f"{'more' if difference.low > 0.0 else 'less'} often misses"
 
 
 def _change(item: ContrastRequirement) -> str:
-    before, after = item.before, item.after
-    shares = " -> ".join(percent(side.failures / side.flights, 2) for side in (before, after))
-    return f"{item.words} ({before.status} -> {after.status}, {shares} of the flights fail)"
+    shares = " -> ".join(
+        percent(side.failures / side.flights, 2) for side in (item.before, item.after)
+    )
+    return f"{item.words} ({shares} of the flights)"
 
 
 def _verdict_table(
     a: FlownCampaign, contrast: Contrast, labels: Sequence[str], titles: tuple[str, str]
 ) -> Table:
-    rows = [
-        (
-            f"{item.words} in {percent(item.probability)}",
-            label,
-            *map(_side, (item.before, item.after)),
-            f"{percent(item.share_difference.value, 2)} ({percent(item.share_difference.low, 2)} "
-            f"to {percent(item.share_difference.high, 2)})",
+    flights = set(_flight_counts(contrast))
+    groups = []
+    for i, asked in enumerate(contrast.contrasted[0].requirements):
+        rows = []
+        for label, controller in zip(labels, contrast.contrasted, strict=True):
+            item = controller.requirements[i]
+            sides = (_side(side, len(flights) == 1) for side in (item.before, item.after))
+            difference = Cell(*_share_texts(item.share_difference))
+            rows.append((Cell(label), *map(Cell, sides), difference))
+        groups.append(
+            grouped(rows, Cell(f"{asked.words} in {percent(asked.probability)}", head=True))
         )
-        for i in range(len(contrast.contrasted[0].requirements))
-        for label, controller in zip(labels, contrast.contrasted, strict=True)
-        for item in (controller.requirements[i],)
-    ]
-    kind = a.campaign.kind.capitalize()
-    heads = ("Requirement", kind, *titles, "Difference of the failure share")
-    return make_table("Verdicts", "Requirements of the first campaign", heads, rows)
+    counts = ""
+    if len(flights) == 1:
+        first, second = (fixed(count, 0) for count in flights.pop())
+        counts = f", in {first} and {second} flights"
+    return Table(
+        "Verdicts",
+        ("Requirement", a.campaign.kind.capitalize(), *titles, "Difference"),
+        tuple(groups),
+        "Verdicts and failures by the requirements of the first campaign"
+        f"{counts}, and the difference of the failure share",
+        numbers=False,
+    )
+
+
+def _flight_counts(contrast: Contrast) -> Iterator[tuple[int, int]]:
+    """Yield the numbers of flights of both campaigns, of each requirement and controller."""
+    for controller in contrast.contrasted:
+        for item in controller.requirements:
+            yield item.before.flights, item.after.flights
+
+
+def _share_texts(difference: Interval) -> tuple[str, str]:
+    low, high = percent(difference.low, 2), percent(difference.high, 2)
+    return percent(difference.value, 2), f"{low} to {high}"
 
 
 def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of a comparison's table: failure shares and quantiles with differences."""
+    """Yield table rows of failure shares and quantiles with their differences."""
     for controller in contrast.contrasted:
         for item in controller.requirements:
             shares = (side.failures / side.flights for side in (item.before, item.after))
@@ -166,8 +205,11 @@ def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
                 yield (*controller.controllers, metric, quantity, *ends, *interval)
 
 
-def _side(verdict: SideVerdict) -> str:
-    return f"{verdict.status}, {count_of(verdict.failures, verdict.flights)}"
+def _side(verdict: SideVerdict, is_count: bool) -> str:
+    """Return the verdict and its failures, with the number of flights unless ``is_count``."""
+    failures = fixed(verdict.failures, 0)
+    count = failures if is_count else count_of(verdict.failures, verdict.flights)
+    return f"{verdict.status}, {count}"
 
 
 def _is_shown(difference: Interval | None) -> bool:
@@ -175,29 +217,39 @@ def _is_shown(difference: Interval | None) -> bool:
 
 
 def _quantile_table(
-    a: FlownCampaign, contrast: Contrast, labels: Sequence[str], titles: tuple[str, str]
+    a: FlownCampaign,
+    contrast: Contrast,
+    labels: Sequence[str],
+    titles: tuple[str, str],
+    *,
+    shows_all: bool,
 ) -> Table:
-    rows = [
-        (
-            _with_unit(description),
-            label,
-            f"{level[1:]} %",
-            *(f"{estimate(end)}" for end in (pair.before, pair.after)),
-            f"{estimate(pair.difference)} ({bounds(pair.difference)})"
-            if pair.difference
-            else _DASH,
-        )
-        for metric, description in contrast.words.items()
-        for label, controller in zip(labels, contrast.contrasted, strict=True)
-        for level, pair in controller.metrics[metric].items()
-        if metric in a.asked or _is_shown(pair.difference)
-    ]
-    heads = ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference")
-    caption = (
-        "Required metrics, and other metrics with a shown difference. A dash: fewer than five "
-        "flights lie beyond the quantile, or lost flights reach it"
+    """Return the quantiles with a shown difference of required metrics, or all quantiles."""
+    groups = []
+    for metric, description in contrast.words.items():
+        rows = [
+            (
+                Cell(label),
+                Cell(f"{level[1:]} %"),
+                *(Cell(estimate(end)) for end in (pair.before, pair.after)),
+                interval_cell(pair.difference) if pair.difference else Cell(_DASH),
+            )
+            for label, controller in zip(labels, contrast.contrasted, strict=True)
+            for level, pair in controller.metrics[metric].items()
+            if shows_all or (metric in a.asked and _is_shown(pair.difference))
+        ]
+        groups += [grouped(rows, Cell(_with_unit(description), head=True))] if rows else []
+    title = "All quantiles" if shows_all else "Quantiles with a shown difference"
+    caption = f"{title}, of the required metrics"
+    if shows_all:
+        dash = "fewer than five flights lie beyond the quantile, or lost flights reach it"
+        caption = f"{title}. A dash: {dash}"
+    return Table(
+        title,
+        ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference"),
+        tuple(groups),
+        caption,
     )
-    return make_table("Quantiles", caption, heads, rows)
 
 
 def _with_unit(description: Mapping[str, str]) -> str:
@@ -208,9 +260,9 @@ def _with_unit(description: Mapping[str, str]) -> str:
 def contrast_figures(
     a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Iterator[Drawn]:
-    """Yield the distributions of both campaigns.
+    """Yield the figure with the distributions of both campaigns.
 
-    Without requirements they are those of the leading metrics, else of the required ones.
+    It shows the required metrics, or the leading metrics without requirements.
     """
     metrics = [name for name in a.asked if name in contrast.words][:_MOST_PANELS]
     if not metrics:
@@ -238,7 +290,7 @@ def plot_contrast(
     labels: Sequence[str],
     titles: tuple[str, str],
 ) -> Figure:
-    """Plot distribution functions, one panel for each metric; the first campaign is dashed."""
+    """Plot distribution functions, one panel per metric; the first campaign is dashed."""
     columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(len(panels), columns, 1.4, between=(0.25, 0.6), top=0.12, sharey=True)
     for axes, panel in zip(grid.flat, panels, strict=False):
@@ -253,7 +305,7 @@ def plot_contrast(
                     style,
                     where="post",
                     color=CYCLE[i % len(CYCLE)],
-                    zorder=3 + len(labels) - i,  # the subject on top
+                    zorder=3 + len(labels) - i,  # The first controller is drawn on top.
                 )
         for limit in panel.limits:
             axes.axvline(limit, color=INK, linewidth=0.8)

@@ -1,4 +1,4 @@
-"""First screen of a report below the assessment: requirement chart, controller cards, baseline."""
+"""First screen of a report below the assessment: chart, cards and baseline."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,32 +18,31 @@ from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
 
-_ROWS, _PAIRS = 8, 2  # largest numbers of rows and pairs of the baseline
-_LEFT, _RIGHT = 0.0, 1.35  # ends of the chart, in units of the limit
+_ROWS, _PAIRS = 8, 2  # maximum numbers of chart rows and of pairs in the baseline comparison
+_LEFT, _RIGHT = 0.0, 1.35  # left and right end of the chart, in units of the limit
 
 
 @dataclass(frozen=True)
 class Bar:
-    """Controller in a row of the chart; positions are percent of the chart's width."""
+    """Bar of one controller in the chart; positions are percent of the chart's width."""
 
     label: str
     color: str
-    mark: str  # 'circle', 'square' ... as in the scatter
+    mark: str  # marker shape as in the scatter plot, such as 'circle'
     low: float | None
     high: float | None
     median: float | None
     tolerance: float | None
     beyond: bool  # whether flights lie beyond the right end of the chart
-    edge: str  # text on the right: tolerance limit and margin, or 'lost' if the median is lost
+    edge: str  # text on the right: tolerance limit with margin, or 'lost' for a lost median
     words: str  # text for screen readers
     status: str
 
 
 def chart_position(value: float | None, entry: GlanceRow) -> float | None:
-    """Return the position of a value, percent of the chart's width; None if it is missing.
+    """Return the position of a value in percent of the chart's width; None if missing.
 
-    The scale is the margin to the limit in units of the limit's size, with bad values right and the
-    limit at 1.
+    The scale is the margin in units of the limit's size, with the limit at 1 and bad values right.
     """
     if value is None or not math.isfinite(value):
         return None
@@ -57,7 +56,7 @@ LIMIT_POSITION = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
 def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
-    """Return the rows of the chart; of more than eight those nearest to their limits."""
+    """Return the rows of the chart; if there are more than eight, those nearest their limits."""
     entries = [entry if _is_required(entry) else _scale_to_values(entry) for entry in entries]
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_largest_position(entry))[:_ROWS]
@@ -95,14 +94,14 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
 
 
 def _is_required(entry: GlanceRow) -> bool:
-    """Return whether a row belongs to a requirement."""
+    """Return whether a chart row belongs to a requirement."""
     return any(cell.status or cell.tolerance is not None for cell in entry.cells.values())
 
 
 def _scale_to_values(entry: GlanceRow) -> GlanceRow:
-    """Return a row without requirement, scaled by its values.
+    """Return a row without requirement, scaled to its values.
 
-    The best value, or zero, is at the left end, and the worst at the position of the limit.
+    The best value, or zero, is at the left end and the worst value at the limit's position.
     """
     sign = 1.0 if entry.below else -1.0
     ends = [sign * end for cell in entry.cells.values() for end in (cell.low, cell.high)]
@@ -117,7 +116,7 @@ def _scale_to_values(entry: GlanceRow) -> GlanceRow:
 
 
 def _largest_position(entry: GlanceRow) -> float:
-    """Return the position of the worst controller in a row, infinite if flights are lost."""
+    """Return the position of the row's worst controller; infinite if flights are lost."""
     positions = [
         chart_position(cell.high if entry.below else cell.low, entry)
         for cell in entry.cells.values()
@@ -126,9 +125,9 @@ def _largest_position(entry: GlanceRow) -> float:
 
 
 def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
-    """Return '1.57 deg, 124 % over' for the tolerance limit, '' without one.
+    """Return the tolerance limit as text, such as '1.57 deg, 124 % over'; '' without one.
 
-    Without a requirement return 'median 0.98 deg'.
+    Without a requirement, return text such as 'median 0.98 deg'.
     """
     unit = entry.unit.removesuffix(" outside the limits").removeprefix("-")
     if not cell.status and cell.tolerance is None:
@@ -154,7 +153,7 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
 
 
 def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
-    """Return the values of a controller's card: verdicts, lost flights, margins, control effort."""
+    """Return the content of a controller's card: verdicts, lost flights, margins, effort."""
     flights, table = models[FLIGHTS], models[METRICS].table
     findings, counts = flights.findings[name], flights.counts[name]
     margin, poor = _margin(models, name)
@@ -187,7 +186,7 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
 
 
 def requirement_counts(verdicts: Verdicts, name: str) -> str:
-    """Return '3 of 5 met, 1 missed, 1 not shown', '' without requirements."""
+    """Return counts such as '3 of 5 met, 1 missed, 1 not shown'; '' without requirements."""
     statuses = verdicts.statuses(name)
     if not statuses:
         return ""
@@ -202,7 +201,7 @@ def requirement_counts(verdicts: Verdicts, name: str) -> str:
 
 
 def _margin(models: Models, name: str) -> tuple[str, bool]:
-    """Return the least nominal margins in steady flight and whether they are below custom."""
+    """Return the smallest nominal margins, and whether they are below customary values."""
     margins = least_margins(models[MARGINS], name)
     if margins is None:
         can_have = models.results.campaign.simulator.capabilities.has_margins
@@ -214,12 +213,12 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
 
 
 def unlisted_rows(entries: Sequence[object]) -> str:
-    """Return '4 more below', '' if the chart has all rows."""
+    """Return text such as '4 more below'; '' if the chart has all rows."""
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
 def baseline_line(baseline: Baseline | None, names: Names) -> str:
-    """Return the changes against the baseline for the first two controllers, '' without one."""
+    """Describe changes against the baseline for the first two controllers; '' without one."""
     if baseline is None:
         return ""
     parts = []

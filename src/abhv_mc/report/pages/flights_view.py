@@ -1,4 +1,4 @@
-"""Data of the interactive view of flights, in a report's page and in `explore`."""
+"""Data of the interactive view of flights, for a report's page and for `explore`."""
 
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -18,18 +18,18 @@ from abhv_mc.topics.flights.model import channel_of, limit_sides, listed_worst, 
 from abhv_mc.topics.formatting import axis_unit, fixed, is_factor, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
-MOST_FLIGHTS = 6000  # points in a page, of all controllers
-LISTED = 100  # rows of the table
-CELLS = (120, 80)  # of the density plot of many flights, horizontal and vertical
-BARS = 60  # of a strip
-_HISTORY_RATE = 5.0  # Hz
-_STRIPS = 24  # largest number of drawn dispersions
-_HEADED = 4  # metrics in the table of a campaign without requirements
-_FAR = 3.0  # ranges of the flights; limits further away are not drawn
-SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")  # in this order
+MOST_FLIGHTS = 6000  # maximum number of points on a page, over all controllers
+LISTED = 100  # maximum number of rows in the table
+CELLS = (120, 80)  # cells of the density plot, horizontal and vertical
+BARS = 60  # number of bars in a histogram strip
+_HISTORY_RATE = 5.0  # sampling rate of the histories, Hz
+_STRIPS = 24  # maximum number of dispersions drawn as strips
+_HEADED = 4  # number of metrics in the table without requirements
+_FAR = 3.0  # maximum distance of a drawn limit, in ranges of the flights
+# The order of the scripts matters.
+SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
 STYLES = ("style.css", "flights.css")
-# SVG paths about the centre. There is one shape fewer than colours, so that combinations repeat
-# late.
+# SVG paths, one fewer than colours, so that combinations repeat late.
 SHAPES = {
     "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
     "square": "M-3.6-3.6H3.6V3.6H-3.6z",
@@ -41,12 +41,12 @@ Ends = tuple[float, float]
 
 
 def template_text(name: str) -> str:
-    """Return the text of a template, script or style sheet of the pages."""
+    """Return the text of a page template, script or style sheet."""
     return (files("abhv_mc.report.pages") / "template" / name).read_text("utf-8")
 
 
 def mark_of(number: int) -> str:
-    """Return the mark of a controller by its number, so that colour is not the only distinction."""
+    """Return a controller's marker, which distinguishes it without colour."""
     return list(SHAPES)[number % len(SHAPES)]
 
 
@@ -57,9 +57,9 @@ def describe_flights(
     ends: Mapping[str, Ends],
     channels: Collection[str],
 ) -> dict[str, Any]:
-    """Return the description of a campaign's flights.
+    """Describe a campaign's flights for the view.
 
-    ``ends`` is the range of each column in displayed units, ``channels`` those of the histories.
+    ``ends`` are the ranges of the columns in displayed units; ``channels`` have histories.
     """
     names, records, required = (
         results.controllers,
@@ -132,7 +132,7 @@ def _dispersion(name: str, ends: Ends, moments: Ends, parameters: Parameters) ->
 
 
 def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, Any]:
-    """Return the description of a metric; its axis includes limits that are not far away."""
+    """Describe a metric; its axis includes limits that are not far away."""
     low, high = min([*limits, ends[0]]), max([*limits, ends[1]])
     if high - low > _FAR * (ends[1] - ends[0]):
         low, high = ends
@@ -149,12 +149,12 @@ def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, An
 
 
 def _head(name: str, unit: str) -> str:
-    """Return the head of a column in a saved table."""
+    """Return the column header for a saved table."""
     return f"{name} [{unit or '-'}]"
 
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
-    """Return a metric that ranks flights, with its channel and the sides of its limits."""
+    """Return a metric that ranks flights, with its channel and its limits' sides."""
     return {
         "metric": record.name,
         "channel": channel_of(record, channels),
@@ -168,9 +168,9 @@ def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
 def make_flights_view(
     results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
-    """Return the data of the view in a page and its packed arrays.
+    """Return the data of the view on a page, and its packed arrays.
 
-    If there are too many flights, the worst and the first are included.
+    If there are too many flights, only the worst and the first are included.
     """
     names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
@@ -179,7 +179,7 @@ def make_flights_view(
     flights = [results.flights[name] for name in names]
 
     def stacked(columns: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        """Return the selected rows of a column of each controller."""
+        """Return the selected rows of one column, stacked over the controllers."""
         return np.concatenate(
             [column[rows] for column, rows in zip(columns, rows_by_name.values(), strict=True)]
         )
@@ -235,13 +235,13 @@ def make_flights_view(
 
 
 def find_range(values: Floats) -> Ends:
-    """Return the smallest and largest finite value, (0, 0) without any."""
+    """Return the smallest and largest finite value; (0, 0) if there are none."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
 def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
-    """Return the rows [flight] to include, ascending: all, or the worst and the first of many."""
+    """Return the rows [flight] to include, ascending: all, or the worst and the first."""
     flights = results.flights[name].flight.size
     if flights <= most:
         return np.arange(flights)
@@ -258,7 +258,7 @@ def _add_histories(
     history: NDArray[np.int64],
     arrays: dict[str, Floats],
 ) -> list[str]:
-    """Add histories [flight, time] to ``arrays`` and their numbers to ``history``.
+    """Add histories [flight, time] to ``arrays`` and their rows to ``history``.
 
     Return the channels that all histories have.
     """
@@ -293,7 +293,7 @@ def _add_histories(
 def _add_envelopes(
     results: FlownCampaign, channels: Sequence[str], arrays: dict[str, Floats]
 ) -> None:
-    """Add bands and nominal flights of channels without envelopes to ``arrays``."""
+    """Add bands and nominal flights to ``arrays`` for channels without envelopes."""
     for name in results.controllers:
         for channel in channels:
             if (name, channel) not in results.envelopes:

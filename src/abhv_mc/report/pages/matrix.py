@@ -1,4 +1,4 @@
-"""Results for other programs: verification matrix and metrics as CSV, verdicts as JUnit XML."""
+"""Results for other programs: requirements and metrics as CSV, verdicts as JUnit XML."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -19,7 +19,7 @@ _COLUMNS = (
 
 
 def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
-    """Return the verification matrix as CSV, one row for each requirement and controller."""
+    """Return the verification matrix as CSV, one row per requirement and controller."""
     rows: list[Sequence[object]] = [_COLUMNS]
     for entry in verdicts.requirements:
         item = entry.asked
@@ -44,7 +44,7 @@ def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
 
 
 def make_metrics(metrics: Metrics) -> str:
-    """Return quantiles and worst flights as CSV, one row for each metric and controller."""
+    """Return quantiles and worst flights as CSV, one row per metric and controller."""
     rows: list[dict[str, object]] = []
     for metric, table in metrics.table.items():
         unit = table.words["unit"].removeprefix("-")
@@ -61,12 +61,12 @@ class Case(NamedTuple):
     """Test case of a JUnit file."""
 
     name: str
-    status: str  # "PASS", "FAIL", or the reason for neither
+    status: str  # "PASS", "FAIL", or the reason why the verdict is neither
     words: str
 
 
 def verdict_cases(entries: Iterable[RequirementVerdict]) -> list[Case]:
-    """Return the binding requirements in a campaign's manifest as test cases."""
+    """Return the binding requirements of a campaign's manifest as test cases."""
     cases = []
     for entry in entries:
         requirement = f"{entry.asked} in {100.0 * entry.probability:g} %"
@@ -76,7 +76,7 @@ def verdict_cases(entries: Iterable[RequirementVerdict]) -> list[Case]:
 
 
 def judged_cases(verdicts: Verdicts) -> list[Case]:
-    """Return the binding requirements in a report's verdicts as test cases."""
+    """Return the binding requirements of a report's verdicts as test cases."""
     return [
         Case(
             " ".join(
@@ -99,7 +99,7 @@ def judged_cases(verdicts: Verdicts) -> list[Case]:
 
 
 def make_junit(suite: str, cases: Iterable[Case]) -> str:
-    """Return test cases as JUnit XML; those neither passed nor failed are skipped."""
+    """Return test cases as JUnit XML; cases that neither passed nor failed are skipped."""
     listed = list(cases)
     failed = sum(case.status == "FAIL" for case in listed)
     skipped = sum(case.status not in ("PASS", "FAIL") for case in listed)

@@ -47,10 +47,10 @@ _STEPS = _MISSING - 1
 
 
 def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str]:
-    """Return the layout of arrays and their values as base64 of gzip.
+    """Return the layout of arrays, and their values compressed and encoded in base64.
 
     A value is ``low + (high - low) * n / 65534`` with 16 bits for ``n``; 65535 is a missing or
-    infinite value. The largest error is 1/131068 of an array's range. Along the last axis ``n`` is
+    infinite value. The largest error is 1/131068 of an array's range. Along the last axis, ``n`` is
     stored as the difference from its predecessor, modulo 65536, which halves the size of smooth
     curves. The low bytes of all values come first, then the high bytes.
     """
@@ -74,7 +74,7 @@ def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str
 
 
 def pack_bytes(content: bytes) -> str:
-    """Return bytes as base64 of gzip, reproducibly."""
+    """Compress bytes reproducibly with gzip, and encode them in base64."""
     return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
 
 
@@ -84,7 +84,7 @@ class PageFigure:
 
     text: FigureText
     path: Path
-    width: int  # px
+    width: int  # image width, px
     height: int
 
     @property
@@ -95,13 +95,13 @@ class PageFigure:
 
 
 def script_json(data: object) -> Markup:
-    """Return JSON that cannot close the script element around it."""
+    """Return JSON that cannot close its enclosing script element."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))  # noqa: S704  no markup is left
 
 
 def script_hashes(*scripts: str) -> Markup:
-    """Return the sources of a content security policy that allows these scripts only."""
+    """Return a content security policy's sources that allow only the given scripts."""
     hashes = (
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
         for script in scripts
@@ -110,7 +110,7 @@ def script_hashes(*scripts: str) -> Markup:
 
 
 def make_environment() -> Environment:
-    """Return the jinja environment of the page templates."""
+    """Return the Jinja environment of the page templates."""
     environment = Environment(
         loader=PackageLoader("abhv_mc.report.pages", "template"),
         autoescape=True,
@@ -124,16 +124,16 @@ def make_environment() -> Environment:
 
 
 def _typed(text: str) -> Markup:
-    """Return a text with the parts between backticks marked as commands."""
+    """Return text in which parts between backticks are marked as commands."""
     pieces = [escape(piece) for piece in text.split("`")]
-    return Markup("").join(  # only escaped text and fixed tags
+    return Markup("").join(  # The result contains escaped text and fixed tags only.
         Markup('<code class="command">{}</code>').format(piece) if i % 2 else piece
         for i, piece in enumerate(pieces)
     )
 
 
 def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Section]:
-    """Return the section of each topic that has one, by the topic's name."""
+    """Return the sections of all topics that have one, by topic name."""
     leads = section_leads(models, warnings)
     sections = {}
     for topic in all_topics(models.users):
@@ -145,7 +145,7 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
 
 
 def _facts(models: Models, flown: str) -> Iterator[str]:
-    """Yield vehicle, flights, date, author and version of a campaign."""
+    """Yield a campaign's vehicle, flights, date, author and version."""
     campaign, manifest = models.results.campaign, models.results.manifest
     if campaign.simulator.capabilities.has_mission:
         yield Path(campaign.model.vehicle).stem
@@ -216,21 +216,21 @@ class Answer:
     """Result of a search or a comparison, for a page and the terminal."""
 
     title: str
-    kicker: str  # line above the title
+    kicker: str  # line of text above the title
     section: Section
-    figures: Iterable[Drawn]  # made on iteration
+    figures: Iterable[Drawn]  # figures, made on iteration
 
 
 def make_table(
     title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> Table:
-    """Return a table of texts; parts between backticks are commands."""
+    """Return a table of texts, in which parts between backticks are commands."""
     cells = tuple(tuple(Cell(text) for text in row) for row in rows)
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
 
 
 def write_answer(answer: Answer, path: Path, folder: Path | None = None) -> Path:
-    """Write a page and its figures and return the path of the page.
+    """Write a page and its figures; return the path of the page.
 
     The figures are in ``folder``, by default `figures` next to the page.
     """

@@ -15,11 +15,11 @@ NAMES = (
     "chrome",
     "msedge",
 )
-_LONGEST = 120.0  # s
+_LONGEST = 120.0  # time-out, s
 
 
 def find_browser() -> str:
-    """Return the path of an installed Chromium. Raise InputError without one."""
+    """Return the path of an installed Chromium. Raise InputError if not found."""
     program = next(filter(None, map(shutil.which, NAMES)), None)
     if program is None:
         raise InputError(
@@ -30,7 +30,7 @@ def find_browser() -> str:
     return program
 
 
-# Two pages: the answer, then the distributions of the required metrics and their drivers.
+# The two pages are the answer, and the required metrics with their drivers.
 _BRIEF = """
 main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, figcaption .file,
 #metrics > p, #metrics > .scroll, #drivers > p { display: none !important; }
@@ -41,7 +41,7 @@ main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, fi
 def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = False) -> Path:
     """Print a page to a PDF next to it, A4 or letter, and return its path.
 
-    ``brief`` prints two pages only. Raise InputError if the browser fails.
+    If ``brief``, print two pages only. Raise InputError if the browser fails.
     """
     target = page.with_name("brief.pdf") if brief else page.with_suffix(".pdf")
     target.unlink(missing_ok=True)

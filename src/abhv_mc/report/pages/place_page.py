@@ -1,4 +1,4 @@
-"""Page of the comparison of test flights with the simulated flights of a campaign."""
+"""Page that compares test flights with the simulated flights of a campaign."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,12 +14,12 @@ from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 
-_LISTED = 12  # metrics of a flight
+_LISTED = 12  # maximum number of listed metrics per flight
 _COLUMNS = 2
 
 
 def make_place_answer(placement: Placement, folder: Path) -> Answer:
-    """Return the answer of `abhv-mc place`."""
+    """Return the page content of `abhv-mc place`."""
     risk = 1.0 - CONFIDENCE
     outside = [flight for flight in placement.flights if _is_outside(flight, risk)]
     names = joined([flight.name for flight in outside])
@@ -40,12 +40,12 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
         Picture("placement"),
         *(_table(flight, placement.simulated) for flight in placement.flights),
     )
-    title = f"Test flights among those of {controller_label(placement.controller)}"
+    title = f"Test flights and simulated flights of {controller_label(placement.controller)}"
     return Answer(title, f"Validation · {folder.name}", Section("Summary", items), _draw(placement))
 
 
 def _is_outside(flight: PlacedFlight, risk: float) -> bool:
-    """Return whether metrics or history lie outside, each at half the risk if there are both."""
+    """Return whether metrics or history lie outside, each at half the risk if both exist."""
     p_values = [flight.joint_p_value]
     if flight.band_p_value is not None:
         p_values.append(flight.band_p_value)
@@ -129,7 +129,7 @@ def _draw(placement: Placement) -> Iterator[Drawn]:
 
 @styled
 def plot_placement(placement: Placement) -> Figure:
-    """Plot test flights and bands, one panel for each channel."""
+    """Plot test flights and bands, one panel per channel."""
     count = len(placement.bands)
     figure, grid = new_panels(count, _COLUMNS, 1.1)
     for axes, (channel, bands) in zip(grid.flat, placement.bands.items(), strict=False):

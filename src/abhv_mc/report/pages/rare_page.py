@@ -1,4 +1,4 @@
-"""Page of a rare-event search: estimate, levels, Markov chains, and locations of failures."""
+"""Page of a rare-event search: estimate, levels, Markov chains and failure regions."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -126,7 +126,7 @@ def _combinations(result: RareFound) -> Table:
         for stratum in result.strata
     ]
     caption = (
-        "Combinations of events with a probability, such as failures: probability of the "
+        "Combinations of random events, such as failures: probability of the "
         "combination, probability of a violation given the combination with its 95 % interval, and "
         "their product"
     )
@@ -199,6 +199,6 @@ def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
 
 
 def _plain_flights(result: RareFound) -> int:
-    """Return the flights of plain sampling for as narrow an interval of the logarithm."""
+    """Return how many plain Monte Carlo flights give an equally narrow log interval."""
     p, half = result.estimate.probability, 0.5 * np.log(result.estimate.high / result.estimate.low)
     return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

@@ -14,12 +14,12 @@ from abhv_mc.topics.formatting import fixed
 
 
 def verdict_counts(run: CampaignRun) -> str:
-    """Return '3 PASS, 2 FAIL'."""
+    """Return verdict counts as text, such as '3 PASS, 2 FAIL'."""
     return ", ".join(f"{count} {verdict}" for verdict, count in run.verdicts.items())
 
 
 def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:
-    """Write the page to ``file``, with links and commands relative to the folder of the file."""
+    """Write the page to ``file``; links and commands are relative to the file's folder."""
     base = Path(os.path.relpath(root.absolute(), file.absolute().parent))
     rows = []
     for run in campaigns.runs:

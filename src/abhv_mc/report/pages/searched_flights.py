@@ -1,4 +1,4 @@
-"""Worst flights on the pages of searches: channels over time and commands that re-run them."""
+"""Worst flights on search pages: channels over time, and commands to re-run them."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -26,16 +26,16 @@ _LISTED = 10
 _PANELS = 6
 _DISTINCT = (
     f"The worst flight, and the worst flights at other points: at least {100 * DRAWN_APART:g} % of "
-    "the range (rms over the parameters) away from every worse one"
+    "the range (rms over the parameters) away from all worse ones"
 )
 
 
 def flight_figures(
     drawn: DrawnFlights | None, metric: Metric, requirements: Sequence[Requirement]
 ) -> Iterator[Drawn]:
-    """Yield the figure of the worst flights and the nominal one, if there are histories.
+    """Yield the figure of the worst and nominal flights, if there are histories.
 
-    The first panel is the channel of the searched metric.
+    The first panel shows the channel of the searched metric.
     """
     if drawn is None:
         return
@@ -67,7 +67,7 @@ def flight_figures(
 def limit_sentence(
     requirement: Requirement, metric: Metric, worst: float, failures: int, flights: int
 ) -> str:
-    """Return the sentence on violations of a requirement and the margin of the worst value."""
+    """Return the sentence on a requirement's violations and the worst value's margin."""
     limits = requirement.limits
     label = limit_words(metric, limits)
     if failures:
@@ -93,7 +93,7 @@ def flights_table(
     folder: Path,
     parameters: Parameters,
 ) -> Fold:
-    """Return the folded table of the worst flights with the commands that re-run them."""
+    """Return the collapsible table of the worst flights, with commands to re-run them."""
     numbers: Sequence[int] = rank_distinct(
         severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
     )

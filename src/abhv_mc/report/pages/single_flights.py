@@ -1,4 +1,4 @@
-"""Files of nominal flights, and the explanation of a failed flight as text, JSON and figure."""
+"""Files of nominal flights; explanation of a failed flight as text, JSON and figure."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -27,9 +27,9 @@ from abhv_mc.vehicle_simulator.make_plans import reference_of
 def write_nominal_report(
     folder: Path, plans: Mapping[str, FlightPlan], histories: Mapping[str, NDArray[np.float32]]
 ) -> Iterator[Path]:
-    """Write nominal.parquet, reference.parquet and figures/channels.png, and yield their paths.
+    """Write nominal.parquet, reference.parquet and figures/channels.png; yield their paths.
 
-    ``histories`` are arrays [tick, channel] by controller.
+    ``histories`` contains an array [tick, channel] per controller.
     """
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
@@ -51,9 +51,9 @@ def write_nominal_report(
     yield picture
 
 
-_IN_TITLE = 4  # dispersions
-_TITLE_WIDTH = 100  # characters
-_AFTER = 2.0  # shown time after an early termination, in lengths of the terminated flight
+_IN_TITLE = 4  # maximum number of dispersions in a title
+_TITLE_WIDTH = 100  # maximum number of characters per line of a title
+_AFTER = 2.0  # shown time after an early termination, as a multiple of the flight's duration
 
 
 def explanation_words(explanation: Explanation) -> list[str]:
@@ -82,7 +82,7 @@ def explanation_words(explanation: Explanation) -> list[str]:
 
 
 def explanation_numbers(explanation: Explanation) -> dict[str, Any]:
-    """Return the explanation as JSON data, values in SI."""
+    """Return the explanation as JSON data, with values in SI units."""
     return {
         "flight": explanation.flight,
         "controller": explanation.controller,
@@ -96,7 +96,7 @@ def explanation_numbers(explanation: Explanation) -> dict[str, Any]:
 
 
 def make_explained_figure(explanation: Explanation) -> Figure:
-    """Return the figure of the flight, the flight with its causes only, and the nominal flight."""
+    """Return the figure of the failed flight, its causes alone, and the nominal flight."""
     names = [
         f"{name}\N{NO-BREAK SPACE}{shown_value(name, explanation.samples[name], explanation.known)}"
         for name in explanation.causes[:_IN_TITLE]

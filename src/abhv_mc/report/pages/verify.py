@@ -1,4 +1,4 @@
-"""Verification of a campaign's folder: hashes of its files, and numbers of its report."""
+"""Verification of a campaign's folder: file hashes, and numbers of its report."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ from abhv_mc.topics.topic import Models, user_topics
 
 
 def verify_campaign(root: Path) -> Iterator[str]:
-    """Yield a sentence for each inconsistency of a folder; only files are checked for a search.
+    """Yield a sentence for each inconsistency of a folder; of a search only files are checked.
 
     Raise InputError if the folder cannot be read or is in use.
     """
@@ -58,8 +58,7 @@ def _report_differences(root: Path) -> Iterator[str]:
     results = read_flown(root)
     comparison = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), comparison)))
-    # Topics of packages that were installed when the report was written, and of those installed
-    # now.
+    # Topics from installed packages may have changed since the report was written.
     users = [numbers.pop("topics", {}) for numbers in (written, remade)]
     yield from find_differences(written, remade)
     written, remade = (
@@ -71,7 +70,7 @@ def _report_differences(root: Path) -> Iterator[str]:
 def _find_changed(
     written: Mapping[str, str | None], current: Mapping[str, str | None]
 ) -> Iterator[str]:
-    """Yield a sentence for each file whose hash is not the one in the report."""
+    """Yield a sentence for each file whose hash differs from the one in the report."""
     for name in sorted({*written, *current}):
         if current.get(name) is None:
             yield f"{name}: missing, although the report was made with it"
@@ -80,7 +79,7 @@ def _find_changed(
 
 
 def skipped_topics(root: Path) -> list[str]:
-    """Return the topics of a report that cannot be verified, because they are not installed."""
+    """Return the topics of a report that cannot be verified because they are not installed."""
     path = root / "report.json"
     numbers = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     return sorted(set(numbers.get("topics", ())) - {topic.name for topic in user_topics()})

@@ -74,7 +74,7 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
         )
         answers.append(
             "Events in every flight of the search, but with a probability in a campaign and in the "
-            f"random flights: {occurrences}. The worst case without them was not searched."
+            f"random flights: {occurrences}. The worst case without them was not determined."
         )
     if result.flights.names != result.names:
         answers.append(
@@ -88,7 +88,7 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
 
 
 def _other_seeds(result: WorstFound) -> Iterator[str]:
-    """Yield the sentence on the worst point with other seeds of turbulence and noise."""
+    """Yield the sentence on the worst point under other seeds of turbulence and noise."""
     if result.other_seeds is None:
         return
     flights, lost, ends = result.other_seeds
@@ -107,7 +107,7 @@ def _ended_early(result: WorstFound, flight: int) -> bool:
 
 
 def _words(result: WorstFound, flight: int) -> str:
-    """Return '20.25 m', or 'terminated early, at 31.2 s (sideslip_limit)'."""
+    """Return a flight's outcome: '20.25 m' or 'terminated early, at 31.2 s (sideslip_limit)'."""
     if _ended_early(result, flight):
         return (
             f"terminated early, at {result.flights.end_time[flight]:.4g} s "
@@ -131,14 +131,15 @@ def _convergence(result: WorstFound) -> Drawn:
         "box. A line ends at the first early termination, which is worse than any value."
     )
     limits = [limit for item in result.requirements for limit in item.limits.as_entry().values()]
-    if result.criterion.limits is not None:  # the distance outside the limits is plotted
+    # With two limits, the distance outside them is plotted.
+    if result.criterion.limits is not None:
         limits = [0.0]
     figure = plot_convergence(result.metric.label_with_unit, searched, random, stages, limits)
     return FigureText("convergence", "Convergence", caption), figure
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
-    """Return the worst metric so far, NaN after the first early termination."""
+    """Return the worst metric so far; NaN after the first early termination."""
     highest = np.maximum.accumulate(severities)
     return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
 

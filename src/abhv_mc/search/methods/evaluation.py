@@ -7,26 +7,27 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 
-Evaluate = Callable[[Floats], Floats]  # values [point] of the points [point, dimension]
+# function that returns the values [point] of points [point, dimension]
+Evaluate = Callable[[Floats], Floats]
 
-LANES = 32  # flights that compiled code simulates in parallel: batches are multiples of it
+LANES = 32  # flights that compiled code simulates in parallel; batches are multiples of this number
 
 
 def make_generator(seed: int, *key: int) -> np.random.Generator:
-    """Return the independent random generator of a key (repetition, level, step, ...)."""
+    """Return an independent random generator for a key (repetition, level, step, ...)."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=key))
     )
 
 
 def round_up(number: int, multiple: int = LANES) -> int:
-    """Return the smallest multiple that is not below `number`."""
+    """Return the smallest multiple that is not less than `number`."""
     return -(-number // multiple) * multiple
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Best value after a batch."""
+    """Best value after a batch of evaluations."""
 
     evaluations: int
     best: float
@@ -35,17 +36,18 @@ class Progress:
 
 @dataclass
 class Record:
-    """Evaluated points of the box -1 .. 1 with their values; larger is better, NaN is worst."""
+    """Evaluated points of the box -1 .. 1 with values; larger is better, NaN is worst."""
 
     evaluate: Evaluate
-    limit: int  # evaluations in all
-    points: list[Floats] = field(default_factory=list)  # of each batch: [point, dimension]
-    values: list[Floats] = field(default_factory=list)  # of each batch: [point]
+    limit: int  # maximum number of evaluations
+    # evaluated points of each batch [point, dimension]
+    points: list[Floats] = field(default_factory=list)
+    values: list[Floats] = field(default_factory=list)  # values of each batch [point]
     history: list[Progress] = field(default_factory=list)
     best: float = -np.inf
     place: Floats = field(
         default_factory=lambda: np.empty(0)
-    )  # of the best; [dimension] once there is one
+    )  # coordinates of the best point; empty before the first evaluation
 
     @property
     def used(self) -> int:
@@ -70,7 +72,7 @@ class Record:
         return values
 
     def best_places(self, number: int, min_distance: float) -> Floats:
-        """Return at most `number` best points, each at least `min_distance` from better ones.
+        """Return at most `number` of the best points, each at least `min_distance` apart.
 
         The distance is the rms over the dimensions.
         """

@@ -7,8 +7,9 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Record
 
-_MOST_CORNERS = 512  # up to so many corners are all evaluated
-_CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256  # of the evaluations, for a climb over corners
+_MOST_CORNERS = 512  # maximum number of corners that are all evaluated
+# share and minimum number of evaluations for a climb over corners
+_CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256
 
 
 def sobol_points(dimension: int, number: int, seed: int) -> Floats:
@@ -21,7 +22,7 @@ def sobol_points(dimension: int, number: int, seed: int) -> Floats:
 
 
 def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
-    """Evaluate first points of the box in whole batches, about a quarter of the limit."""
+    """Evaluate the first points of the box in whole batches, about a quarter of the limit."""
     share = record.limit // 4
     star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
     even = sobol_points(dimension, record.limit, seed)
@@ -49,21 +50,22 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
 def _climb_corners(
     record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]
 ) -> None:
-    """Climb over corners from the one that the slopes point to, then from the opposite one.
+    """Climb over corners, starting from the one along the slopes, then from its opposite.
 
     Each step evaluates all neighbours, then all improving sign changes together.
     """
     dimension = len(star) // 2
     slopes = star[1 : dimension + 1] - star[dimension + 1 :]
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    order = np.argsort(np.abs(slopes), kind="stable")  # least certain first
+    # dimensions with the least certain slope first
+    order = np.argsort(np.abs(slopes), kind="stable")
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
     opposite = [-corner]
     # Batches come in pairs: neighbours, and their combination.
     share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
     def call(expected: list[Floats]) -> tuple[list[Floats], Floats]:
-        """Evaluate the untried corners that fit; return them with their values."""
+        """Evaluate untried corners as far as they fit; return the corners with their values."""
         nonlocal corner, best
         candidates = [c for c in expected if c.tobytes() not in tried][:batch]
         if not candidates:
@@ -82,8 +84,7 @@ def _climb_corners(
                 return
             corner, best = opposite.pop(), -np.inf
             continue
-        # Gain of each single sign change; the middle is among the first candidates, or was the
-        # best.
+        # Gain of each single sign change, relative to the first candidate or the previous best.
         at_middle = before if np.isfinite(before) else values[0]
         alone = {
             int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
@@ -101,7 +102,7 @@ def _climb_corners(
 
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
-    """Return a corner, and those with one, then two changed signs, in the order of dimensions."""
+    """Return a corner and its neighbours with one or two changed signs, in given order."""
     corners = [corner]
     for i in order:
         single = corner.copy()

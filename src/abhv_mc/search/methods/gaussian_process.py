@@ -1,4 +1,4 @@
-"""Gaussian process regression of values without noise, fitted by the posterior density.
+"""Gaussian process regression of noise-free values, fitted by the posterior density.
 
 C.E. Rasmussen, C.K.I. Williams, "Gaussian Processes for Machine Learning" (2006), chapters 2 and 5.
 The covariance is that of a quadratic polynomial plus a stationary part with a length for each
@@ -14,26 +14,28 @@ from scipy.optimize import minimize
 
 from abhv_mc.array_types import Floats
 
-_LENGTH_SPREAD = np.sqrt(3.0)  # of the logarithm of a length a priori, about that of _prior_lengths
-_LOWEST, _HIGHEST = np.log(1e-3), np.log(1e3)  # standard deviations of the polynomial's terms
-_NUGGET = (np.log(1e-7), np.log(1e-2))  # variances, of values with a variance of about 1
+_LENGTH_SPREAD = np.sqrt(3.0)  # prior standard deviation of the logarithm of a length
+# range of the standard deviations of the polynomial's terms
+_LOWEST, _HIGHEST = np.log(1e-3), np.log(1e3)
+# range of the nugget's variance, for values with a variance of about 1
+_NUGGET = (np.log(1e-7), np.log(1e-2))
 _ITERATIONS = 60
-_TERMS = 3  # constant, linear, quadratic
+_TERMS = 3  # constant, linear and quadratic term
 
 
 @dataclass(frozen=True)
 class GaussianProcess:
-    """Process conditioned on values of points; the smooth one is infinitely differentiable."""
+    """Gaussian process conditioned on values; the smooth one is infinitely differentiable."""
 
     smooth: bool
-    points: Floats  # [point, dimension]
-    values: Floats  # [point]
+    points: Floats  # points of the data [point, dimension]
+    values: Floats  # values at the points [point]
     logs: Floats  # logarithms of the variances (terms, stationary part, nugget) and of the lengths
-    factor: Floats  # [point, point]: lower Cholesky factor of the covariance
-    weights: Floats  # [point]: inverse of the covariance times the values
+    factor: Floats  # lower Cholesky factor of the covariance [point, point]
+    weights: Floats  # inverse of the covariance times the values [point]
 
     def predict(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return means and standard deviations [point]."""
+        """Return means and standard deviations at points [point]."""
         across, _ = self._prior(points, self.points)
         explained = solve_triangular(self.factor, across.T, lower=True)
         variance = self._prior_variance(points) - (explained**2).sum(axis=0)
@@ -45,13 +47,13 @@ class GaussianProcess:
         return self._prior(points, points)[0] - explained.T @ explained
 
     def left_out(self) -> Floats:
-        """Return standardized errors [point] of each value, predicted by all others."""
+        """Return standardized leave-one-out errors [point]."""
         inverse = cho_solve((self.factor, True), np.eye(len(self.values)))
         return np.asarray(self.weights / np.sqrt(np.diag(inverse)))
 
     @cached_property
     def inflation(self) -> float:
-        """Factor, at least 1, with which the standard deviations explain the left-out errors."""
+        """Factor >= 1 on the standard deviations that explains the leave-one-out errors."""
         return max(1.0, float(np.sqrt(np.mean(self.left_out() ** 2))))
 
     def _prior(self, first: Floats, second: Floats) -> tuple[Floats, Floats]:
@@ -64,7 +66,7 @@ class GaussianProcess:
 
 
 def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tuple[Floats, Floats]:
-    """Return prior covariances, and minus twice the stationary part's slope in squared distance."""
+    """Return prior covariances, and minus twice their slope in the squared distance."""
     constant, linear, quadratic, stationary = np.exp(logs[: _TERMS + 1])
     lengths = np.exp(logs[_TERMS + 2 :])
     a, b = first / lengths, second / lengths
@@ -72,7 +74,7 @@ def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tu
     squared = np.maximum(squared, 0.0)
     if smooth:
         part = slope = stationary * np.exp(-0.5 * squared)
-    else:  # Matern, 5/2
+    else:  # Matern covariance, 5/2
         distance = np.sqrt(5.0 * squared)
         decay = stationary * np.exp(-distance)
         part = decay * (1.0 + distance + distance**2 / 3.0)
@@ -84,9 +86,9 @@ def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tu
 def _loss(
     logs: Floats, points: Floats, values: Floats, differences: Floats, smooth: bool
 ) -> tuple[float, Floats]:
-    """Return minus the logarithm of the posterior density of `logs`, and its gradient.
+    """Return minus the log posterior density of `logs`, and its gradient.
 
-    `differences` [point, point, dimension] are squared.
+    `differences` [point, point, dimension] are squared distances by dimension.
     """
     number, dimension = points.shape
     prior, slope = _covariance(points, points, logs, smooth)
@@ -97,7 +99,8 @@ def _loss(
         return 1e10, np.zeros_like(logs)
     inverse = cho_solve((factor, True), np.eye(number))
     weights = inverse @ values
-    change = 0.5 * (inverse - np.outer(weights, weights))  # of the loss, by each covariance
+    # derivative of the loss with respect to each covariance
+    change = 0.5 * (inverse - np.outer(weights, weights))
     products = points @ points.T
     stationary = prior - variances[0] - variances[1] * products - variances[2] * products**2
     gradient = np.empty_like(logs)
@@ -115,16 +118,16 @@ def _loss(
 
 
 def _prior_lengths(dimension: int) -> float:
-    """Return the median of the logarithm of a length a priori.
+    """Return the prior median of the logarithm of a length.
 
-    It grows with the dimension as distances do: C. Hvarfner, E.O. Hellsten, L. Nardi, "Vanilla
+    It increases with the dimension, as distances do: C. Hvarfner, E.O. Hellsten, L. Nardi, "Vanilla
     Bayesian optimization performs great in high dimensions", ICML 2024.
     """
     return float(np.sqrt(2.0) + 0.5 * np.log(dimension))
 
 
 def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) -> GaussianProcess:
-    """Return the process of the likeliest variances and lengths, from each of `starts`."""
+    """Return the process with the most likely variances and lengths over all `starts`."""
     differences = (points[:, None, :] - points) ** 2
     dimension = points.shape[1]
     bounds = [
@@ -148,7 +151,7 @@ def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) ->
 
 
 def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> GaussianProcess:
-    """Return the process with these variances and lengths."""
+    """Return the process with the given variances and lengths."""
     prior, _ = _covariance(points, points, logs, smooth)
     factor = cholesky(prior + np.exp(logs[_TERMS + 1]) * np.eye(len(points)), lower=True)
     weights = cho_solve((factor, True), values)
@@ -156,7 +159,7 @@ def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> Gau
 
 
 def draw_starts(dimension: int, number: int, generator: np.random.Generator) -> Floats:
-    """Return random starts of a fit."""
+    """Return random starting points for a fit."""
     middle = np.r_[0.0, -2.0, -4.0, 0.0, -12.0, np.full(dimension, _prior_lengths(dimension))]
     spread = np.r_[1.0, 1.0, 1.0, 1.0, 2.0, np.full(dimension, 1.0)]
     return middle + spread * generator.standard_normal((number, len(middle)))

@@ -1,4 +1,4 @@
-"""Local ascent to a maximum in a box, by slopes and curvatures."""
+"""Local ascent to a maximum in a box, using slopes and curvatures."""
 
 import numpy as np
 from scipy.optimize import minimize
@@ -6,30 +6,26 @@ from scipy.optimize import minimize
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
-_LEAST_STEP = 1e-3  # half widths of the box
-_REACHES = (2.0, 8.0)  # steps: largest distance of the maximum of a fitted quadratic
+_LEAST_STEP = 1e-3  # smallest step, in half widths of the box
+_REACHES = (2.0, 8.0)  # largest distances of the maximum of a fitted quadratic, in steps
 _SPREADS = (
     1.2,
     2.0,
     4.0,
-)  # points of a fit for each coefficient: from a narrow neighbourhood to a wide one
-_FAR_ENOUGH = 0.3  # steps: the best place moved at least so far where the step stays
-_NEAR_BOUND = 0.9  # beyond it, the bound itself is tried
-_NEAR = (
-    0.05  # squared distance, of the furthest point's, within which all points count about the same
-)
-_RIDGE = (
-    1e-9  # of the points' weight: keeps the fit unique where they are fewer than the coefficients
-)
+)  # fitted points per coefficient, from a narrow to a wide neighbourhood
+_FAR_ENOUGH = 0.3  # minimum move of the best point, in steps, for which the step is not reduced
+_NEAR_BOUND = 0.9  # coordinate beyond which the bound itself is tried
+_NEAR = 0.05  # share of the furthest point's squared distance within which weights are similar
+_RIDGE = 1e-9  # relative regularization that keeps the fit unique with few points
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
-    """Climb from the record's best point until the step or the evaluations are used up.
+    """Climb from the record's best point until the step is small or evaluations run out.
 
-    `reserve` evaluations are left.
+    `reserve` evaluations are left unused.
     """
     iteration = 0
-    suggested: list[Floats] = []  # by the slopes of the batch before
+    suggested: list[Floats] = []  # points suggested by the slopes of the previous batch
     while step > _LEAST_STEP:
         center, best = record.place, record.best
         dimension = len(center)
@@ -49,9 +45,7 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             * generator.standard_normal((filled - len(expected), dimension))
             / np.sqrt(dimension)
         )
-        if (
-            tops
-        ):  # half of them: shorter and longer variants of the step to a top, dimension by dimension
+        if tops:  # Half of the points are shorter and longer variants of the step to a maximum.
             half = len(around) // 2
             around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - center)
         values = record.call(
@@ -79,13 +73,13 @@ def _tops(record: Record, center: Floats, step: float) -> list[Floats]:
 def _suggest(
     center: Floats, best: float, compass: Floats, values: Floats, step: float
 ) -> list[Floats]:
-    """Return points suggested by a parabola in each dimension and by the slope."""
+    """Return points suggested by parabolas in each dimension, and by the slope."""
     dimension = len(center)
     up, down = values[:dimension], values[dimension:]
     ahead = np.diag(compass[:dimension]) - center
     behind = np.diag(compass[dimension:]) - center
     up, down = np.where(np.isfinite(up), up, best), np.where(np.isfinite(down), down, best)
-    # Slope and curvature of the parabola through three points, or the one-sided slope at a bound.
+    # The slope and curvature come from a parabola, or a one-sided slope at a bound.
     gradient, curvature = np.zeros(dimension), np.zeros(dimension)
     both = (ahead > 0.0) & (behind < 0.0)
     a, b = ahead[both], -behind[both]
@@ -117,9 +111,9 @@ def find_top(
 ) -> Floats:
     """Return the maximum [dimension] of a fitted quadratic, within `radius` per dimension.
 
-    The fit includes ridges that are oblique to the dimensions. `points` [point, dimension] lie in
-    the box -1 .. 1, their `values` [point] are finite. `spread` times as many nearest points as
-    coefficients are used; weights decrease with the distance.
+    The fit includes ridges that are oblique to the dimensions. `points` [point, dimension] are in
+    the box -1 .. 1 and their `values` [point] are finite. The number of points used, the nearest
+    ones, is `spread` times the number of coefficients; weights decrease with the distance.
     """
     dimension = len(center)
     rows, columns = np.triu_indices(dimension)

@@ -1,10 +1,10 @@
-"""Rare-event probability with an interval, or the reason why it cannot be trusted.
+"""Rare-event probability with an interval, or the reason why there is no valid estimate.
 
 Independent repetitions of subset simulation give estimates whose logarithms are about normal: the
-interval is Student's for their mean, about the logarithm of the mean estimate. The estimate is
-rejected if repetitions contradict each other (one does not reach the event; they differ by far more
-than their chains explain; the interval spans decades), or if importance sampling disagrees. The
-upper end is the larger of both.
+interval is Student's for their mean, centred on the logarithm of the mean estimate. The estimate is
+rejected if repetitions contradict each other (one does not reach the event, they differ by far more
+than their chains explain, or the interval spans decades), or if importance sampling disagrees. The
+upper end is the larger one of both methods.
 """
 
 from dataclasses import dataclass, replace
@@ -27,27 +27,24 @@ from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.ranks import standard_ranks
 
 CONFIDENCE = 0.95
-FEWEST = 4  # repetitions of an estimate
-_WIDEST = 10.0  # high / low of an interval that is still one
-_PRIOR = 4  # repetitions that the chains' own estimate of their spread counts for
-# One level's chains start in the last one's, which the chains' own estimate leaves out: on known
-# cases the repetitions differ 1 to 1.5 times as much (benchmarks/rare_coverage.py); beyond twice
-# they contradict each other.
+FEWEST = 4  # minimum number of repetitions for an estimate
+_WIDEST = 10.0  # largest valid ratio of the ends of an interval
+_PRIOR = 4  # number of repetitions to which the chains' own estimate of the spread is equivalent
+# Repetitions differ 1 to 1.5 times as much as chains explain (benchmarks/rare_coverage.py).
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
-_CHECK_SHARE = 0.1  # of the flights, for importance sampling
-# effective failures from which on importance sampling can show a branch left behind, and its end
-# counts
+_CHECK_SHARE = 0.1  # share of the flights for importance sampling
+# effective failures from which importance sampling can raise the upper end
 _SEEN = 8.0
-_ENOUGH = 30.0  # effective failures from which it replaces the estimate
-EXPECTED = 100.0  # effective failures with which it may say that the estimate is too high
-_HEAVY = 1.5  # factor of its spread, for heavy weights that most samples miss
-_FEWEST_CHECKED = 256  # flights of importance sampling
-_SHARE_OF_LANES = 10_000  # flights for each full batch of lanes that a level's chains fill
+_ENOUGH = 30.0  # effective failures from which importance sampling replaces the estimate
+EXPECTED = 100.0  # effective failures needed to show that the estimate is too high
+_HEAVY = 1.5  # factor on the standard error, for heavy weights that most samples miss
+_FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
+_SHARE_OF_LANES = 10_000  # flights per full batch of lanes that a level's chains fill
 
 
 def choose_chains(flights: int) -> int:
-    """Return the chains of a repetition, so that four repetitions reach about 1e-7."""
+    """Return the chains per repetition that let four repetitions reach about 1e-7."""
     return LANES * int(np.clip(flights // _SHARE_OF_LANES, 1, 8))
 
 
@@ -55,18 +52,18 @@ def choose_chains(flights: int) -> int:
 class RareEstimate:
     """Estimate from repetitions of subset simulation."""
 
-    probability: float  # mean of the repetitions
+    probability: float  # mean over the repetitions
     low: float
     high: float
-    cov: float  # of the mean, from the repetitions' spread
+    cov: float  # coefficient of variation of the mean, from the spread of the repetitions
     flights: int
     repetitions: tuple[Repetition, ...]
     check: ImportanceEstimate | None
-    refusal: str | None  # why the estimate cannot be trusted
+    refusal: str | None  # why the estimate cannot be trusted; None if it can
 
     @property
     def failures(self) -> Floats:
-        """Failures [point, dimension] of all repetitions, distributed as failures are."""
+        """Failures [point, dimension] of all repetitions, a sample of the failure distribution."""
         return (
             np.concatenate([repetition.failures for repetition in self.repetitions])
             if self.repetitions
@@ -75,16 +72,16 @@ class RareEstimate:
 
     @property
     def plain(self) -> tuple[int, int]:
-        """Failures and flights of the repetitions' first levels, which are plain samples."""
+        """Failures and flights in the first levels of all repetitions, which are plain samples."""
         return sum(repetition.plain_failures for repetition in self.repetitions), sum(
             len(repetition.points) for repetition in self.repetitions
         )
 
     @property
     def unwarned_high(self) -> float | None:
-        """Upper bound (95 %, one-sided) of failures without warning, from the first levels.
+        """Upper bound (95 %, one-sided) on failures without warning, from the first levels.
 
-        None without levels.
+        The bound is None without levels.
         """
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
@@ -96,10 +93,10 @@ class RareEstimate:
 def estimate_rare(
     evaluate: Evaluate, plan: SubsetPlan, target_cov: float = 0.2, flights: int = 20000
 ) -> RareEstimate:
-    """Return P(severity > threshold) of standard normal points, with a 95 % interval.
+    """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
     The first repetitions run in parallel; more are added until the interval is as narrow as that of
-    a normal estimate with `target_cov`, or the next one would exceed `flights`. Severities may
+    a normal estimate with `target_cov`, or until another one would exceed `flights`. Severities may
     depend on additional random numbers, drawn for each point. `flights` must be enough for the
     first levels of `FEWEST` repetitions.
     """
@@ -139,11 +136,11 @@ def estimate_rare(
         contradicts = abs(log_ratio) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if (
             contradicts and log_ratio > 0.0 and check.effective >= _ENOUGH
-        ):  # it includes a branch that the levels lost
+        ):  # Importance sampling may include a branch that the levels lost.
             probability, low, cov = check.probability, check.probability / factor, deviation
         elif contradicts and (
             log_ratio > 0.0 or check.effective >= EXPECTED
-        ):  # a smaller value counts only with many effective failures
+        ):  # A smaller value counts only with many effective failures.
             refusal = (
                 f"importance sampling gives {check.probability:.2g}, subset simulation "
                 f"{probability:.2g}"
@@ -162,7 +159,7 @@ def estimate_rare(
 
 
 def noise_share(severities: tuple[Floats, Floats]) -> float:
-    """Return the share of the variance of the severities' ranks that is noise.
+    """Return the share of noise in the variance of the severities' ranks.
 
     Both arrays are severities [point] of the same points with different random numbers.
     """
@@ -171,10 +168,10 @@ def noise_share(severities: tuple[Floats, Floats]) -> float:
 
 
 def _half_width(repetitions: list[Repetition], number: int) -> float:
-    """Return half the width of the interval of the logarithm with `number` repetitions.
+    """Return the half-width of the log-probability interval with `number` repetitions.
 
-    The variance combines the spread of the repetitions with that from their chains, which counts as
-    more repetitions, because few repetitions estimate their spread badly.
+    The variance combines the spread of the repetitions with the estimate from their chains, which
+    has the larger weight because few repetitions estimate their spread badly.
     """
     logs = np.log([repetition.probability for repetition in repetitions])
     chains = (_BEYOND_CHAINS * _chain_cov(repetitions)) ** 2
@@ -186,12 +183,12 @@ def _half_width(repetitions: list[Repetition], number: int) -> float:
 
 
 def _chain_cov(repetitions: list[Repetition]) -> float:
-    """Return the coefficient of variation of a repetition from its chains' correlation."""
+    """Return the coefficient of variation of a repetition, from its chains' correlation."""
     return float(np.sqrt(np.mean([repetition.cov**2 for repetition in repetitions])))
 
 
 def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> int:
-    """Return how many more repetitions are needed and possible."""
+    """Return how many more repetitions are needed and affordable."""
     if not all(repetition.reached for repetition in repetitions):
         return 0
     wide = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * target_cov
@@ -215,7 +212,7 @@ def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float
 
 
 def _judge(repetitions: list[Repetition]) -> str | None:
-    """Return why the repetitions cannot be trusted, or None."""
+    """Return the reason why the repetitions cannot be trusted, or None."""
     number = len(repetitions)
     missed = sum(not repetition.reached for repetition in repetitions)
     deepest = min(
@@ -230,7 +227,7 @@ def _judge(repetitions: list[Repetition]) -> str | None:
     if missed == number:
         return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
     if missed:
-        return f"{missed} of {number} repetitions do not reach the event, the others do"
+        return f"{missed} of {number} repetitions do not reach the event"
     logs = np.log([repetition.probability for repetition in repetitions])
     _, low, high, _ = _interval(repetitions)
     if high > _WIDEST * low:

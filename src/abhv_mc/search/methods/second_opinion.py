@@ -1,14 +1,14 @@
-"""Verification of a rare-event estimate by a second search and importance sampling.
+"""Check of a rare-event estimate by a second search and importance sampling.
 
 Levels of subset simulation follow the branch along which severity rises earliest. A branch that
-rises late and steeply is lost, although it may fail more often. Points are therefore drawn far out
-in random directions; from those that fail, chains of failures move to likely failures (conditional
-sampling, as in subset simulation). Random directions enter such a branch in 16 % of tries in 5
-dimensions and in 1 % in 20.
+rises late and steeply is lost, although it may fail more often. Therefore points are drawn far out
+in random directions; from failing points, chains move to likely failures (conditional sampling, as
+in subset simulation). Random directions enter such a branch in 16 % of the trials in 5 dimensions
+and in 1 % in 20 dimensions.
 
-Importance sampling uses a mixture of normals fitted to all these failures by cross-entropy: the
-density of a family closest to that of the failures has the greatest likelihood for a sample of
-failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of normals for
+Importance sampling uses a mixture of normals fitted to all failures by cross-entropy: of a family
+of densities, the one closest to the density of the failures has the largest likelihood for a sample
+of failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of normals for
 several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using
 Gaussian mixture", Structural Safety 42, 2013). The points are independent of the fit.
 """
@@ -21,20 +21,21 @@ from scipy.special import ndtri
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator
 
-MOST_LOOKED = 10  # dimensions up to which the second search is shown to find such branches
-_PLACE = 1 << 20  # key of its random numbers, beyond those of repetitions
+MOST_LOOKED = 10  # maximum dimensions at which the second search was shown to find such branches
+_PLACE = 1 << 20  # key of the second search's random numbers, beyond those of repetitions
 _DIRECTIONS, _CHAINS, _LOOK_STEPS = 8 * LANES, 2 * LANES, 24
-_BEYOND = 2.5  # standard deviations beyond the radius at which the estimate's failures lie
-_KEPT = 8  # of a chain's last points
+# additional radius of the start points, in standard deviations, beyond the known failures
+_BEYOND = 2.5
+_KEPT = 8  # number of points retained from the end of each chain
 LOOK_FLIGHTS = _DIRECTIONS + _CHAINS * _LOOK_STEPS
 
-MOST_SAMPLED = 20  # dimensions; beyond, the weights of a fitted covariance degenerate
-# of the fitted covariances: a proposal with thinner tails than the failures has no finite variance
+MOST_SAMPLED = 20  # maximum dimensions; beyond, the weights of a fitted covariance degenerate
+# factor on the fitted covariances: proposals with thin tails have infinite variance
 _INFLATION = 1.3
-_MOST_POINTS = 1000  # that a mixture is fitted to
+_MOST_POINTS = 1000  # maximum number of points to which a mixture is fitted
 _MOST_COMPONENTS = 6
-_STEPS = 30  # of a fit
-_SETTLED = 1e-3  # gain of the mean logarithm of the likelihood that ends a fit
+_STEPS = 30  # maximum number of steps of a fit
+_SETTLED = 1e-3  # gain of the mean log-likelihood at which a fit ends
 
 
 def find_failures(
@@ -42,7 +43,7 @@ def find_failures(
 ) -> Floats:
     """Return failures [point, dimension] of all detected branches, possibly none.
 
-    They are about as likely as failures of the estimate.
+    They are about as likely as the failures of the estimate.
     """
     draw = make_generator(seed, _PLACE)
     directions = draw.standard_normal((_DIRECTIONS, dimension))
@@ -67,9 +68,9 @@ def find_failures(
 class Mixture:
     """Mixture of normal densities."""
 
-    weights: Floats  # [component]
-    means: Floats  # [component, dimension]
-    factors: Floats  # [component, dimension, dimension]: lower Cholesky factors of the covariances
+    weights: Floats  # weights [component]
+    means: Floats  # means [component, dimension]
+    factors: Floats  # lower Cholesky factors of the covariances [component, dimension, dimension]
 
     def draw(self, number: int, generator: np.random.Generator) -> Floats:
         """Return random points [point, dimension]."""
@@ -92,7 +93,7 @@ class Mixture:
 
 @dataclass(frozen=True)
 class ImportanceEstimate:
-    """Estimate of importance sampling."""
+    """Estimate by importance sampling."""
 
     probability: float
     cov: float
@@ -104,7 +105,7 @@ def fit_mixture(points: Floats, components: int, generator: np.random.Generator)
     """Return a mixture of `components` normals fitted by expectation maximization."""
     number = len(points)
     means = points[[generator.integers(number)]]
-    while len(means) < components:  # distant starts, as in k-means++
+    while len(means) < components:  # Starts are spread out, as in k-means++.
         distance = ((points[:, None, :] - means) ** 2).sum(axis=2).min(axis=1)
         means = np.vstack([means, points[generator.choice(number, p=distance / distance.sum())]])
     nearest = ((points[:, None, :] - means) ** 2).sum(axis=2).argmin(axis=1)
@@ -130,14 +131,14 @@ def _maximise(points: Floats, shares: Floats) -> Mixture:
     for k, mean in enumerate(means):
         deviations = points - mean
         covariance = (shares[:, k, None] * deviations).T @ deviations
-        # Prior of `dimension` additional points with the unit covariance of the input distribution.
+        # The prior is `dimension` more points with the unit covariance of the inputs.
         covariance = (covariance + dimension * np.eye(dimension)) / (totals[k] + dimension)
         factors.append(np.linalg.cholesky(covariance))
     return Mixture(totals / totals.sum(), means, np.array(factors))
 
 
 def choose_mixture(points: Floats, seed: int) -> Mixture:
-    """Return the mixture of 1 .. 6 components chosen by Schwarz's criterion (1978), widened."""
+    """Return a widened mixture of 1 to 6 components, chosen by Schwarz's criterion (1978)."""
     distinct = np.unique(points, axis=0)
     if len(distinct) > _MOST_POINTS:
         distinct = distinct[make_generator(seed, 0, 1).permutation(len(distinct))[:_MOST_POINTS]]
@@ -161,9 +162,9 @@ def choose_mixture(points: Floats, seed: int) -> Mixture:
 def sample_importance(
     evaluate: Evaluate, threshold: float, failures: Floats, flights: int, seed: int
 ) -> ImportanceEstimate:
-    """Return P(severity > `threshold`) by `flights` new points near `failures`.
+    """Return P(severity > `threshold`) from `flights` new points near `failures`.
 
-    `failures` is [point, dimension].
+    `failures` has shape [point, dimension].
     """
     mixture = choose_mixture(failures, seed)
     points = mixture.draw(flights, make_generator(seed, 0))

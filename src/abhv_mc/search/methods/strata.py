@@ -1,11 +1,11 @@
-"""Rare-event probability with switches: parameters that occur with a probability.
+"""Rare-event probability with switches, which are events that occur with a probability.
 
-P = sum over combinations of switches of P(combination) P(event | combination): the most probable
-one by subset simulation, the others by plain sampling, beyond 32 as one stratum. Subset simulation
-over all combinations would not meet a rare switch. A combination that subset simulation does not
-finish has the interval of its plain flights. The intervals are joined as independent ones (Zou &
-Donner, "Construction of confidence limits about effect measures", Statistics in Medicine 27, 2008),
-those without a failure exactly.
+P is the sum over combinations of switches of P(combination) P(event | combination). The most
+probable combination is estimated by subset simulation, other combinations by plain sampling, and
+those beyond 32 as one stratum. Subset simulation over all combinations would miss a rare switch. If
+subset simulation does not finish, the interval of the plain flights is used. Intervals are combined
+as independent ones (Zou & Donner, "Construction of confidence limits about effect measures",
+Statistics in Medicine 27, 2008), or exactly if there are no failures.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,41 +21,41 @@ from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, estima
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.statistics.binomial import clopper_pearson
 
-Switched = NDArray[np.bool_]  # [point, switch]
+Switched = NDArray[np.bool_]  # active switches [point, switch]
 EvaluateSwitched = Callable[[Floats, Switched], Floats]
 
 MOST_COMBINATIONS = 32
 _PLACE = 1 << 21  # key of the random numbers of plain flights
 _PILOT = 2 * LANES  # plain flights of each combination
-_FEWEST_FAILURES = 4  # of a pilot from which plain flights are enough
-_MAIN_SHARE = 0.75  # of the flights, for subset simulation
-_MOST_PLAIN = 2560  # plain flights before subset simulation takes over
-_MOST_AT_ONCE = 16 * LANES  # plain flights before the allocation is updated
-_SHARE_OF_COV = 0.5  # of the coefficient of variation, that plain flights may leave
-_MOST_LISTED = 4096  # combinations that are weighed
+_FEWEST_FAILURES = 4  # minimum failures of a pilot for which plain flights are enough
+_MAIN_SHARE = 0.75  # share of the flights for subset simulation
+_MOST_PLAIN = 2560  # maximum number of plain flights before subset simulation is used
+_MOST_AT_ONCE = 16 * LANES  # maximum number of plain flights before the allocation is updated
+_SHARE_OF_COV = 0.5  # share of the coefficient of variation that plain flights may contribute
+_MOST_LISTED = 4096  # maximum number of combinations with a computed weight
 
 
 @dataclass(frozen=True)
 class Stratum:
-    """Combination of switches, or all remaining combinations."""
+    """Combination of switches, or all remaining combinations together."""
 
-    on: tuple[int, ...] | None  # switches that are on; None: all combinations that are left
+    on: tuple[int, ...] | None  # switches that are on; None for all remaining combinations
     weight: float  # probability of the combination
-    probability: float  # of the event, given the combination
+    probability: float  # probability of the event, given the combination
     low: float
     high: float
     flights: int
 
     @property
     def value(self) -> float:
-        """Contribution to the sum."""
+        """Contribution of the stratum to the sum."""
         return self.weight * self.probability
 
 
 def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], float]]:
     """Return combinations of independent switches with probabilities, most probable first.
 
-    The list is limited to a few thousand.
+    The list contains at most a few thousand combinations.
     """
     switches = range(len(probabilities))
     odds = probabilities / (1.0 - probabilities)
@@ -76,22 +76,22 @@ class _Sampler:
     """Plain flights of a stratum, and the estimate of subset simulation if it finished."""
 
     on: tuple[int, ...] | None
-    rows: Switched  # [combination, switch]
-    weights: Floats  # [combination]
-    place: int  # key of its random numbers
+    rows: Switched  # switches of each combination [combination, switch]
+    weights: Floats  # probability of each combination [combination]
+    place: int  # key of the stratum's random numbers
     flights: int = 0
     failures: int = 0
-    levels: int = 0  # flights of subset simulation beyond its plain ones
+    levels: int = 0  # flights of subset simulation in addition to the plain ones
     estimate: RareEstimate | None = None
 
     def draw(self, flights: int, plan: SubsetPlan) -> tuple[Floats, Switched]:
-        """Return points and switches of the next plain flights."""
+        """Return points and switches for the next plain flights."""
         generator = make_generator(plan.seed, _PLACE + self.place, self.flights)
         picks = generator.choice(len(self.rows), flights, p=self.weights / self.weights.sum())
         return generator.standard_normal((flights, plan.dimension)), self.rows[picks]
 
     def stratum(self) -> Stratum:
-        """Return the stratum with the interval of subset simulation, or Clopper and Pearson's."""
+        """Return the stratum with its interval from subset simulation or Clopper and Pearson."""
         low, high = clopper_pearson(self.failures, self.flights, CONFIDENCE)
         plain = Stratum(
             self.on,
@@ -118,13 +118,13 @@ def estimate_switched(
     target_cov: float = 0.2,
     flights: int = 20000,
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
-    """Return P(severity > threshold) with switches, and the contribution of each combination.
+    """Return P(severity > threshold) with switches, and each combination's contribution.
 
     Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
     normal points [point, dimension] and the mask of active switches [point, switch]. All
-    combinations have pilot flights; the most probable one is estimated by subset simulation unless
+    combinations have pilot flights. The most probable one is estimated by subset simulation unless
     plain flights are enough; the remaining flights go to the combination with the largest product
-    of weight and interval width. The estimate's repetitions are those of the most probable
+    of weight and interval width. The repetitions of the result are those of the most probable
     combination.
     """
     if not len(probabilities):
@@ -154,7 +154,7 @@ def estimate_switched(
         samplers, int(np.clip(flights // (2 * len(samplers)), LANES, _PILOT)) // LANES * LANES
     )
     main, seen = samplers[0], sum(sampler.stratum().value for sampler in samplers)
-    # If none of so many fails, its contribution is small compared with that of the pilots.
+    # If none of this many fails, the contribution is small compared with that of the pilots.
     enough = 3.7 * main.stratum().weight / (_SHARE_OF_COV * target_cov * seen) if seen else np.inf
     budget = min(int(_MAIN_SHARE * flights), flights - used)
     main_estimate: RareEstimate | None = None
@@ -163,7 +163,7 @@ def estimate_switched(
             lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget
         )
         main.estimate = main_estimate if main_estimate.refusal is None else None
-        # without an estimate only the first level counts
+        # Without an estimate, only the first level counts.
         failures, number = (0, 0) if main.estimate else main_estimate.plain
         main.flights, main.failures, main.levels = (
             main.flights + number,
@@ -195,16 +195,16 @@ def _list_samplers(probabilities: Floats) -> list[_Sampler]:
     if len(remainder := weights[MOST_COMBINATIONS:]):
         remainder *= (
             1.0 - weights[:MOST_COMBINATIONS].sum()
-        ) / remainder.sum()  # including combinations that are not listed
+        ) / remainder.sum()  # The remainder includes combinations that are not listed.
         samplers.append(_Sampler(None, rows[MOST_COMBINATIONS:], remainder, len(samplers)))
     return samplers
 
 
 def _ends(strata: Sequence[Stratum]) -> tuple[float, float]:
-    """Return the distances from the sum to the lower and upper end of its interval.
+    """Return the distances from the sum to the lower and the upper end of its interval.
 
-    If none of n_i flights failed in any stratum i, -sum n_i log(1 - p_i) has one upper bound for
-    all of them, and so has the sum of weight times p_i: the largest single contribution.
+    If none of the n_i flights of each stratum i failed, -sum n_i log(1 - p_i) has one joint upper
+    bound, and so has the sum of weight times p_i: the largest single contribution.
     """
     below = [stratum.weight * (stratum.probability - stratum.low) for stratum in strata]
     above = [
@@ -227,7 +227,7 @@ def _join(strata: Sequence[Stratum], main: RareEstimate | None, used: int) -> Ra
     low, high = max(0.0, total - below), min(1.0, total + above)
     refusal = None
     if total == 0.0 or high > 10.0 * low:
-        refusal = f"the combinations leave it between {low:.1g} and {high:.1g}"
+        refusal = f"the interval over all combinations extends from {low:.1g} to {high:.1g}"
         if main and main.refusal:
             refusal += f"; of the likeliest, {main.refusal}"
     cov = (high - low) / (3.92 * total) if total > 0.0 else np.inf

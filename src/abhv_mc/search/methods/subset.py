@@ -16,24 +16,21 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
-_LENGTH = (
-    10  # points of a chain, its first among them: a tenth of a level's points start the next level
-)
+_LENGTH = 10  # points per chain: the last tenth of a level's points starts the next level
 _MOST_LEVELS = 12
-ACCEPTANCE = 0.44  # optimal for these chains: Papaioannou et al., section 4
+ACCEPTANCE = 0.44  # optimal acceptance rate for these chains: Papaioannou et al., section 4
 
 
 @dataclass(frozen=True)
 class Level:
-    """Level of one repetition."""
+    """Level of one repetition of subset simulation."""
 
-    # severity from which on a point belongs to the next level; the last level's is the
-    # requirement's
+    # severity from which on points belong to the next level; finally the requirement's limit
     threshold: float
-    probability: float  # share of this level's points at or above it
-    cov: float  # coefficient of variation of that share, the chains' correlation included
-    acceptance: float  # share of accepted moves; 1 at the first level, which is drawn freely
-    spread: float  # standard deviation of a proposal about its own mean (1: drawn afresh)
+    probability: float  # share of the level's points at or above the threshold
+    cov: float  # coefficient of variation of the share, including the correlation of the chains
+    acceptance: float  # share of accepted moves; 1 at the first level, which is a plain sample
+    spread: float  # standard deviation of a proposal about its own mean (1: independent)
 
 
 @dataclass
@@ -41,18 +38,16 @@ class Repetition:
     """State of one independent subset simulation."""
 
     number: int
-    points: (
-        Floats  # [point, dimension] of the present level, chain by chain in blocks: [step, chain]
-    )
-    values: Floats  # [point]
-    flights: int  # number of its evaluations so far
-    plain_failures: int  # among its first level, which is drawn freely
+    points: Floats  # points of the present level [point, dimension], in blocks [step, chain]
+    values: Floats  # severity of each point [point]
+    flights: int  # number of evaluations so far
+    plain_failures: int  # failures in the first level, which is a plain sample
     levels: list[Level] = field(default_factory=list)
-    scale: float = 0.6  # lambda of the adaptation; 0.6 is where Papaioannou et al. start
+    scale: float = 0.6  # lambda of the adaptation; Papaioannou et al. start with 0.6
     acceptance: float = 1.0
     spread: float = 1.0
-    reached: bool = False  # whether failures were found in sufficient number
-    cut_short: bool = False  # whether the flights did not suffice for its next level
+    reached: bool = False  # whether enough failures were found
+    cut_short: bool = False  # whether the flights were not enough for the next level
 
     @property
     def probability(self) -> float:
@@ -70,7 +65,7 @@ class Repetition:
 
     @property
     def cov(self) -> float:
-        """Coefficient of variation, with independent levels (lower bound of Au & Beck)."""
+        """Coefficient of variation for independent levels (lower bound of Au & Beck)."""
         return float(np.sqrt(np.sum([level.cov**2 for level in self.levels])))
 
 
@@ -79,13 +74,13 @@ class SubsetPlan:
     """Settings common to all repetitions."""
 
     dimension: int
-    threshold: float  # a severity above it is a failure
+    threshold: float  # severity above which a flight fails
     seed: int
-    chains: int = 64  # of each level and repetition: whole lanes
+    chains: int = 64  # chains of each level and repetition, whole lanes
 
     @property
     def size(self) -> int:
-        """Number of points of a level."""
+        """Number of points per level."""
         return self.chains * _LENGTH
 
 
@@ -95,9 +90,9 @@ def run_subset(
     """Return the repetitions `numbers` of a subset simulation for P(severity > threshold).
 
     If `flights` are not enough for another level of all repetitions, the last ones by number are
-    dropped, whatever their results, so that the selection is unbiased. If fewer than `fewest` would
-    remain, all end there, and unfinished ones are marked `cut_short`. `reached` is False for a
-    repetition without enough failures at the last level, or on a plateau of equal severities.
+    dropped whatever their results, so that the selection is unbiased. If fewer than `fewest` would
+    remain, all end, and unfinished ones are marked `cut_short`. `reached` is False for a repetition
+    without enough failures at the last level, or on a plateau of equal severities.
     """
     size = plan.size
     drawn = [
@@ -128,7 +123,7 @@ def run_subset(
 
 
 def _close_level(repetition: Repetition, plan: SubsetPlan) -> bool:
-    """Set the level's threshold and probability; return whether it was the last level."""
+    """Set the level's threshold and probability; return whether it was the last one."""
     size, chains, threshold = plan.size, plan.chains, plan.threshold
     limit = float(np.partition(repetition.values, size - chains)[size - chains])
     last = limit > threshold
@@ -144,11 +139,12 @@ def _close_level(repetition: Repetition, plan: SubsetPlan) -> bool:
 
 
 def _chain_inflation(inside: np.ndarray, chains: int) -> float:
-    """Return the variance factor of a level's share due to its chains' correlation.
+    """Return the variance factor of a level's share caused by its chains' correlation.
 
-    It is 1 + gamma of Au & Beck.
+    The factor is 1 + gamma of Au & Beck.
     """
-    table = inside.reshape(-1, chains).astype(np.float64)  # [step, chain]
+    # failures by step and chain [step, chain]
+    table = inside.reshape(-1, chains).astype(np.float64)
     length = len(table)
     share = table.mean()
     variance = share * (1.0 - share)
@@ -175,8 +171,7 @@ def _move_chains(
     for step in range(1, _LENGTH):
         proposals = []
         for repetition, history in zip(active, histories, strict=True):
-            # One spread for all dimensions: the spread of the 64 seeds gave 1.9 times too high
-            # probabilities at dimension 100.
+            # A spread per dimension gave probabilities 1.9 times too high in 100 dimensions.
             repetition.spread = min(1.0, repetition.scale)
             noise = make_generator(seed, repetition.number, level, step).standard_normal(
                 history[-1][0].shape

@@ -1,8 +1,8 @@
-"""Rare-event probability from hundreds of evaluations, by Gaussian processes with active learning.
+"""Rare-event probability from hundreds of flights, by active learning of a surrogate.
 
 B. Echard, N. Gayton, M. Lemaire, "AK-MCS", Structural Safety 33 (2011); candidates by subset
 simulation: M. Moustapha, S. Marelli, B. Sudret, "Active learning for structural reliability",
-Structural Safety 96 (2022). Candidates are drawn by importance sampling about all points that may
+Structural Safety 96 (2022). Candidates are drawn by importance sampling near all points that may
 fail. The next points to evaluate are those that most reduce the misclassified weight of the
 candidates: J. Bect, D. Ginsbourger, L. Li, V. Picheny, E. Vazquez, "Sequential design of computer
 experiments for the estimation of a probability of failure", Statistics and Computing 22 (2012).
@@ -27,31 +27,32 @@ from abhv_mc.search.methods.subset import SubsetPlan, run_subset
 
 MOST_DIMENSIONS = 10
 FEWEST_RUNS = 64
-BATCH = 8  # runs in parallel
-_PLACE = 1 << 23  # key of its random numbers
-_FIRST, _FIRST_OF_DIMENSION = 12, 3  # points of the first design
-_FIRST_SPREAD = 2.0  # standard deviations: failures are far out
-_STARTS = 3  # of the first fit; later ones start from the last optimum and one more
-_REFIT = 1.1  # growth of the number of runs after which the processes are refitted
-_CHAINS, _REPETITIONS = 64, 4  # of subset simulation on the processes
+BATCH = 8  # number of parallel runs
+_PLACE = 1 << 23  # key of the random numbers
+# number of points of the first design: constant, and per dimension
+_FIRST, _FIRST_OF_DIMENSION = 12, 3
+_FIRST_SPREAD = 2.0  # standard deviation of the first design, as failures are far out
+_STARTS = 3  # starts of the first fit; later ones use the last optimum and one more
+_REFIT = 1.1  # growth factor of the number of runs after which the processes are refitted
+_CHAINS, _REPETITIONS = 64, 4  # chains and repetitions of subset simulation on the processes
 _CANDIDATES, _MOST_CANDIDATES = 2000, 32_000
-_FAILING = 400.0  # effective number of failing candidates
-_JOINT = 300  # candidates among which points are selected
+_FAILING = 400.0  # required effective number of failing candidates
+_JOINT = 300  # number of candidates from which points are selected
 _SIGMAS = 1.96
-_TINY = 1e-10  # variance
+_TINY = 1e-10  # smallest variance
 _TAILS, _WIDER = 0.3, 1.6  # weight of the wider normals, and the factor on their width
-_HEAVY = 1.5  # factor on the sampling error, as most samples miss the largest weights
-# Severities are clipped at this multiple of the median distance from failure in the first runs.
+_HEAVY = 1.5  # factor on the sampling error, because most samples miss the largest weights
+# Severities are clipped at this multiple of the first median distance from failure.
 _LARGEST = 30.0
 
 
 @dataclass(frozen=True)
 class Step:
-    """Estimate after a batch."""
+    """Estimate after a batch of flights."""
 
     runs: int
-    failures: int  # of the runs
-    probabilities: tuple[float, ...]  # of each fit
+    failures: int  # number of runs that failed
+    probabilities: tuple[float, ...]  # probability from each fit
     low: float
     high: float
 
@@ -61,7 +62,7 @@ class SurrogateEstimate(RareEstimate):
     """Estimate from candidates classified by Gaussian processes."""
 
     steps: tuple[Step, ...]
-    candidates: Floats  # [point, dimension]: sample of the failures predicted by the fits
+    candidates: Floats  # sample of the failures predicted by the fits [point, dimension]
 
     @property
     def failures(self) -> Floats:
@@ -71,12 +72,13 @@ class SurrogateEstimate(RareEstimate):
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Points of importance sampling with the predictions of the fits."""
+    """Points of importance sampling, with the predictions of the fits."""
 
     points: Floats
-    weights: Floats  # [point]: standard normal density over the sample's, divided by its size
-    means: Floats  # [fit, point]
-    sigmas: Floats  # [fit, point]
+    # standard normal density over the sample's density, divided by its size [point]
+    weights: Floats
+    means: Floats  # mean of each fit [fit, point]
+    sigmas: Floats  # standard deviation of each fit [fit, point]
 
     def chance(self, margins: Floats) -> tuple[float, float]:
         """Return the weight of positive margins [point] and its coefficient of variation."""
@@ -102,11 +104,11 @@ def estimate_by_surrogate(
     target_cov: float = 0.2,
     runs: int = 400,
 ) -> SurrogateEstimate:
-    """Return P(severity > threshold) of standard normal points, with a 95 % interval.
+    """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
-    The severity has to be a smooth function of the point. The search converges when two consecutive
+    The severity must be a smooth function of the point. The search has converged if two consecutive
     intervals overlap and are at most as wide as that of a normal estimate with `target_cov`. The
-    estimate is rejected if this takes more than `runs` evaluations or none of them failed.
+    estimate is rejected if this takes more than `runs` evaluations or if none of them failed.
     """
     key, dimension = (plan.seed, _PLACE), plan.dimension
     number = _FIRST + _FIRST_OF_DIMENSION * dimension
@@ -180,7 +182,7 @@ def _fit(
 
 
 def _spread_points(number: int, dimension: int, generator: np.random.Generator) -> Floats:
-    """Return a Latin hypercube of a normal distribution that is wider than the standard one."""
+    """Return a Latin hypercube of normals that are wider than standard normals."""
     from scipy.special import ndtri
 
     ranks = np.argsort(generator.random((number, dimension)), axis=0)
@@ -207,7 +209,7 @@ def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Float
 def _draw_candidates(
     fits: list[GaussianProcess], plan: SubsetPlan, generator: np.random.Generator, many: bool
 ) -> _Candidates:
-    """Return candidates about all points at which the upper bound of a fit exceeds zero.
+    """Return candidates near all points at which a fit's upper bound exceeds zero.
 
     If `many`, points are added until the effective number of failing ones is 400.
     """
@@ -221,7 +223,7 @@ def _draw_candidates(
     repetitions = run_subset(upper, plan, range(_REPETITIONS), 1 << 30)
     centers = np.concatenate([repetition.failures for repetition in repetitions])
     probabilities = [repetition.probability for repetition in repetitions if repetition.reached]
-    if probabilities:  # add failure regions that the levels of subset simulation miss
+    if probabilities:  # Add failure regions that the levels of subset simulation miss.
         chance = min(0.1, float(np.mean(probabilities)))
         centers = np.vstack([centers, find_failures(upper, plan.dimension, 0.0, chance, seed)])
     else:
@@ -240,7 +242,7 @@ def _draw_candidates(
 
 
 def _add_tails(mixture: Mixture) -> Mixture:
-    """Return the mixture with additional, wider normals about the same means."""
+    """Return the mixture with additional, wider normals that have the same means."""
     return Mixture(
         np.r_[(1.0 - _TAILS) * mixture.weights, _TAILS * mixture.weights],
         np.r_[mixture.means, mixture.means],
@@ -249,7 +251,7 @@ def _add_tails(mixture: Mixture) -> Mixture:
 
 
 def _judge(candidates: _Candidates, severities: Floats) -> Step:
-    """Return the estimate after a batch, with the interval that covers those of all fits."""
+    """Return the estimate after a batch; its interval covers those of all fits."""
     chances, lows, highs = [], [], []
     for mean, sigma in zip(candidates.means, candidates.sigmas, strict=True):
         chances.append(candidates.chance(mean)[0])
@@ -264,7 +266,7 @@ def _judge(candidates: _Candidates, severities: Floats) -> Step:
 def _choose(
     fits: list[GaussianProcess], candidates: _Candidates, generator: np.random.Generator
 ) -> Floats:
-    """Return the batch of candidates that most reduces the weight of misclassified ones."""
+    """Return the batch of candidates that most reduces the misclassified weight."""
     missed = ndtr(-np.abs(candidates.means) / candidates.sigmas) * candidates.weights
     fit = int(np.argmax(missed.sum(axis=1)))
     shares = missed[fit] + 1e-12 * missed[fit].max() + 1e-300
@@ -273,12 +275,12 @@ def _choose(
     points, mean = candidates.points[picks], candidates.means[fit, picks]
     covariance = fits[fit].covariance(points)
     chosen: list[int] = []
-    # Points are drawn in proportion to weight times misclassification probability; dividing the
-    # remaining probability by the initial one leaves a sum over the weights.
+    # Points are drawn in proportion to weight times misclassification probability.
     initial_errors = np.maximum(ndtr(-np.abs(mean) / np.sqrt(np.diag(covariance) + _TINY)), 1e-300)
     for _ in range(BATCH):
         variance = np.maximum(np.diag(covariance), _TINY)
-        remaining = variance[:, None] - covariance**2 / (variance + _TINY)  # [point, chosen]
+        # remaining variance [point, chosen]
+        remaining = variance[:, None] - covariance**2 / (variance + _TINY)
         errors = ndtr(-np.abs(mean)[:, None] / np.sqrt(np.maximum(remaining, _TINY)))
         loss = (errors / initial_errors[:, None]).sum(axis=0)
         loss[chosen] = np.inf

@@ -2,8 +2,8 @@
 
 CMA-ES: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies",
 Evolutionary Computation 9 (2001), as in the package cmaes. Several optimizers run in parallel from
-different starts; one that has converged is replaced by another at the best point that is far from
-those tried.
+different starts; a converged one is replaced by one that starts at the best point far from previous
+starts.
 """
 
 from dataclasses import dataclass
@@ -22,15 +22,13 @@ from abhv_mc.search.methods.evaluation import (
 from abhv_mc.search.methods.first_points import explore
 from abhv_mc.search.methods.polish import polish
 
-_BATCHES = (
-    15  # at least: a search learns from batch to batch, and workers want many flights at once
-)
+_BATCHES = 15  # minimum number of batches, as a search learns from each batch
 _MOST_IN_BATCH = 512
-_POLISH_SHARE = 0.25  # of the evaluations, for the last climb
-_STEP = 0.3  # first standard deviation of a CMA-ES, half widths of the box
-_APART = 0.2  # rms distance of the starts from one another
-_STALE = 10  # generations without a better value, after which one starts elsewhere
-_PROBE = 0.1  # step of the sensitivity about the worst, half widths of the box
+_POLISH_SHARE = 0.25  # share of the evaluations for the final local search
+_STEP = 0.3  # first standard deviation of a CMA-ES, in half widths of the box
+_APART = 0.2  # minimum rms distance between starts
+_STALE = 10  # generations without improvement after which an optimizer starts elsewhere
+_PROBE = 0.1  # step of the sensitivity at the worst point, in half widths of the box
 AT_BOUND = 1.0 - 1e-9
 
 
@@ -39,16 +37,16 @@ class WorstCase:
     """Largest value found in the box -1 .. 1."""
 
     value: float
-    place: Floats  # [dimension]
+    place: Floats  # coordinates of the largest value [dimension]
     history: tuple[Progress, ...]
-    # [dimension, 2]: change of the value a tenth of the half width below and above; nan outside
+    # change of the value for a lower and a higher coordinate [dimension, 2]; NaN outside
     sensitivity: Floats
-    points: Floats  # [evaluation, dimension]
-    values: Floats  # [evaluation]
+    points: Floats  # evaluated points [evaluation, dimension]
+    values: Floats  # values of the points [evaluation]
 
     @property
     def at_bounds(self) -> np.ndarray:
-        """Mask [dimension] of the dimensions at a bound, except those without influence."""
+        """Mask [dimension] of coordinates at a bound, except those without influence."""
         idle = np.isfinite(self.sensitivity).any(axis=1) & (
             np.nan_to_num(self.sensitivity) == 0.0
         ).all(axis=1)
@@ -56,7 +54,7 @@ class WorstCase:
 
 
 def _choose_batch(evaluations: int) -> int:
-    """Return the size of a batch, which grows with the number of evaluations."""
+    """Return the batch size, which grows with the number of evaluations."""
     return (
         int(np.clip(evaluations // _BATCHES // (2 * LANES), 1, _MOST_IN_BATCH // (2 * LANES)))
         * 2
@@ -65,9 +63,9 @@ def _choose_batch(evaluations: int) -> int:
 
 
 def least_evaluations(dimension: int, evaluations: int) -> int:
-    """Return the fewest evaluations that :func:`search_worst` needs.
+    """Return the minimum number of evaluations that :func:`search_worst` needs.
 
-    Batches have the size for `evaluations`.
+    The batch size follows from `evaluations`.
     """
     return 2 * round_up(2 * dimension + 1, _choose_batch(evaluations)) + round_up(2 * dimension)
 
@@ -77,7 +75,7 @@ def search_worst(
 ) -> WorstCase:
     """Search the box -1 .. 1 for the largest value with at most `evaluations` evaluations.
 
-    At least `least_evaluations` are needed.
+    At least :func:`least_evaluations` are needed.
     """
     batch = _choose_batch(evaluations)
     reserve = round_up(2 * dimension)
@@ -99,21 +97,23 @@ def search_worst(
 
 
 def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int) -> float:
-    """Run CMA-ES until `reserve` evaluations are left; return a first step for the polish."""
+    """Run CMA-ES until `reserve` evaluations are left; return a first polishing step."""
     from cmaes import CMA
 
-    if dimension == 1:  # CMA-ES needs two; even points and the polish find a maximum on a line
+    # CMA-ES needs two dimensions; even points and polishing solve a problem with one.
+    if dimension == 1:
         return 4.0 / record.used
     side_by_side = batch // LANES
     bounds = np.tile([-1.0, 1.0], (dimension, 1))
     starts = list(record.best_places(64, _APART))
-    running: list[tuple[CMA, float, int]] = []  # optimiser, its best value, generations since then
+    # optimizer, its best value, and its generations without improvement
+    running: list[tuple[CMA, float, int]] = []
     begun, last = 0, _STEP
     while record.left - reserve >= batch:
         while len(running) < side_by_side:
             start = starts[begun % len(starts)]
             number = int(make_generator(seed, 0, begun).integers(2**32))
-            # Points outside are redrawn once, then moved to the bound: many worst cases lie there.
+            # Points outside are redrawn once, then moved to the bound, where many worst cases lie.
             cma = CMA(start, _STEP, bounds, n_max_resampling=1, seed=number, population_size=LANES)
             running.append((cma, -np.inf, 0))
             begun += 1
@@ -123,7 +123,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
         for (cma, before, age), points, batch_values in zip(
             running, proposals, values, strict=True
         ):
-            # An infinite value would spoil the ranks' weights: it is set to the worst finite one.
+            # An infinite value would spoil the weights: replace it by the worst finite one.
             finite = batch_values[np.isfinite(batch_values)]
             losses = -np.where(
                 np.isfinite(batch_values), batch_values, finite.min() if finite.size else 0.0
@@ -139,7 +139,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 
 
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """Return the change of the value about the best point, which moves to a better probe."""
+    """Return the change of the value near the best point, which moves to a better probe."""
     center, best = record.place, record.best
     probes = np.concatenate(
         [center - _PROBE * np.eye(dimension), center + _PROBE * np.eye(dimension)]

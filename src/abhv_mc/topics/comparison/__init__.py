@@ -37,7 +37,7 @@ _BETTER = (
 
 
 def comparison_section(comparison: Comparison, names: Names) -> Section | None:
-    """Return leading metrics and control effort, then each pair; None without a rival."""
+    """Return the section that compares controllers; None if there is only one."""
     if not comparison.pairs:
         return None
     first = names.label(next(iter(names.controllers)))
@@ -90,7 +90,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return medians of all controllers, and differences of the first from each other."""
+    """Return each controller's median and the differences of the first from the others."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
@@ -117,7 +117,7 @@ def pair_tables(
     metrics: Mapping[str, ComparedMetric],
     requirements: Sequence[str],
 ) -> Iterator[Table]:
-    """Yield the tables of a pair: differences in ``metrics``, and failures."""
+    """Yield a pair's tables: differences in ``metrics``, then failures."""
     table = _difference_table(pair, names, metrics)
     rows = tuple(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
@@ -168,15 +168,15 @@ def _difference_table(
 
 
 def _gain_words(entry: ComparedMetric) -> str:
-    """Return the gain of pairing: '1.4 times' the flights, or 'none'."""
+    """Return the pairing gain as text, such as '1.4 times', or 'none'."""
     gain = entry.pairing_gain
     return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
 
 
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
-    """Return failures under one controller only, by requirement and for early ends.
+    """Return a table of failures under one controller only, by requirement.
 
-    ``requirements`` are texts.
+    A last row counts early terminations. ``requirements`` are printed texts.
     """
     a, b = names.label(pair.a), names.label(pair.b)
     ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"

@@ -25,16 +25,16 @@ from abhv_mc.topics.figure_style import (
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_MOST_POINTS = 1000  # of a controller in a scatter plot
-_TRADES = 3  # metrics of a campaign without requirements, and panels per row
+_MOST_POINTS = 1000  # maximum number of plotted flights per controller
+_TRADES = 3  # number of metrics if none is required, and of panels per row
 _ENDS = (
     0.005,
     0.995,
-)  # quantiles of the differences that the axis spans: a few flights far out would hide the rest
+)  # The axis spans these quantiles, so that outliers do not hide the other differences.
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield required metrics, or tracking errors, against control effort; differences."""
+    """Yield figures of error against control effort and of paired differences."""
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -73,7 +73,7 @@ class Trade:
     """Tracking error of every controller."""
 
     label: str
-    errors: Mapping[str, Floats]  # controller -> [flight]
+    errors: Mapping[str, Floats]  # controller -> one value per flight
 
 
 @styled
@@ -84,7 +84,7 @@ def plot_error_against_usage(
     labels: Mapping[str, str],
     colors: Mapping[str, str],
 ) -> Figure:
-    """Plot tracking error against control effort of each flight; medians are large."""
+    """Plot each flight's error against its control effort; medians have larger marks."""
     columns = min(_TRADES, len(trades))
     figure, grid = new_panels(len(trades), columns, 1.6, between=(0.68, 0.3), top=0.14, sharex=True)
     for axes, trade in zip(grid.flat, trades, strict=False):
@@ -95,7 +95,7 @@ def plot_error_against_usage(
                 continue
             marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
-            on_top = 1.0 - i / len(trade.errors)  # the first is the subject
+            on_top = 1.0 - i / len(trade.errors)  # The first controller is drawn on top.
             small = {
                 "markersize": 1.6,
                 "alpha": 0.35,
@@ -123,15 +123,15 @@ def plot_error_against_usage(
 
 @dataclass(frozen=True)
 class DifferencePanel:
-    """Paired differences of a metric, and their median with its interval."""
+    """Paired differences of a metric, with their median and its interval."""
 
     label: str
     differences: Mapping[
         str, Floats
-    ]  # pair -> [flight]; infinite where only one of the two was lost
+    ]  # pair -> one difference per flight; infinite if only one controller lost it
     medians: Mapping[
         str, tuple[float | None, float | None, float | None]
-    ]  # value, low and high end; None: open
+    ]  # median and both ends of its interval; None for an open end
 
 
 @styled
@@ -141,9 +141,9 @@ def plot_differences(
     colors: Mapping[str, str],
     zero: str,
 ) -> Figure:
-    """Plot the cumulative share of differences, a panel per metric.
+    """Plot the cumulative distribution of differences, one panel per metric.
 
-    A mark with an interval shows the median. ``zero`` labels the line at no difference.
+    The mark with an interval is the median. ``zero`` labels the line at zero difference.
     """
     columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(

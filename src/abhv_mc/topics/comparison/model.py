@@ -32,24 +32,24 @@ from abhv_mc.statistics.winner import Decision, agree, decide
 from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
-_LOST_RISK = 0.05  # of claiming that one controller loses more flights if both are equal
-_LISTED = 10  # flights that failed under one controller only
+_LOST_RISK = 0.05  # risk of claiming a difference in lost flights between equal controllers
+_LISTED = 10  # maximum number of listed flights that failed under one controller only
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedMetric(PairedMetric):
-    """Comparison of `a` with `b` in one metric; differences are `a - b`, in its unit."""
+    """Comparison of controllers `a` and `b` in one metric; differences are `a - b`."""
 
     compared: bool  # whether a winner may be named
     winner: str | None
     closer: str | None  # controller with the smaller value on more flights
-    mixed: bool  # whether that controller is no winner
-    worse_tails: tuple[float, ...]  # quantiles in which it is shown to be worse
+    mixed: bool  # whether `closer` is not named as the winner
+    worse_tails: tuple[float, ...]  # quantiles in which `closer` is significantly worse
     uncompared_tails: tuple[float, ...]
     loses_more: bool
     worst: tuple[float, float]
-    quantile_differences: Mapping[str, Interval]  # by level
-    # Number of values of the unknowns at which `a` and `b` win, and number of values.
+    quantile_differences: Mapping[str, Interval]  # differences of quantiles, by quantile level
+    # Numbers of unknown-parameter points won by `a`, won by `b`, and in total.
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
@@ -67,16 +67,16 @@ class ControllerPair:
 
     a: str
     b: str
-    pairs: int  # flights
+    pairs: int  # number of paired flights
     metrics: Mapping[str, ComparedMetric]
-    requirements: tuple[ListedFailures, ...]  # in the campaign's order
+    requirements: tuple[ListedFailures, ...]  # one entry per requirement, in the campaign's order
     ended_early: ListedFailures
-    usage: Mapping[str, PairedUsage | None]  # by tracking error
+    usage: Mapping[str, PairedUsage | None]  # paired control effort, by tracking-error metric
     surfaces: Mapping[str, Interval | None]  # median ratio a / b of each control-effort metric
 
     @property
     def losing(self) -> str:
-        """The side, `a` or `b`, that is shown to lose more flights, '' for neither."""
+        """Return the controller, 'a' or 'b', that loses significantly more flights, or ''."""
         lost = self.ended_early
         if lost.p_value > _LOST_RISK or lost.only_a == lost.only_b:
             return ""
@@ -85,17 +85,17 @@ class ControllerPair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of a campaign's first controller with each other one."""
+    """Comparison of a campaign's first controller with each of the others."""
 
     pairs: Mapping[str, ControllerPair]
-    # By metric with a named winner, and controller.
+    # Medians by metric and controller, for metrics with a named winner.
     medians: Mapping[str, Mapping[str, Interval]] = field(
         default_factory=dict, metadata={DRAWN: True}
     )
 
 
 def compute_comparison(results: FlownCampaign) -> Comparison:
-    """Return the comparison of the first controller with each other one."""
+    """Return the comparison of the first controller with each of the others."""
     campaign, rivals = results.campaign, len(list(results.pairs))
     points = len(campaign.unknowns.points)
     pairs = {
@@ -136,12 +136,12 @@ def compare_pair(
     independent: bool = True,
     points: int = 1,
 ) -> ControllerPair | None:
-    """Return the comparison of `a` with `b`, or None without a common flight.
+    """Return the comparison of controllers `a` and `b`, or None without a common flight.
 
-    Winners are named for the `compared` metrics, with an allowance for their number and for all
-    `rivals`; none are named if flights are not `independent` draws. With several ``points`` of
-    unknowns, a controller must win or lose more flights at each of them; counts and differences are
-    of all flights.
+    Winners are named for the `compared` metrics, with a correction for their number and for all
+    `rivals`; none are named if flights are not `independent` draws. With several ``points`` of the
+    unknown parameters, a controller must win, or lose more flights, at every point; counts and
+    differences include all flights.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
@@ -199,10 +199,10 @@ def _metric(
     point_masks: Sequence[Mask],
     record: Metric,
 ) -> ComparedMetric:
-    """Return the comparison in one metric.
+    """Return the comparison of two controllers in one metric.
 
-    A winner is named if ``rows``, the number of comparisons, is positive. ``point_masks`` select
-    the pairs [pair] at each value of the unknowns.
+    A winner is named if ``rows``, the number of comparisons, is positive. Each of ``point_masks``
+    selects the pairs [pair] at one value of the unknowns.
     """
     differences = compare_metric(a, b)
     decisions = (
@@ -241,9 +241,9 @@ def _metric(
 def _lost_everywhere(
     a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
 ) -> ListedFailures:
-    """Return lost flights with the largest p-value over the values of the unknowns.
+    """Return paired failures with the largest p-value over the values of the unknowns.
 
-    Only p-values on the side that loses more overall count.
+    Only p-values for the controller that loses more flights overall count.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
@@ -266,16 +266,16 @@ def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
 def compare_any_failures(
     a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> ListedFailures:
-    """Return paired failures: early terminations and missed requirements."""
+    """Return paired failures, whether early terminations or missed requirements."""
     rows_a, rows_b = common_rows(a, b)
     failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
     return _failures(*failed, a.flight[rows_a])
 
 
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
-    """Return `a` minus `b` in a metric [pair], in its unit.
+    """Return the differences `a - b` of a metric [pair], in the unit of the metric.
 
-    Differences are infinite if one of the two was lost, 0 if both were.
+    Differences are infinite if only one controller lost the flight, and 0 if both did.
     """
     differences = pair_differences(
         *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))
@@ -296,7 +296,7 @@ def _usage(
     rows_b: NDArray[np.intp],
     metrics: Sequence[str],
 ) -> dict[str, PairedUsage | None]:
-    """Return each tracking error among ``metrics`` together with the control effort."""
+    """Return the control effort paired with each tracking error among ``metrics``."""
     if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
         return {}
     flown = ~(a.failed[rows_a] | b.failed[rows_b])

@@ -8,16 +8,16 @@ from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, Controll
 from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import Names
 
-_OPEN = 2  # most rivals listed singly if no difference in lost flights is shown
+_OPEN = 2  # maximum number of rivals listed individually if no difference is significant
 
 
 def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
-    """Return the sentences on lost flights, then those on each rival."""
+    """Return sentences on lost flights, then on each rival controller."""
     return [*survival_sentences(comparison, names), *_pair_sentences(comparison, names)]
 
 
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
-    """Return metrics in which the first of a pair is better, worse, mixed or open.
+    """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
 
     With ``full`` the texts include shares of flights.
     """
@@ -35,15 +35,15 @@ def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[
 
 
 def asked_of(pair: ControllerPair, names: Names) -> Mapping[str, ComparedMetric]:
-    """Return the leading metrics of a pair."""
+    """Return the comparisons of a pair in the leading metrics."""
     return {metric: pair.metrics[metric] for metric in names.asked if metric in pair.metrics}
 
 
 def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], list[str]]:
-    """Return tracked quantities by where `a` has the smaller rms error on more flights.
+    """Group tracked quantities by where `a` has the smaller rms error on more flights.
 
-    The keys say whether that holds over the whole flight and outside the transients. Only
-    quantities with both metrics count.
+    The keys state whether this is so over the whole flight and outside the transients. Quantities
+    that lack either metric are omitted.
     """
     rms = {
         (metric.of, metric.settled): name
@@ -70,7 +70,7 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
-    """Return ' (closer on 83 %, further on 17 %; worst 0.2 and 0.9 deg)'."""
+    """Return shares as text: ' (closer on 83 %, further on 17 %; worst 0.2 and 0.9 deg)'."""
     entry = pair.metrics[metric]
     shares = [("closer", entry.a_better), ("further", entry.b_better)]
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
@@ -83,7 +83,7 @@ def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
 
 
 def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) -> str:
-    """Return why the controller with smaller values on more flights is no winner."""
+    """Explain why the controller with smaller values on more flights is not the winner."""
     *wins, values = entry.better_at
     if values > 1 and any(wins):
         sides = zip((pair.a, pair.b), wins, strict=True)
@@ -98,9 +98,9 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:
-    """Return the standing of a pair's first controller: better, worse, mixed or open.
+    """Return whether a pair's first controller is better, worse, mixed or undecided.
 
-    A shown difference in lost flights decides.
+    A significant difference in lost flights decides.
     """
     if pair.losing:
         return "worse" if pair.losing == "a" else "better"
@@ -111,9 +111,9 @@ def verdict_of(pair: ControllerPair, names: Names) -> str:
 
 
 def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
-    """Return the pairs, those in which the first controller stands worst first.
+    """Return the pairs, those least favourable to the first controller first.
 
-    Among equals, the rival with fewer failures comes first.
+    Ties are ordered by the rival's number of failures, smallest first.
     """
     order = ("worse", "mixed", "open", "better")
 
@@ -130,7 +130,7 @@ def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
 
 
 def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
-    """Return a sentence per rival, the strongest first; the first one states the answer."""
+    """Return a sentence per rival, strongest first; the first sentence is the answer."""
     pairs = [pair for pair in by_strength(comparison, names) if any(standing(pair, names).values())]
     if not pairs:
         return []
@@ -153,9 +153,9 @@ def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
 
 
 def pair_words(pair: ControllerPair, names: Names) -> str:
-    """Return the comparison of a pair as clauses.
+    """Describe the comparison of a pair in clauses.
 
-    An example is 'TLC is better on more flights in ...; TLC uses ...'.
+    For example, 'TLC is better on more flights in ...; TLC uses ...'.
     """
     standings, first = standing(pair, names, full=True), names.subject(pair.a)
     openings = {
@@ -170,7 +170,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails not compared ...' if too few flights compare a winner's tails."""
+    """Return '; tails not compared ...' if too few flights reach a winner's tails."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])
@@ -178,9 +178,9 @@ def _tails_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _usage_words(pair: ControllerPair, first: str) -> str:
-    """Return median ratios of control effort as a clause.
+    """Describe the median ratios of control effort in a clause.
 
-    An example is '; TLC uses 1.2 times the aileron and as much rudder'.
+    For example, '; TLC uses 1.2 times the aileron and as much rudder'.
     """
     parts = []
     for metric, ratio in pair.surfaces.items():
@@ -200,9 +200,9 @@ def _usage_words(pair: ControllerPair, first: str) -> str:
 
 
 def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
-    """Return which controller of each pair loses fewer flights, if that is shown."""
+    """Return which controller of each pair loses fewer flights, if significant."""
     sentences: list[str] = []
-    open_: dict[str, str] = {}  # rival -> the sentence that no difference is shown
+    open_: dict[str, str] = {}  # rival -> sentence that no difference is shown
     for pair in comparison.pairs.values():
         failures, a, b = pair.ended_early, names.subject(pair.a), names.subject(pair.b)
         alone = failures.only_a, failures.only_b

@@ -32,13 +32,13 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-_FEWEST = 100  # minimum for a figure; with fewer the intervals are wider than the trend
+_FEWEST = 100  # minimum number of flights for a figure; with fewer, intervals hide the trend
 _PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}  # shares of the flights in the table
 
 
 @dataclass(frozen=True)
 class Settling:
-    """Estimate and its 95 % interval after each number of flights [look]; infinite if open."""
+    """Estimate with its 95 % interval at each check [look]; infinite if unbounded."""
 
     value: tuple[float, ...]
     low: tuple[float, ...]
@@ -47,18 +47,18 @@ class Settling:
 
 @dataclass(frozen=True)
 class ControllerSettling:
-    """Convergence of all estimates of one controller."""
+    """Convergence of all estimates for one controller."""
 
-    flights: tuple[int, ...]  # [look]
-    metrics: Mapping[str, Mapping[str, Settling]]  # metric -> level
-    requirements: tuple[Settling, ...]  # shares of failures
+    flights: tuple[int, ...]  # number of flights at each check
+    metrics: Mapping[str, Mapping[str, Settling]]  # convergence by metric and quantile level
+    requirements: tuple[Settling, ...]  # convergence of each requirement's failure rate
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Quantiles of metrics and failures of requirements against the number of flights.
+    """Convergence of metric quantiles and of failure rates of requirements.
 
-    Flights count in their order.
+    Flights are added in the order of their numbers.
     """
 
     controllers: Mapping[str, ControllerSettling]
@@ -72,7 +72,7 @@ class Convergence:
 
 
 def compute_convergence(results: FlownCampaign) -> Convergence:
-    """Return the traces of every controller."""
+    """Return the convergence of every controller's estimates."""
     return Convergence({name: _of(results, name) for name in results.controllers})
 
 
@@ -139,7 +139,7 @@ def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]
 
 
 def settled_level(convergence: Convergence, metric: str) -> tuple[str, str]:
-    """Return the quantile that every controller reached, as its name and in words."""
+    """Return the key and name of the quantile available for all controllers."""
     tables = (trace.metrics[metric] for trace in convergence.controllers.values())
     is_reached = all(bool(np.isfinite(table["q95"].value[-1:]).all()) for table in tables)
     return ("q95", "95 % quantile") if is_reached else ("q50", "median")

@@ -21,7 +21,7 @@ from abhv_mc.topics.section import FigureText
 
 
 def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield a panel per leading metric, for the quantile available for all controllers."""
+    """Yield the figure of convergence, with one panel per leading metric."""
     if not convergence.is_drawn:
         return
     flights = {
@@ -63,7 +63,7 @@ def plot_convergence(
     panels: Sequence[tuple[str, Mapping[str, Floats]]],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Plot traces [value, low, high; look] of each controller; NaN if unbounded."""
+    """Plot each controller's traces [value, low, high; look]; NaN marks open bounds."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
     for axes, (title, series) in zip(grid.flat, panels, strict=False):

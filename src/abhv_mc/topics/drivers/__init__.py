@@ -32,14 +32,14 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-_TENTH = 0.1  # share of the flights
-_FEWEST_OF_TENTH = 5  # flights
-_KEPT = 12  # parameters of a metric, largest first
+_TENTH = 0.1  # share of flights in the lowest and in the highest group
+_FEWEST_OF_TENTH = 5  # minimum number of flights in a tenth
+_KEPT = 12  # maximum number of parameters stored per metric, largest first
 _MOST_FLIGHTS = 5_000  # enough to distinguish correlations of 0.05 from chance
-_NAMED = 2  # drivers of an error in a sentence
-_LISTED = 4  # drivers of an error in the table
-_MOVED = 2  # controllers with a sentence
-_NOISY = 0.5  # unexplained share of the variance from which a sentence states it
+_NAMED = 2  # maximum number of drivers of an error in a sentence
+_LISTED = 4  # maximum number of drivers of an error in the table
+_MOVED = 2  # maximum number of controllers with a sentence
+_NOISY = 0.5  # minimum unexplained share of the variance that a sentence states
 
 Ends = tuple[float, float, float]  # estimate, lower and upper end of its 95 % interval
 
@@ -51,24 +51,24 @@ class Driver:
     parameter: str
     either_way: bool  # whether the regressor is the parameter's distance from its median
     srrc: Ends  # standardized rank regression coefficient
-    p_value: float  # of a zero coefficient
+    p_value: float  # p-value of the hypothesis that the coefficient is zero
     driver: bool  # whether the coefficient is significant
-    moves_with: str | None  # parameter that the flights do not distinguish from this one
+    moves_with: str | None  # parameter that the flights cannot distinguish from this one
 
 
 @dataclass(frozen=True)
 class Share:
-    """Share of a parameter in the variance of ranks that the regression does not explain."""
+    """Share of a parameter in the rank variance not explained by the regression."""
 
     parameter: str
-    first: float  # first-order index
-    total: float  # total index
+    first: float  # first-order sensitivity index
+    total: float  # total sensitivity index
     partner: str | None  # parameter with the strongest interaction
 
 
 @dataclass(frozen=True)
 class Swing:
-    """Medians of a metric over the tenths of flights with the lowest and highest parameter."""
+    """Medians of a metric in the tenths of flights lowest and highest in a parameter."""
 
     parameter: str
     lowest: float
@@ -79,11 +79,11 @@ class Swing:
 class MetricDrivers:
     """Drivers of one metric."""
 
-    explained: float  # share of the variance of ranks
-    otherwise: tuple[Share, ...]  # effects that are not monotonic, largest first
-    parameters: tuple[Driver, ...]  # largest first
-    median: float = nan  # over all flights
-    swings: tuple[Swing, ...] = ()  # of each significant parameter
+    explained: float  # share of the rank variance explained by the regression
+    otherwise: tuple[Share, ...]  # parameters with non-monotonic effects, largest first
+    parameters: tuple[Driver, ...]  # parameters with monotonic effects, largest first
+    median: float = nan  # median of the metric over all flights
+    swings: tuple[Swing, ...] = ()  # swing of each significant parameter
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class ControllerDrivers:
 
 @dataclass(frozen=True)
 class Drivers:
-    """Drivers of the metrics of all controllers, empty without dispersions."""
+    """Drivers of all controllers' metrics, empty without dispersions."""
 
     controllers: Mapping[str, ControllerDrivers]
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
@@ -120,10 +120,9 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     inputs, folded = [], []
     for sampled in map(results.samples.__getitem__, names):
         inputs.append(sampled[flights.flight[first]])
-        # A largest absolute error often grows with a parameter's distance from its median on either
-        # side, which ranks of the parameter do not show.
+        # Absolute errors often grow with a parameter's distance from its median.
         finite = sampled[flights.flight]
-        finite = finite[np.isfinite(finite)]  # times of failures that do not occur are infinite
+        finite = finite[np.isfinite(finite)]  # Times of failures that do not occur are infinite.
         folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
@@ -157,10 +156,10 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
 
 
 def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
-    """Return the medians of `values` [flight] at the lowest and highest tenth of `sampled`.
+    """Return the medians of `values` in the lowest and highest tenth of `sampled`.
 
-    A parameter with few values, such as a rare failure, is divided as near to the tenths as
-    possible. The result is None if a side has too few flights or a median that is not finite.
+    If a parameter has few distinct values, such as a rare failure, the groups are as near to tenths
+    as possible. Return None if a group has too few flights or a median that is not finite.
     """
     low, high = np.quantile(sampled, [_TENTH, 1.0 - _TENTH], method="nearest")
     if low == high:
@@ -180,7 +179,7 @@ def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
 
 
 def _middle(values: Floats) -> float:
-    """Return the median as one of the values, because some values may be infinite."""
+    """Return a median that is one of the values, because some of them may be infinite."""
     return float(np.quantile(values, 0.5, method="nearest"))
 
 
@@ -204,11 +203,11 @@ def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Dr
 def _given_data(
     results: FlownCampaign, inputs: Floats, drivers: RankDrivers
 ) -> dict[str, tuple[Share, ...]]:
-    """Return parameters with an effect on a required metric that is not monotonic, largest first.
+    """Return parameters with a non-monotonic effect on a required metric, largest first.
 
-    They are found by first-order and total indices of the residuals of the regression, except
-    parameters that are correlated with a driver. The indices need random flights: the order of
-    other designs would look like an effect.
+    Effects are first-order and total indices of the regression residuals; parameters correlated
+    with a driver are excluded. The indices need random flights, because the order of other designs
+    would look like an effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
     unexplained = 1.0 - drivers.explained
@@ -245,7 +244,7 @@ def _given_data(
 
 
 def otherwise_words(shares: Sequence[Share]) -> list[str]:
-    """Return phrases such as 'drag' or, of an interaction, 'lift together with density'.
+    """Return phrases such as 'drag' or, for an interaction, 'lift together with density'.
 
     Each parameter is named once.
     """
@@ -274,7 +273,7 @@ def driver_sentences(drivers: Drivers, names: Names) -> Sequence[str]:
 
 
 def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
-    """Return the sentence on the largest drivers of each leading error of a controller."""
+    """Return the sentence on a controller's largest drivers of each leading error."""
     clauses, idle = [], []
     for metric in names.asked:
         if metric not in drivers.metrics:
@@ -299,7 +298,7 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
 
 
 def _sign(driver: Driver) -> str:
-    """Return the direction in which the metric grows."""
+    """Return the direction of a parameter in which the metric grows."""
     if driver.either_way:
         return "high or low" if driver.srrc[0] > 0.0 else "near its median"
     return "+" if driver.srrc[0] > 0.0 else "\N{MINUS SIGN}"
@@ -325,8 +324,9 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         "Effects of the dispersed parameters on each error: standardized rank regression "
         'coefficients (SRRC), with bootstrap 95 % intervals. "High or low" denotes a parameter\'s '
         'distance from its median on either side. "Not monotonic" denotes a parameter\'s share of '
-        "the variance of ranks that the regression does not explain, alone and with others (Gamboa "
-        "et al. 2022; pairs by the variance between cells of both). Only significant effects are "
+        "the variance of ranks that the regression does not explain, alone and with other "
+        "parameters (Gamboa et al. 2022; pairs by the variance between cells). Only significant "
+        "effects are "
         f"listed (false-discovery rate {rate} over all parameters and metrics), without parameters "
         f"with an SRRC below {LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)}."
     )
@@ -343,7 +343,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
 
 
 def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> tuple[Row, ...]:
-    """Return one row for each driver."""
+    """Return one table row for each driver of a metric."""
     rows = [_driver_row(driver, names) for driver in entry.parameters if driver.driver]
     rows += [_share_row(share) for share in entry.otherwise]
     first = Cell(names.label(controller), head=True), Cell(names.metrics[metric].label, head=True)

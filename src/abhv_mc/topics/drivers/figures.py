@@ -22,9 +22,9 @@ from abhv_mc.topics.formatting import spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_BARS = 3  # parameters of a metric: the largest of any controller
-_ROW = 0.075  # height of a bar, in
-_SHORT = 14  # longest parameter name, in characters, for three panels side by side
+_BARS = 3  # maximum number of parameters per metric, the largest of any controller
+_ROW = 0.075  # height of a bar, inches
+_SHORT = 14  # maximum length of a parameter name for three panels side by side
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,9 @@ class Tornado:
 
     label: str
     parameters: Sequence[str]
-    swings: Sequence[Sequence[Swing | None]]  # [parameter][controller]; None: not significant
-    medians: Sequence[float]  # [controller], over all flights
+    # swings by parameter and controller; None if not significant
+    swings: Sequence[Sequence[Swing | None]]
+    medians: Sequence[float]  # median over all flights, by controller
     limits: Sequence[float] = ()
 
 
@@ -62,7 +63,7 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 def make_tornado(
     label: str, entries: Sequence[MetricDrivers | None], limits: Sequence[float] = ()
 ) -> Tornado:
-    """Return the chart of a metric with its largest drivers under any controller."""
+    """Return the tornado chart of a metric's largest drivers under any controller."""
     swings = [
         {swing.parameter: swing for swing in (entry.swings if entry else ())} for entry in entries
     ]

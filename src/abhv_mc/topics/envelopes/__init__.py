@@ -23,11 +23,9 @@ class Curve:
     channel: str
     label: str
     reference: str = ""
-    off_reference: bool = False  # draw the difference from the reference
-    needles: bool = (
-        False  # whether it moves for a moment at each step of its command, which an inset shows
-    )
-    paper: tuple[int, str] | None = None  # figure of the paper and its content
+    off_reference: bool = False  # whether to subtract the reference
+    needles: bool = False  # whether an inset shows its short response to each command step
+    paper: tuple[int, str] | None = None  # figure number in the paper, and what the figure shows
 
 
 CURVES = (
@@ -56,9 +54,9 @@ CURVES = (
 
 
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
-    """Return the curves on a sheet of a campaign's flights.
+    """Return the curves on the sheet of a campaign's channels.
 
-    A user's simulator shows all its channels.
+    All channels of a user's simulator are included.
     """
     return (
         CURVES
@@ -71,9 +69,10 @@ def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
 class Envelopes:
     """Smallest and largest value of each channel over flights and time."""
 
-    ranges: Mapping[str, Mapping[str, tuple[float, float]]]  # controller -> channel
-    step_s: float | None  # between the samples of the bands
-    flights: int  # of each controller, from flight 0
+    # smallest and largest value by controller and channel
+    ranges: Mapping[str, Mapping[str, tuple[float, float]]]
+    step_s: float | None  # time between samples of the bands
+    flights: int  # number of flights of each controller, from flight 0
 
 
 def compute_envelopes(results: FlownCampaign) -> Envelopes:
@@ -101,7 +100,7 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
 
 
 def envelope_section(model: Envelopes, names: Names) -> Section | None:
-    """Return the envelopes and the sheet of all channels; None without histories."""
+    """Return the section on envelopes of all channels; None without histories."""
     items: list[Item] = []
     campaign = names.campaign
     if not campaign.channels:
@@ -118,7 +117,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
         spacing = " s apart"
         if not campaign.simulator.capabilities.has_mission:
-            who = "flights that have a history then"
+            who = "flights with a history at that time"
             ends = "of all samples returned; the other bands are of values"
             spacing += ", linear between samples"
         items.append(
@@ -153,7 +152,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
 
 
 def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
-    """Return a channel's range under each controller; empty if no flight has it."""
+    """Return a channel's range under each controller; empty if no flight recorded it."""
     ranges = [envelopes.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
     if not any(ranges):
         return ()
@@ -164,7 +163,7 @@ def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Ro
 
 
 def _ends(low: float, high: float) -> str:
-    """Return both ends of a range, to a thousandth of it and at most four digits."""
+    """Return both ends of a range as text, with at most four digits."""
     spread = high - low
     decimals = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
     return f"{fixed(low, decimals)} to {fixed(high, decimals)}"

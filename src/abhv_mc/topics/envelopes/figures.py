@@ -21,11 +21,12 @@ from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-Bands = tuple[Floats, Mapping[str, Floats]]  # time and bands of a channel
-Find = Callable[[str, str], Bands | None]  # by controller and channel
+Bands = tuple[Floats, Mapping[str, Floats]]  # time and the bands of one channel
+# function that returns the bands of a controller and channel
+Find = Callable[[str, str], Bands | None]
 
 _OURS = (
-    "; insets show the largest move. The altitude error has no band of all flights while the "
+    "; insets show the largest change. The altitude error has no band of all flights while the "
     "reference climbs"
 )
 
@@ -35,7 +36,7 @@ _SIMULTANEOUS = (
 
 
 def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield one sheet of the channels with envelopes."""
+    """Yield the figure of all channels with envelopes."""
     controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
     simultaneous = {name: _simultaneous(results, name) for name in controllers}
@@ -59,9 +60,9 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
 
 
 def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str, Floats]]:
-    """Return edges of the simultaneous band by channel.
+    """Return the edges of a controller's simultaneous band, by channel.
 
-    The result is empty without histories of random flights.
+    The result is empty if no histories of random flights are stored.
     """
     channels = [curve.channel for curve in curves_of(results.campaign)]
     recorded = [name for name in channels if (controller, name) in results.envelopes]
@@ -72,7 +73,7 @@ def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str
     if shared_band is None:
         return {}
     shared, band = shared_band
-    low, high = (band.middle + side * band.factor * band.spread for side in (-1.0, 1.0))
+    low, high = band.edges
     return {
         name: dict(zip(SIMULTANEOUS, (low[:, k], high[:, k]), strict=True))
         for k, name in enumerate(shared)
@@ -84,7 +85,7 @@ def plot_flown(
     reference: Mapping[str, Floats],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Return the sheet of one flight of each controller; columns [time] by channel."""
+    """Plot one flight of each controller; the columns [time] are given by channel."""
 
     def find(controller: str, channel: str) -> Bands:
         return flights[controller]["time"], {"q50": flights[controller][channel]}
@@ -97,7 +98,7 @@ def plot_flown(
 def _rows(
     find: Find, names: Sequence[str], reference: Mapping[str, Floats], curves: Sequence[Curve]
 ) -> list[EnvelopeRow]:
-    """Return the ground track, if there is a reference, then channels of all controllers."""
+    """Return the ground track, if there is a reference, then rows of all channels."""
     track = [
         _track(find(name, "east_m"), find(name, "north_m"), reference)
         for name in names
@@ -115,7 +116,7 @@ def _rows(
 
 
 def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
-    """Return a channel's bands and reference, both less the reference if the curve is."""
+    """Return the panel of a channel, less the reference if ``curve`` subtracts it."""
     time, reference_values = (
         channel_bands[0],
         reference[curve.reference] if curve.reference else None,
@@ -134,7 +135,7 @@ def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]
 def flight_curve(
     history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return a flight's channel over time as its curve is drawn."""
+    """Return a flight's channel over time, less the reference if ``curve`` subtracts it."""
     time, values = history["time"], history[curve.channel]
     less = reference[curve.reference] if curve.off_reference else None
     return time, off_reference(time, values, reference.get("time", time), less)
@@ -143,7 +144,7 @@ def flight_curve(
 def _track(
     east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]
 ) -> EnvelopePanel | None:
-    """Return north against median east position, km."""
+    """Return the ground track, north position against median east position, km."""
     if east is None or north is None:
         return None
     reference_track = reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3

@@ -1,8 +1,8 @@
-"""Survival of flights by failure case, with the time since the failure.
+"""Survival of flights by failure case and time since the failure.
 
-A flight's case is the set of failures drawn before the mission's end, so that cases have the same
-flights for every controller. An unstart caused by the vehicle's own condition belongs to no case
-because it depends on the controller.
+A flight's case is the set of failures drawn before the end of the mission, so each case has the
+same flights for every controller. Unstarts caused by the flight condition belong to no case because
+they depend on the controller.
 """
 
 from collections import Counter
@@ -29,7 +29,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """Result of one requirement in the flights of a case."""
+    """Result of one requirement over the flights of a case."""
 
     missed: int
     status: str
@@ -50,11 +50,12 @@ class CaseFlights:
 
     flights: int
     lost: int
-    lost_before: int  # before the first failure
-    survived: Interval  # share, 95 %
+    lost_before: int  # flights lost before their first failure
+    survived: Interval  # share of surviving flights, with its 95 % interval
     median_time_to_loss_s: float | None
-    requirements: Mapping[str, CaseVerdict]  # by text; those that apply to the controller
-    margins: CaseMargins | None  # None unless requested
+    # verdicts by requirement text, for requirements on this controller
+    requirements: Mapping[str, CaseVerdict]
+    margins: CaseMargins | None  # gain margins; None unless requested
 
 
 @dataclass(frozen=True)
@@ -68,16 +69,16 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class FailureCases:
-    """All cases: no failure first, then by frequency; empty if no failure is dispersed."""
+    """All failure cases: no failure first, then by frequency; empty without failures."""
 
     cases: tuple[FailureCase, ...] = ()
-    end_s: float | None = None  # of the mission
+    end_s: float | None = None  # end of the mission
 
 
 def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
-    """Return case and time of the first failure, s, of every sample [flight].
+    """Return each sample's failure case and time of its first failure, s [flight].
 
-    The time is infinite without a failure.
+    The time is infinite if no failure occurs.
     """
     names = [name for name in results.samples if name in FAILURE_TIMES]
     columns = [results.samples[name] for name in names]
@@ -154,7 +155,7 @@ def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargi
 
 
 def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequence[str]:
-    """Return shares of flights that survived each single failure."""
+    """Return sentences on the survival of each single failure."""
     clauses = []
     for entry in failure_cases.cases:
         if entry.case != NO_FAILURE and " + " not in entry.case:
@@ -167,7 +168,7 @@ def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequenc
 
 
 def failure_case_section(failure_cases: FailureCases, names: Names) -> Section | None:
-    """Return a row per case and controller; None if no failure is dispersed."""
+    """Return the section on failure cases; None if no failure is dispersed."""
     if not failure_cases.cases:
         return None
     heads = ("Failure", "Flights", "Controller", "Survived (95 % interval)", "Lost",
@@ -201,7 +202,7 @@ def _row(label: str, cell: CaseFlights) -> Row:
     share = cell.survived
     bounds = (
         f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""
-    )  # nan: none
+    )  # NaN bounds are left out
     time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
     clauses = [
         f"{clauses}: missed by {verdict.missed}, {verdict.status}"
@@ -210,8 +211,8 @@ def _row(label: str, cell: CaseFlights) -> Row:
     if cell.margins is not None:
         unstable = count_of(cell.margins.unstable, cell.margins.flights)
         clauses.append(
-            f"least gain margin {cell.margins.median_db:.1f} dB in the median, unstable at a point "
-            f"{unstable}"
+            f"smallest gain margin {cell.margins.median_db:.1f} dB in the median, unstable at "
+            f"a point {unstable}"
         )
     cells = (
         Cell(percent(share.value, 1), bounds),

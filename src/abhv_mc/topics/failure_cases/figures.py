@@ -23,10 +23,10 @@ from abhv_mc.topics.figure_style import (
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_MOST_CASES = 8  # the most frequent
-_MOST_BANDS = 4  # cases, of one failure each
-_FEWEST_KEPT = 5  # histories of a case that make a band
-_CHANNELS = (  # of bands, with the axis' words and what is taken off
+_MOST_CASES = 8  # maximum number of cases, most frequent first
+_MOST_BANDS = 4  # maximum number of single-failure cases with bands
+_FEWEST_KEPT = 5  # minimum number of histories for a band
+_CHANNELS = (  # channels with axis labels and subtracted references
     ("altitude_m", "altitude error (m)", "altitude_reference_m"),
     ("angle_of_attack_deg", "angle of attack (deg)", ""),
     ("bank_deg", "bank (deg)", ""),
@@ -35,14 +35,14 @@ _CHANNELS = (  # of bands, with the axis' words and what is taken off
 
 Bands = Mapping[
     tuple[int, str, str], Floats
-]  # row of _CHANNELS, case, controller -> [least, median, most; time]
+]  # (row of _CHANNELS, case, controller) -> [minimum, median, maximum; time]
 
 
 @styled
 def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot the share still flying [time] after a failure, a panel per case."""
+    """Plot the share of flights still flying after a failure, one panel per case."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
@@ -71,7 +71,7 @@ def plot_survival(
 def plot_case_bands(
     times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot channels after a failure: a row per channel, a column per case."""
+    """Plot channels after a failure, with a row per channel and a column per case."""
     colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
     figure, grid = new_panels(
         count, len(cases), 1.2, between=(0.2, 0.2), lettered=False, sharex=True, sharey="row"
@@ -94,9 +94,9 @@ def plot_case_bands(
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
     """Return the share of flights still flying at ``times``, s, after their failure.
 
-    The estimate is that of Kaplan and Meier, JASA 53 (1958). ``after`` is the time from failure to
-    the flight's end, s, [flight]; ``lost`` tells whether it was lost then, rather than its mission
-    over.
+    This is the Kaplan-Meier estimator, JASA 53 (1958). ``after`` is the time from the failure to
+    the end of the flight, s [flight]; ``lost`` is true if the flight was lost and false if its
+    mission ended.
     """
     moments = np.unique(after[lost])
     survival_factors = [
@@ -107,7 +107,7 @@ def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Float
 
 
 def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield survival and bands of each case over the time since its first failure."""
+    """Yield figures of survival and bands over the time since a case's first failure."""
     results = names.results
     cases, first = drawn_cases(results)
     frequent_cases = [case for case in cases_by_frequency(cases) if case != NO_FAILURE][
@@ -130,7 +130,7 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
         "Survival after a failure",
         "Share of the flights of each case that still fly at a time after their first failure; "
         "flights whose mission is over by then no longer count (Kaplan and Meier's estimate). "
-        "Where two failures were drawn, the second comes later.",
+        "If two failures were drawn, the second comes later.",
     )
     yield text, plot_survival(times, panels, names.controllers)
     yield from _draw_bands(
@@ -141,10 +141,10 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
 def _draw_bands(
     names: Names, selected: list[str], cases: NDArray[np.str_], first: Floats
 ) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield bands of kept histories after the first failure.
+    """Yield bands of stored histories after the first failure.
 
-    There are none if the worst or the failed flights were kept, because they do not represent a
-    case.
+    Nothing is drawn if only the worst or failed flights were stored, because they do not represent
+    a case.
     """
     results, times, bands = names.results, np.arange(-2.0, 20.0, 0.25), {}
     if any(

@@ -1,4 +1,4 @@
-"""Outcomes of the flights, their linked view, and tables of the worst flights."""
+"""Section on outcomes of the flights, with a linked view and the worst flights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -30,9 +30,9 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
-    """Return sentences on flights that failed, saturated, cycled or left the tables.
+    """Return sentences on flights that failed, saturated, oscillated or left the tables.
 
-    With ``off_cards`` they omit what the cards show.
+    With ``off_cards`` they omit the facts on the page's cards.
     """
     sentences = [
         f"{name}: none of {count} flights could be computed, so it is not in this report and meets "
@@ -69,7 +69,7 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
 
 
 def flight_section(flights: Flights, names: Names) -> Section:
-    """Return the whole section; the linked view is on pages only."""
+    """Return the section on flights; the linked view is on HTML pages only."""
     return Section("Flights", tuple(_items(flights, names)))
 
 
@@ -124,7 +124,7 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         else "Click a number to open the flight"
     )
     explanation = (
-        "Sorted by severity: early terminations first, the earliest before all others, then by "
+        "Sorted by severity: early terminations first (earliest on top), then by "
         "exceedance of a limit in percent of it (without requirements, of the median); negative "
         f"values meet the limit. {history_text} above. The printed page lists the first five."
     )
@@ -155,9 +155,9 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
 
 
 def _kept_words(names: Names) -> str:
-    """Return how many of the worst flights have histories after requirements changed.
+    """State how many of the worst flights have histories after requirements changed.
 
-    The text is empty if all have.
+    The text is empty if all of them have histories.
     """
     results, number = names.results, names.campaign.worst
     if not (results.requirement_changes and number and names.campaign.channels):
@@ -175,7 +175,7 @@ def _kept_words(names: Names) -> str:
         return ""
     return (
         f" {count_kept} of the {total} worst flights by these limits have histories; `abhv-mc run` "
-        "makes the rest."
+        "stores the others."
     )
 
 
@@ -229,7 +229,7 @@ def _settings(entry: Mapping[str, Any]) -> str:
     settings = {key: value for key, value in entry.items() if key not in ("distribution", "parts")}
     parts = [
         f"{_law(component)} ({_settings(component)})" for component in entry.get("parts", ())
-    ]  # of a mixture
+    ]  # components of a mixture
     return ", ".join(
         [*parts, *(f"{key.replace('_', ' ')} {value}" for key, value in settings.items())]
     )
@@ -272,7 +272,7 @@ def _worst(controller: str, flight: WorstFlight, names: Names) -> Row:
 
 
 def _words(dispersion: LargeDispersion, names: Names) -> str:
-    """Return 'lift +8.1 % (1.6 sigma)'."""
+    """Return a dispersion as text, such as 'lift +8.1 % (1.6 sigma)'."""
     sigma = "" if dispersion.sigma is None else f" ({fixed(dispersion.sigma, 1)} sigma)"
     value = shown_value(dispersion.parameter, dispersion.value, names.campaign.parameters)
     return f"{spoken_name(dispersion.parameter)} {value}{sigma}"

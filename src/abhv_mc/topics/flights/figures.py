@@ -1,4 +1,4 @@
-"""Figures of the worst flights in the channels in which they are worst."""
+"""Figures of the worst flights, in the channels of their worst metrics."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _MOST_CHANNELS = 4
 
 
 def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of the listed flights with kept histories."""
+    """Yield the figure of the listed flights that have stored histories."""
     results, controllers = names.results, tuple(names.controllers)
     kept_histories = {name: read_histories(results.folder, name) for name in controllers}
     listed = {
@@ -63,7 +63,7 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 
 def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> list[str]:
-    """Return the channels of the metrics in which flights are worst, by frequency.
+    """Return the channels of the flights' worst metrics, most frequent first.
 
     An early termination counts for the channel whose limit ended it, if its outcome names one.
     """
@@ -82,14 +82,14 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
 
 
 def _curve(channel: str, names: Names) -> Curve:
-    """Return display settings of a channel: those of the sheet, else its own name."""
+    """Return the display settings of a channel, by default those of the sheet."""
     curves = {curve.channel: curve for curve in curves_of(names.campaign)}
     signals = {signal.name: signal for signal in names.campaign.channels}
     return curves.get(channel) or Curve(channel, _axis(channel, signals[channel].unit))
 
 
 def _axis(channel: str, unit: str) -> str:
-    """Return an axis label: 'speed error (m/s)'."""
+    """Return an axis label such as 'speed error (m/s)'."""
     name = channel.removesuffix(f"_{name_end(unit)}") if name_end(unit) else channel
     return f"{name.replace('_', ' ')} ({unit})".replace("(-)", "(–)")
 

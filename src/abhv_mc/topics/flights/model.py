@@ -1,4 +1,4 @@
-"""Outcomes of the flights, findings beyond the errors, and the worst flights."""
+"""Outcomes and findings of the flights, and the worst flights."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
-_LISTED = 10  # maximum unless the campaign sets a number of worst flights
-_LARGEST = 3  # dispersions listed per flight
+_LISTED = 10  # default maximum number of worst flights
+_LARGEST = 3  # number of dispersions listed per flight
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class LargeDispersion:
 
     parameter: str
     value: float
-    # distance in its standard deviations; None of what only some flights have, such as a failure
+    # distance from the mean in standard deviations; None for events such as failures
     sigma: float | None
 
 
@@ -38,26 +38,24 @@ class WorstFlight:
     """Flight with its worst metric and its dispersions."""
 
     flight: int
-    outcome: str  # its code
-    by: str | None  # metric; None for early terminations
-    beyond: float  # distance beyond the limit, in units of it
-    missed: int  # requirements
-    metrics: Mapping[
-        str, float
-    ]  # not-a-number where it was lost before the stretches that a metric counts
+    outcome: str  # outcome code
+    by: str | None  # worst metric; None for early terminations
+    beyond: float  # exceedance of the limit, divided by the limit
+    missed: int  # number of missed requirements
+    metrics: Mapping[str, float]  # NaN if the flight was lost before the metric's time window
     samples: Mapping[str, float]
     largest: tuple[LargeDispersion, ...]
 
 
 def ended_words(outcome: str, missed: int, required: int) -> str:
-    """Return how a flight ended: 'sideslip limit', 'completed; misses 2 of 5'."""
+    """Return how a flight ended, e.g. 'sideslip limit' or 'completed; misses 2 of 5'."""
     if outcome != Outcome.OK.code:
         return outcome.replace("_", " ")
     return f"completed; misses {missed} of {required}" if missed else "completed"
 
 
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return the channel of a metric: its source, or the one that starts its name."""
+    """Return the channel of a metric: its source, or the channel that starts its name."""
     stems = {
         name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
     }
@@ -78,12 +76,12 @@ _SIDES = {
 
 
 def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
-    """Return factors from a metric's limit to levels of its channel, if comparable."""
+    """Return the factors that convert a metric's limit to levels of its channel."""
     return _SIDES.get(record.statistic, ()) if record.of in channels else ()
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return rows [flight] for a report, worst first; those with histories, if any."""
+    """Return rows [flight] for a report, worst first, preferably with histories."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
@@ -94,7 +92,7 @@ def listed_worst(results: FlownCampaign, name: str) -> list[int]:
 
 
 def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
-    """Return numbers of flights that failed, worst first."""
+    """Return the numbers of failed flights, worst first."""
     flights, rows = results.flights[controller], results.ranking.rows_of(controller)
     return flights.flight[
         rows[failed_anyhow(flights, results.campaign.requirements)[rows]]
@@ -102,7 +100,7 @@ def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
 
 
 def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
-    """Return the worst flights of each controller, those with histories if any."""
+    """Return the worst flights of each controller, preferably with histories."""
     moments = moments_of(results)
     return {name: tuple(_of(results, name, moments)) for name in results.controllers}
 
@@ -143,7 +141,7 @@ def _of(
 
 
 def _moments(column: Floats) -> tuple[float, float]:
-    """Return mean and standard deviation, both infinite if a value is.
+    """Return mean and standard deviation, both infinite if any value is infinite.
 
     An infinite value means that the event never occurs in a flight.
     """
@@ -161,9 +159,9 @@ def _sigmas(value: float, mean: float, sigma: float) -> float | None:
 def _largest(
     samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]
 ) -> tuple[LargeDispersion, ...]:
-    """Return dispersions by distance from the mean, largest first.
+    """Return the dispersions by distance from the mean, largest first.
 
-    Events that only some flights have, such as failures, come before all others.
+    Events that occur in some flights only, such as failures, come first.
     """
     moved = [
         LargeDispersion(key, samples[key], _sigmas(samples[key], *spread[key]))
@@ -184,12 +182,12 @@ def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) ->
     return np.where(nothing, np.nan, values)
 
 
-_CYCLES = 5.0  # deg, peak to peak: ripple that counts as cycling
+_CYCLES = 5.0  # peak-to-peak ripple that counts as cycling, deg
 _LIMITS = {
     "saturates": 0.0,
     "leaves_tables": 0.0,
     "cycles": _CYCLES,
-}  # thresholds of findings by record
+}  # thresholds of findings, by metric
 
 
 @dataclass(frozen=True)
@@ -205,21 +203,19 @@ class FlightCounts:
 
 @dataclass(frozen=True)
 class Findings:
-    """Numbers of flights with findings for the review board."""
+    """Numbers of flights that saturated, oscillated or left the tables."""
 
     flown: int
-    saturated: int | None  # surfaces at a deflection or rate limit; None if unknown
+    saturated: int | None  # flights with a surface at a deflection or rate limit; None if unknown
     outside_tables: int | None
-    cycling: Mapping[str, int]  # by channel
-    disturbed: (
-        bool  # whether gusts, turbulence or noise are dispersed: what swings then is no limit cycle
-    )
+    cycling: Mapping[str, int]  # number of oscillating flights, by channel
+    disturbed: bool  # whether gusts, turbulence or noise can cause oscillations
     ripple_deg: float = _CYCLES
 
 
 @dataclass(frozen=True)
 class InputMoments:
-    """Mean and standard deviation of an input, as stated and in the table."""
+    """Mean and standard deviation of an input, as stated and as found in the table."""
 
     stated_mean: float
     stated_sigma: float
@@ -229,18 +225,16 @@ class InputMoments:
 
 @dataclass(frozen=True)
 class Flights:
-    """Flights of each controller."""
+    """Outcomes, findings and worst flights of all controllers."""
 
-    parameters: tuple[str, ...]  # dispersed
-    dispersions: Mapping[str, Mapping[str, object]]  # as in the campaign file
+    parameters: tuple[str, ...]  # names of the dispersed parameters
+    dispersions: Mapping[str, Mapping[str, object]]  # distributions as in the campaign file
     derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
-    left_out: Mapping[
-        str, int
-    ]  # controllers of which the machine computed none, with their flights
+    left_out: Mapping[str, int]  # requested flights of controllers for which none could be computed
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
-    inputs: Mapping[str, InputMoments]  # of an imported table
+    inputs: Mapping[str, InputMoments]  # inputs of an imported table
 
 
 def compute_flights(results: FlownCampaign) -> Flights:

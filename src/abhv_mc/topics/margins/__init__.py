@@ -31,7 +31,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 
 def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
-    """Return a sentence on each controller with known loops."""
+    """Return a sentence on each controller with known control loops."""
     margin_texts = {name: margin_words(margins, name) for name in names.controllers}
     return [f"{names.label(name)}: {text}." for name, text in margin_texts.items() if text]
 
@@ -63,12 +63,9 @@ def margin_words(margins: Margins, controller: str) -> str:
     gain, phase = least.words
     text = " and ".join(filter(None, (gain or "no limit on the gain", phase)))
     if least.little:
-        text = (
-            f"little margin in steady, level flight: {text}, where 6 dB and 30 to 45 deg are "
-            "customary"
-        )
+        text = f"small margins in steady, level flight: {text}; 6 dB and 30 to 45 deg are customary"
     else:
-        text = f"least margins in steady, level flight {text}"
+        text = f"smallest margins in steady, level flight: {text}"
     if entry.corners_unstable:
         tried = "corners" if margins.steady.all_corners else "corners, drawn at random,"
         text += (
@@ -88,7 +85,7 @@ _BOTH = "\N{PLUS-MINUS SIGN}"
 
 
 def margin_section(margins: Margins, names: Names) -> Section | None:
-    """Return loops in steady flight, then margins of flights; None without either."""
+    """Return the section on stability margins; None if there are none."""
     steady = margins.steady
     if not steady.controllers:
         return None
@@ -203,9 +200,10 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 
 
 def _failed_words(entry: FlightMargins) -> str:
-    """Return '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'.
+    """Return failure counts by gain margin as text.
 
-    Without requirements the text is empty.
+    For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'. Without requirements the
+    text is empty.
     """
     clauses = []
     for counts, side in ((entry.failed_below, "below 6 dB"), (entry.failed_above, "from 6 dB on")):

@@ -1,4 +1,4 @@
-"""Figure of flights' margins against their exceedance of limits."""
+"""Figure of flights' stability margins against their exceedance of limits."""
 
 from collections.abc import Iterator
 
@@ -19,20 +19,20 @@ from abhv_mc.topics.missed_requirements import failed_anyhow
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_MOST_POINTS = 1000  # of a controller
+_MOST_POINTS = 1000  # maximum number of points per controller
 
 
 def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield each flight's exceedance over its margins, if flights have margins."""
+    """Yield the figure of exceedance against margins, if flights have margins."""
     if not margins.flights:
         return
     required = bool(names.requirements)
-    limit_name = "limit of any requirement" if required else "median of any metric asked for"
+    limit_name = "limit of any requirement" if required else "median of any leading metric"
     text = FigureText(
         "margins",
         "Margins against failure",
         f"Each mark is one flight: its exceedance of the {limit_name}, in percent of it, "
-        "over its least gain and phase margin. "
+        "against its smallest gain and phase margin. "
         + (
             "Filled marks failed; marks at the upper end terminated early."
             if required

@@ -1,4 +1,4 @@
-"""Stability margins: nominal vehicle and corners in steady flight, and flights."""
+"""Stability margins in steady flight (nominal and corners) and of the flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.missed_requirements import failed_anyhow
 
-LISTED = 5  # flights with the smallest margins
+LISTED = 5  # number of listed flights with the smallest margins
 
 
 @dataclass(frozen=True)
@@ -30,34 +30,33 @@ class LeastFlight:
 
     flight: int
     failed: bool  # whether it terminated early or misses a requirement
-    margins: Mapping[str, float]  # by the names of ``MARGIN_NAMES``
-    faults: Mapping[str, float]  # by the names of ``MARGIN_FAULTS``
+    margins: Mapping[str, float]  # margins by name (``MARGIN_NAMES``)
+    faults: Mapping[str, float]  # counts by name of the fault (``MARGIN_FAULTS``)
 
 
 @dataclass(frozen=True)
 class FlightMargins:
-    """Margins of one controller's flights, as many as requested."""
+    """Margins of one controller's requested flights."""
 
     flights: int
-    unstable: int  # at one or more points
+    unstable: int  # flights that are unstable at one or more points
     at_limit: int
     margins: Mapping[str, Spread]
-    least: tuple[LeastFlight, ...]  # smallest gain margin first
-    # of the flights below the customary gain margin: failed, and all
+    least: tuple[LeastFlight, ...]  # flights with the smallest gain margins, smallest first
+    # failed and all flights below the customary gain margin
     failed_below: tuple[int, int] | None
-    failed_above: tuple[int, int] | None  # flights above it; None without requirements
+    # failed and all flights above the customary gain margin; None without requirements
+    failed_above: tuple[int, int] | None
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins in steady flight, and of the flights of each controller."""
+    """Margins in steady flight and of each controller's flights."""
 
     steady: SteadyMargins
-    points: tuple[str | float, ...]  # of the flights: "trim", or s
+    points: tuple[str | float, ...]  # points of the flights' margins: "trim" or a time in s
     flights: Mapping[str, FlightMargins]
-    missing: Mapping[
-        str, tuple[int, ...]
-    ]  # flights that were to have margins, which could not be computed
+    missing: Mapping[str, tuple[int, ...]]  # flights whose requested margins could not be computed
 
 
 @dataclass(frozen=True)
@@ -65,14 +64,14 @@ class LeastMargins:
     """Smallest margins of all loops in steady flight; infinite if unbounded."""
 
     stable: bool
-    gain: float = np.inf  # dB
+    gain: float = np.inf  # gain margin, dB
     gain_loop: str = ""
-    phase: float = np.inf  # deg
+    phase: float = np.inf  # phase margin, deg
     phase_loop: str = ""
 
     @property
     def words(self) -> tuple[str, str]:
-        """'14.3 dB (rudder)' and '63 deg (elevator)'; '' if unbounded."""
+        """Gain and phase margin as texts: '14.3 dB (rudder)', '63 deg (elevator)', or ''."""
         gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
         return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(
             self.phase
@@ -160,9 +159,9 @@ def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
 
 
 def corners_unstable(margins: Margins, controller: str) -> tuple[int, int]:
-    """Return number of unstable corners of the dispersions, and number of corners.
+    """Return the numbers of unstable corners and of all corners of the dispersions.
 
-    The controller is stable without dispersions.
+    Both are counted for a controller that is stable without dispersions.
     """
     entry = margins.steady.controllers.get(controller)
     return entry.corners_unstable if entry else 0, margins.steady.corners

@@ -28,26 +28,27 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 @dataclass(frozen=True)
 class ControllerMetric:
-    """One metric of one controller."""
+    """Statistics of one metric for one controller."""
 
-    quantiles: Mapping[str, Interval]  # by level, 95 %; early terminations rank as the worst
-    worst: float | None  # of completed flights; None without one
+    # quantiles by level, with 95 % intervals; early terminations rank worst
+    quantiles: Mapping[str, Interval]
+    worst: float | None  # worst value of completed flights; None if there are none
     worst_flight: int | None
 
 
 @dataclass(frozen=True)
 class MetricTable:
-    """One metric of every controller."""
+    """Statistics of one metric for every controller."""
 
-    words: Mapping[str, str]  # names and units
-    # the same metric over the whole flight, for a metric outside the transients
+    words: Mapping[str, str]  # printed names and units
+    # name of the same metric over the whole flight, if this one excludes transients
     same_as: str | None
     controllers: Mapping[str, ControllerMetric]
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """All metrics, with the names of the leading and of the compared ones."""
+    """All metrics, with the names of the leading and compared ones."""
 
     asked: tuple[str, ...]
     compared: tuple[str, ...]
@@ -55,7 +56,7 @@ class Metrics:
 
 
 def compute_metrics(results: FlownCampaign) -> Metrics:
-    """Return every metric of the flights."""
+    """Return the statistics of every metric."""
     records = results.campaign.metrics
     table = {
         metric: MetricTable(
@@ -114,7 +115,7 @@ _HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
 
 
 def metric_section(metrics: Metrics, names: Names) -> Section:
-    """Return required metrics, then groups; metrics outside transients if they differ."""
+    """Return the section on metrics: required ones, then groups."""
     text = (
         "Quantiles over the flights with their exact 95 % intervals (order statistics), to the "
         "digits that the number of flights allows, and the worst flight. If small values are bad, "

@@ -27,11 +27,11 @@ from abhv_mc.topics.section import FigureText
 
 @dataclass(frozen=True)
 class Spread:
-    """One metric of every controller."""
+    """Values of one metric for every controller."""
 
     label: str
-    values: Mapping[str, Floats]  # controller -> [flight]; infinite where the flight failed
-    limits: Sequence[float] = field(default=())  # of requirements
+    values: Mapping[str, Floats]  # controller -> value per flight; infinite if the flight failed
+    limits: Sequence[float] = field(default=())  # limits of requirements
 
 
 @styled
@@ -49,7 +49,7 @@ def plot_distributions(
                 "color": colors[name],
                 "linestyle": DASHES[i % len(DASHES)],
                 "label": labels[name],
-                "zorder": 3.0 - i / len(labels),  # the first, the subject, on top
+                "zorder": 3.0 - i / len(labels),  # The first controller is drawn on top.
             }
             axes.step(*distribution_steps(values), where="post", **look)
         if log_if_wide(axes, "x", list(spread.values.values())):

@@ -15,7 +15,7 @@ from abhv_mc.topics.verdicts.model import (
     compute_verdicts,
 )
 
-_DROPPED = 4  # verdicts listed by name that do not hold jointly
+_DROPPED = 4  # maximum number of listed verdicts that do not hold jointly
 _DASH = "\N{EM DASH}"
 _HEADS = (
     "Verdict",
@@ -41,7 +41,7 @@ _RANDOM = "; run the campaign with `sampling: random` for verdicts"
 def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
     """Return counts of met requirements per controller and of joint PASS verdicts.
 
-    Without requirements there are none.
+    The result is empty without requirements.
     """
     if not verdicts.requirements:
         return []
@@ -60,7 +60,7 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
 
 
 def _together_words(verdicts: Verdicts, names: Names) -> str:
-    """Return how many PASS verdicts hold jointly at one risk, and which do not."""
+    """State how many PASS verdicts hold jointly at one risk, and which ones do not."""
     joint = verdicts.held_together
     if joint is None or joint.stand + len(joint.dropped) < 2:
         return ""
@@ -82,7 +82,7 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
 
 
 def verdict_section(verdicts: Verdicts, names: Names) -> Section:
-    """Return the rule, and each requirement with its verdicts."""
+    """Return the section with the decision rule and the verdicts on each requirement."""
     title = "Requirements"
     if not verdicts.requirements:
         return Section(title, (Text("The campaign has no requirements."),))
@@ -100,7 +100,7 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
 
 
 def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
-    """Return binomial intervals for reviewers who use other rules."""
+    """Return binomial intervals for reviewers who use other decision rules."""
     rows = [
         (
             Cell(f"{entry.asked.traced.get('id', '')} {entry.words}".strip(), head=True),

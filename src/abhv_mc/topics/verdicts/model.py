@@ -17,8 +17,8 @@ from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, 
 from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
-FAMILY_RISK = 0.10  # of any false PASS, for the PASS verdicts that hold jointly
-_SHARES = (5.0, 50.0, 95.0)  # percent of the flights
+FAMILY_RISK = 0.10  # risk of any false PASS among the verdicts that hold jointly
+_SHARES = (5.0, 50.0, 95.0)  # quantiles in the overview, percent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,21 +26,22 @@ class ControllerVerdict(Verdict):
     """Verdict with tolerance limits; bounds are None if flights are not independent."""
 
     words: str
-    ended_early: int  # among the failures
-    advice: str  # number of flights needed, if not shown
-    # what the required share of flights stays within; None where no number does
+    ended_early: int  # number of early terminations among the failures
+    advice: str  # advice on the number of flights if the verdict is NOT SHOWN
+    # limit that the required share of flights meets; None if there is none
     tolerance_limit: float | None
-    # from there to the limit, a share of the limit; of two limits, of half their distance
+    # margin to the limit, as a share of it or of half the distance of two limits
     room: float | None
-    beyond_lost: bool  # whether too many lost flights are the reason
-    # lower bound on the success probability, for one look at a number fixed before
+    beyond_lost: bool  # whether too many lost flights prevent a limit
+    # lower bound on the success probability for a single check
     one_look_bound: float | None
-    failure_rate: tuple[float, float] | None  # 95 % interval (Jeffreys), also for one look
+    # 95 % Jeffreys interval of the failure rate for a single check
+    failure_rate: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
 class JudgedRequirement:
-    """Requirement and its verdict on every controller."""
+    """Requirement with its verdict for every controller."""
 
     asked: Requirement
     words: str
@@ -54,12 +55,13 @@ class JudgedRequirement:
 
 @dataclass(frozen=True)
 class Together:
-    """Joint verdicts at one risk for all."""
+    """Verdicts that hold jointly at a common risk."""
 
     risk: float
     verdicts: int
     stand: int
-    dropped: tuple[tuple[int, str], ...]  # requirement and controller
+    # requirement and controller of the verdicts that do not hold jointly
+    dropped: tuple[tuple[int, str], ...]
 
 
 @dataclass(frozen=True)
@@ -75,30 +77,30 @@ class GlanceCell:
 
 @dataclass(frozen=True)
 class GlanceRow:
-    """Flights relative to a limit, or to the median of a metric without one."""
+    """Distribution of a metric relative to a limit, or to its median without one."""
 
     metric: str
     label: str
     unit: str
-    text: str  # the limit
+    text: str  # text of the limit
     limit: float
-    below: bool  # whether good values are below it
-    # unit of the distance: the limit's size, or the first controller's 5 to 95 % range if it is 0
+    below: bool  # whether good values are below the limit
+    # unit of the distance: size of the limit, or the 5 to 95 % range if it is 0
     size: float
     cells: Mapping[str, GlanceCell]
 
 
 @dataclass(frozen=True)
 class Verdicts:
-    """All requirements, judged."""
+    """All requirements with their verdicts."""
 
     requirements: tuple[JudgedRequirement, ...]
-    held_together: Together | None  # None without verdicts
-    family_risk: float | None  # of any false PASS among all verdicts, if the campaign sets it
+    held_together: Together | None  # joint verdicts; None if there are no verdicts
+    family_risk: float | None  # risk of any false PASS among all verdicts, if the campaign sets one
     glance: tuple[GlanceRow, ...]
 
     def statuses(self, controller: str) -> list[str]:
-        """Return the verdicts of a controller."""
+        """Return all verdicts of a controller."""
         return [entry.controllers[controller].status for entry in self.requirements]
 
     def kept(self, controller: str) -> int:
@@ -111,7 +113,7 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
     names, items, campaign = results.controllers, results.campaign.requirements, results.campaign
     points = len(campaign.unknowns.points)
     counted = [_at_points(results.flights[name], item, points) for item in items for name in names]
-    # In the manifest's order: by controller, then requirement.
+    # The manifest orders verdicts by controller, then by requirement.
     order = [k * len(names) + n for n in range(len(names)) for k in range(len(items))]
     judged = campaign.judge(names, [counted[k] for k in order])
     judgements = dict(zip(order, judged, strict=True))
@@ -177,12 +179,12 @@ def find_tolerance(
     points: int = 1,
     judged: Sequence[int] = (0,),
 ) -> tuple[float | None, float | None, bool]:
-    """Return tolerance limit, margin to the limit and whether too many were lost.
+    """Return the tolerance limit, its margin and whether too many flights were lost.
 
-    Limit and margin are the worst over the points of the unknowns at which the requirement is
-    ``judged``. Both are None if flights are too few or too many were lost. The margin is a share of
-    the limit. With two limits the first value is the distance outside them, negative inside, and
-    the margin a share of half their distance.
+    Limit and margin are the worst over the points of the unknown parameters at which the
+    requirement is ``judged``. Both are None if flights are too few or too many were lost. The
+    margin is a share of the limit. With two limits, the first value is the distance outside them,
+    negative inside, and the margin is a share of half their distance.
     """
     limits = requirement.limits
     worse = limits.worse(flights.metrics[requirement.metric])
@@ -256,7 +258,7 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """Return a metric without a requirement, with the first controller's median as limit."""
+    """Return the row of a metric without requirement, relative to the first median."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
@@ -287,8 +289,8 @@ def _quantiles(
 ) -> tuple[float, float, float]:
     """Return quantiles of a metric, or of the distance outside two limits.
 
-    The distance is negative inside. With several points of unknowns the result is a probability
-    box, its lowest and highest quantiles.
+    The distance is negative inside the limits. With several points of the unknowns, the result is a
+    probability box: its lowest and highest quantiles.
     """
     flights = results.flights[name]
     worse = limits.worse(flights.metrics[metric])

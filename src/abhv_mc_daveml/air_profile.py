@@ -1,0 +1,49 @@
+"""Air profile of a mission from a DAVE-ML model of the atmosphere."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from abhv_mc.io.input_error import InputError
+from abhv_mc_daveml.adapters import Answer, factor_to_si, parse_answer, signed_factor
+from abhv_mc_daveml.graph import Model
+from abhv_mc_daveml.signals import find_signals
+from abhv_mc_daveml.writer import make_function
+
+ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # m
+_GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
+
+
+def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
+    """Return a CSV table of the density, with pressure and temperature if the model has pressure.
+
+    Answers replace missing inputs. Raise InputError if the density is not positive below 80 km.
+    """
+    function, inputs = make_function(model), dict[str, tuple[float, float]]()
+    for variable in model.inputs:
+        answer = answers.get(variable.identifier, variable.initial)
+        if isinstance(answer, str) or answer is None:
+            terms = parse_answer(model, variable, answer or "altitude", ())
+            factor = factor_to_si(model, variable, "altitude")
+            inputs[variable.key] = 0.0, sum(share for share, _ in terms) / factor
+        else:
+            inputs[variable.key] = float(answer), 0.0
+    outputs = find_signals(model.outputs)
+    quantities = [name for name in ("density", "pressure") if name in outputs]
+    rows = []
+    for altitude in ALTITUDES.tolist():
+        result = function(**{key: a + b * altitude for key, (a, b) in inputs.items()})
+        values = [
+            getattr(result, outputs[name].key) * signed_factor(model, outputs[name], name)
+            for name in quantities
+        ]
+        if not all(0.0 < value < math.inf for value in values):
+            problem = f"no positive {' and '.join(quantities)} at {altitude:g} m"
+            raise InputError(model.path, problem, f"values up to {ALTITUDES[-1]:g} m")
+        if len(values) == 2:
+            density, pressure = values
+            values = [pressure, pressure / (density * _GAS_CONSTANT)]
+        rows.append(",".join(map(repr, (altitude, *values))))
+    columns = "density [kg/m3]" if quantities == ["density"] else "pressure [Pa],temperature [K]"
+    return "\n".join([f"altitude [m],{columns}", *rows]) + "\n"
