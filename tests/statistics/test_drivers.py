@@ -157,8 +157,8 @@ def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
         rules = find_rules(
             bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed), list(inputs.T).__getitem__
         )
-        best = {(c.input, c.above) for c in rules[0].conditions} if rules else set()
-        pairs = {frozenset(c.input for c in rule.conditions) for rule in rules}
+        best = {(c.parameter, c.above) for c in rules[0].conditions} if rules else set()
+        pairs = {frozenset(c.parameter for c in rule.conditions) for rule in rules}
         idle = any(not set(pair) <= {4, 9} for pair in pairs)
         drivers += frozenset({4, 9}) in pairs and best <= {(4, True), (9, False)} and not idle
     assert drivers >= 95
@@ -171,7 +171,7 @@ def test_both_ends_of_an_input_are_one_rule():
         failed = np.abs(inputs[:, 6]) > np.sort(np.abs(inputs[:, 6]))[-22]
         rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
         best = rules[0]
-        assert best.either and [(c.input, c.above) for c in best.conditions] == [
+        assert best.either and [(c.parameter, c.above) for c in best.conditions] == [
             (6, False),
             (6, True),
         ]
@@ -186,7 +186,7 @@ def test_a_difference_of_two_inputs_is_one_rule():
         failed = margin > np.sort(margin)[-101]
         best = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)[0]
         (condition,) = best.conditions
-        assert (condition.input, condition.minus, condition.above) == (3, 8, True)
+        assert (condition.parameter, condition.minus, condition.above) == (3, 8, True)
         assert best.failures_inside == best.failures == 100 and best.others_inside <= 3
 
 
@@ -199,7 +199,7 @@ def test_a_difference_rides_on_no_real_input():
             assert rules and not any(
                 c.minus is not None for rule in rules[:1] for c in rule.conditions
             )
-            assert {c.input for c in rules[0].conditions} <= {4, 9}
+            assert {c.parameter for c in rules[0].conditions} <= {4, 9}
 
 
 @pytest.mark.thorough
@@ -231,7 +231,7 @@ def test_an_input_that_is_infinite_in_some_flights_has_rules_but_no_differences(
     )
     rules = find_rules(bin_inputs(inputs.T), failed, lambda k: inputs[:, k])
     best = rules[0].conditions[0]
-    assert best.input == 0 and best.above == above and np.isfinite(best.threshold)
+    assert best.parameter == 0 and best.above == above and np.isfinite(best.threshold)
     assert all(condition.minus is None for rule in rules for condition in rule.conditions)
 
 

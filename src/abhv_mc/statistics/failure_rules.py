@@ -12,7 +12,7 @@ the Benjamini-Hochberg procedure.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from scipy.special import gammaln
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import false_discovery
 
+K = TypeVar("K", int, str)
 FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
 _QUANTILES = (0.01, 0.02, 0.05, *(n / 10.0 for n in range(1, 10)), 0.95, 0.98, 0.99)
@@ -39,20 +40,20 @@ _NEAR = 0.05  # largest shift of a threshold from its quantile, as a share of th
 
 
 @dataclass(frozen=True)
-class Condition:
+class Condition(Generic[K]):
     """Bound on an input, or on the difference of two standardized inputs."""
 
-    input: int  # column of the first input
+    parameter: K  # column or name of the first input
     above: bool
     threshold: float
-    minus: int | None = None  # column of the subtracted input
+    minus: K | None = None  # column or name of the subtracted input
 
 
 @dataclass(frozen=True)
-class Rule:
+class Rule(Generic[K]):
     """Region in which failures are more frequent."""
 
-    conditions: tuple[Condition, ...]
+    conditions: tuple[Condition[K], ...]
     failures_inside: int
     failures: int
     others_inside: int
@@ -83,7 +84,7 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
 
 def find_rules(
     inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]
-) -> list[Rule]:
+) -> list[Rule[int]]:
     """Return the rules for the `failed` flights [flight], most significant first.
 
     `column` returns the values [flight] of an input.
@@ -112,7 +113,7 @@ def find_rules(
 
 def _rule(
     candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float
-) -> Rule:
+) -> Rule[int]:
     # All tables have the same number of flights and failures inside.
     inside, bad = map(int, candidate.tables[0][:2])
     others = flights - failures
@@ -154,7 +155,7 @@ def _differences(
         for c in candidates
     ]
     for candidate, p_value in zip(candidates, _p_values(complete).tolist(), strict=True):
-        key = frozenset(condition.input for condition in candidate.conditions)
+        key = frozenset(condition.parameter for condition in candidate.conditions)
         best[key] = min(best.get(key, 1.0), p_value)
     alone = sorted((p_value, min(key)) for key, p_value in best.items() if len(key) == 1)
     standard = {}
@@ -234,14 +235,14 @@ def _p_values(candidates: list["_Candidate"]) -> Floats:
 class _Candidate:
     """Best region of an input or a pair, with its counts and the reference counts."""
 
-    conditions: tuple[Condition, ...]
+    conditions: tuple[Condition[int], ...]
     # tables of flights inside, failures inside, all flights and all failures
     tables: tuple[tuple[int, int, int, int], ...]
     tried: int
     either: bool = False
 
 
-def _condition(inputs: tuple[int, ...], side: int, edges: Floats) -> Condition:
+def _condition(inputs: tuple[int, ...], side: int, edges: Floats) -> Condition[int]:
     lines = len(edges)
     return Condition(inputs[0], side >= lines, float(edges[side % lines]), *inputs[1:])
 
@@ -350,7 +351,9 @@ def _best_corners(
     return candidates
 
 
-def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floats]) -> Rule:
+def _sharpen(
+    rule: Rule[int], failed: NDArray[np.bool_], column: Callable[[int], Floats]
+) -> Rule[int]:
     """Move each threshold of a rule of half-lines to the value at which failures begin.
 
     The p-value remains that of the quantiles, which were selected before this step.
@@ -386,16 +389,16 @@ def _sharpen(rule: Rule, failed: NDArray[np.bool_], column: Callable[[int], Floa
     )
 
 
-def rule_mask(rule: Rule, column: Callable[[int], Floats]) -> NDArray[np.bool_]:
+def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> NDArray[np.bool_]:
     """Return a mask [flight] of a rule's region; `column` returns the values of an input."""
     masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
     return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
 
 
-def _values(condition: Condition, column: Callable[[int], Floats]) -> Floats:
+def _values(condition: Condition[int], column: Callable[[int], Floats]) -> Floats:
     if condition.minus is None:
-        return column(condition.input)
-    return _standardise(column(condition.input)) - _standardise(column(condition.minus))
+        return column(condition.parameter)
+    return _standardise(column(condition.parameter)) - _standardise(column(condition.minus))
 
 
 def _standardise(values: Floats) -> Floats:
@@ -403,5 +406,5 @@ def _standardise(values: Floats) -> Floats:
     return (values - np.mean(values)) / np.std(values)
 
 
-def _meets(condition: Condition, values: Floats) -> NDArray[np.bool_]:
+def _meets(condition: Condition[int], values: Floats) -> NDArray[np.bool_]:
     return values > condition.threshold if condition.above else values <= condition.threshold

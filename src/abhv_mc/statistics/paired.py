@@ -6,8 +6,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.binomial import mcnemar_exact
-from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, quantile
-from abhv_mc.statistics.quantile_pairs import quantile_differences
+from abhv_mc.statistics.estimates import Interval, pair_differences, quantile
 
 
 @dataclass(frozen=True)
@@ -21,8 +20,6 @@ class PairedMetric:
     b_better: int
     ties: int
     median_difference: Interval  # median of the paired differences, with its exact interval
-    # differences at LEVELS; unbounded if there are too few flights
-    quantile_differences: list[Interval]
     # factor on the number of flights for an unpaired comparison of means
     pairing_gain: float | None
 
@@ -36,7 +33,6 @@ def compare_metric(a: Floats, b: Floats) -> PairedMetric:
         b_better=b_better,
         ties=a.size - a_better - b_better,
         median_difference=quantile(difference, 0.5),
-        quantile_differences=quantile_differences(a, b, LEVELS),
         pairing_gain=pairing_gain(a, b),
     )
 

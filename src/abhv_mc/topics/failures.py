@@ -25,29 +25,12 @@ from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, T
 from abhv_mc.topics.topic import Topic
 
 
-@dataclass(frozen=True)
-class FailureCondition:
-    """Threshold on a parameter, or on a difference of two standardized parameters."""
-
-    parameter: str
-    minus: str | None
-    above: bool
-    threshold: float
-
-
-@dataclass(frozen=True)
-class FailureRule:
+@dataclass(frozen=True, kw_only=True)
+class FailureRule(Rule[str]):
     """Region of the dispersions with an increased failure rate."""
 
     where: str  # description in words
     rule: str  # description with shares of the flights
-    conditions: tuple[FailureCondition, ...]
-    failures_inside: int
-    failures: int
-    others_inside: int
-    others: int
-    p_value: float
-    q_value: float
 
 
 @dataclass(frozen=True)
@@ -109,7 +92,7 @@ def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
 
 
 def _rule(
-    rule: Rule,
+    rule: Rule[int],
     names: list[str],
     parameters: Parameters,
     failed: Mask,
@@ -120,50 +103,38 @@ def _rule(
         description = _parameter_words(rule, names, parameters)
     else:
         description = _difference_words(rule, names, parameters, failed, column)
-    return FailureRule(
-        where=description,
-        rule=(
-            f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights)"
-            f" have {description}"
-        ),
-        conditions=tuple(
-            FailureCondition(
-                names[c.input], None if c.minus is None else names[c.minus], c.above, c.threshold
-            )
-            for c in rule.conditions
-        ),
-        failures_inside=rule.failures_inside,
-        failures=rule.failures,
-        others_inside=rule.others_inside,
-        others=rule.others,
-        p_value=rule.p_value,
-        q_value=rule.q_value,
+    conditions = tuple(
+        Condition(
+            names[c.parameter], c.above, c.threshold, None if c.minus is None else names[c.minus]
+        )
+        for c in rule.conditions
     )
+    text = f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have"
+    named = {**vars(rule), "conditions": conditions}
+    return FailureRule(**named, where=description, rule=f"{text} {description}")
 
 
-def _parameter_words(rule: Rule, names: list[str], parameters: Parameters) -> str:
+def _parameter_words(rule: Rule[int], names: list[str], parameters: Parameters) -> str:
     """Describe the conditions of a rule.
 
     Examples are 'wind north above 25 m/s and lift at most -5 %' and, for two thresholds, 'density
     at most -7 % or above +7 %'.
     """
 
-    def side(condition: Condition) -> str:
-        value = shown_value(names[condition.input], condition.threshold, parameters)
+    def side(condition: Condition[int]) -> str:
+        value = shown_value(names[condition.parameter], condition.threshold, parameters)
         return f"{'above' if condition.above else 'at most'} {value}"
 
     first, *further = rule.conditions
-    description = f"{spoken_name(names[first.input])} {side(first)}"
+    description = f"{spoken_name(names[first.parameter])} {side(first)}"
     for condition in further:
-        same = f"or {side(condition)}"
-        description += f""" {
-            same if rule.either else f"and {spoken_name(names[condition.input])} {side(condition)}"
-        }"""
+        word = "or" if rule.either else f"and {spoken_name(names[condition.parameter])}"
+        description += f" {word} {side(condition)}"
     return description
 
 
 def _difference_words(
-    rule: Rule,
+    rule: Rule[int],
     names: list[str],
     parameters: Parameters,
     failed: Mask,
@@ -175,7 +146,7 @@ def _difference_words(
     this holds for each failure, else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
-    inputs = condition.input, condition.minus or 0
+    inputs = condition.parameter, condition.minus or 0
     first, second = (spoken_name(names[i]) for i in inputs)
     region = failed & rule_mask(rule, column)
     side = failed & rule_mask(replace(rule, conditions=(condition,)), column)

@@ -20,12 +20,14 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, quantile
 from abhv_mc.statistics.paired import (
     PairedFailures,
+    PairedMetric,
     PairedUsage,
     compare_failures,
     compare_metric,
     compare_usage,
     median_ratio,
 )
+from abhv_mc.statistics.quantile_pairs import quantile_differences
 from abhv_mc.statistics.winner import Decision, agree, decide
 from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
@@ -34,14 +36,11 @@ _LOST_RISK = 0.05  # risk of claiming a difference in lost flights between equal
 _LISTED = 10  # maximum number of listed flights that failed under one controller only
 
 
-@dataclass(frozen=True)
-class ComparedMetric:
+@dataclass(frozen=True, kw_only=True)
+class ComparedMetric(PairedMetric):
     """Comparison of controllers `a` and `b` in one metric; differences are `a - b`."""
 
     compared: bool  # whether a winner may be named
-    a_better: int  # number of pairs in which `a` has the better value
-    b_better: int
-    ties: int
     winner: str | None
     closer: str | None  # controller with the smaller value on more flights
     mixed: bool  # whether `closer` is not named as the winner
@@ -49,9 +48,6 @@ class ComparedMetric:
     uncompared_tails: tuple[float, ...]
     loses_more: bool
     worst: tuple[float, float]
-    median_difference: Interval
-    # factor on the number of flights for an unpaired comparison of means
-    pairing_gain: float | None
     quantile_differences: Mapping[str, Interval]  # differences of quantiles, by quantile level
     # Numbers of unknown-parameter points won by `a`, won by `b`, and in total.
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
@@ -225,10 +221,8 @@ def _metric(
         for side in (a, b)
     )
     return ComparedMetric(
+        **{**vars(differences), "median_difference": differences.median_difference.in_sense(sense)},
         compared=rows > 0,
-        a_better=differences.a_better,
-        b_better=differences.b_better,
-        ties=differences.ties,
         winner=sides[decision.winner],
         closer=sides[decision.closer],
         mixed=not decision.winner and (bool(decision.closer) or a_at + b_at > 0),
@@ -236,11 +230,9 @@ def _metric(
         uncompared_tails=decision.uncompared,
         loses_more=decision.loses_more,
         worst=(worst_a, worst_b),
-        median_difference=differences.median_difference.in_sense(sense),
-        pairing_gain=differences.pairing_gain,
         quantile_differences={
             level_name(level): interval.in_sense(sense)
-            for level, interval in zip(LEVELS, differences.quantile_differences, strict=True)
+            for level, interval in zip(LEVELS, quantile_differences(a, b, LEVELS), strict=True)
         },
         better_at=(a_at, b_at, max(1, len(decisions))),
     )
