@@ -270,7 +270,7 @@ ERRORS = {
         "    if states.mode > 2.0:\n        return None\n    tilt =",
         "'return None'",
     ),
-    "text": ("rates=(states.mode_rate,", "rates=('m',", "what does not compile"),
+    "text": ("rates=(states.mode_rate,", "rates=('m',", "does not compile"),
     "nan": ("tilt = 0.1 * states.mode", "tilt = 0.1 * (1e308 * 1e308 * 0.0)", "not finite"),
     "side force": ("force=(0.0, 0.0,", "force=(0.0, 1e308 * 1e308 * 0.0,", "a force along y"),
     "sensed": ("angle_of_attack=tilt", "bank=1e308 * 1e308", "a sensed bank"),
