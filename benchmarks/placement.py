@@ -1,31 +1,70 @@
 """False alarms and detections of `place`: python benchmarks/placement.py [--smoke]
 
-The campaigns simulate a point mass that holds altitude and speed in gusts. Density, lift, drag (5 %
-each, normal) and the initial state are dispersed. The measurement noise is that of air data: 1 m/s,
-5 m, 0.1 deg, 0.005.
+Two models are simulated:
+
+- a point mass that holds altitude and speed in gusts; density, lift, drag (5 % each, normal) and
+  the initial state are dispersed, and
+- TLC in the S manoeuvre of the default campaign; density, lift (10 %) and drag (15 %) are uniform.
+
+The measurement noise is that of air data and of an inertial unit.
 """
 
 import sys
+from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 
 from abhv_mc.analysis.place import CONFIDENCE, summarize
+from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.table_simulation import simulate_table
+from abhv_mc.shipped import find_input
 from abhv_mc.statistics.placement import joint_p_value, set_p_value, simultaneous_band
 
 CAMPAIGNS, FLIGHTS = 20, 1000
 HONEST, WRONG, SETS, IN_SET = 100, 20, 5, 10  # test flights of each campaign
+WRONG_DRAG = 1.2
 BIAS = 0.2  # deg, of the angle of attack, which is within the usual range
-NOISE = np.array([1.0, 5.0, 0.1, 0.005])
+NOISE = {
+    "angle_of_attack_deg": 0.1,
+    "speed_mps": 1.0,
+    "altitude_m": 5.0,
+    "equivalence_ratio": 0.005,
+    "sideslip_deg": 0.1,
+    "bank_deg": 0.1,
+    "elevator_deg": 0.1,
+}
+_POINT_MASS_CHANNELS = 4
 _STEP, _TIME = 0.1, 60.0
 _SPEED, _ALTITUDE, _MASS, _AREA = 1500.0, 25_000.0, 50_000.0, 200.0
+_EVERY = 5  # of the histories' times that are used
+
+Fly = Callable[..., np.ndarray]
 
 
-def fly(
+def fly_manoeuvre(
+    draw: np.random.Generator, flights: int, drag: float | None = None, times: float = 1.0
+) -> np.ndarray:
+    """Return histories [flight, time, channel] of the default campaign, as `fly_point_mass`."""
+    campaign = read_campaign(
+        find_input("s_manoeuvre", "campaign"), flights, int(draw.integers(1 << 31)), ["tlc"]
+    )
+    samples = campaign.make_samples()
+    inputs = pd.DataFrame(samples.draw(0, flights), columns=list(samples.names))
+    if drag is not None:
+        inputs["aero.drag"] = drag
+    inputs["aero.drag"] *= times
+    flown = simulate_table(campaign, inputs, ["tlc"], list(NOISE))
+    columns = [flown[name].transpose("flight", "time", ...).to_numpy() for name in NOISE]
+    return np.stack([column.reshape(flights, -1)[:, ::_EVERY] for column in columns], axis=2)
+
+
+def fly_point_mass(
     draw: np.random.Generator, flights: int, drag: float | None = None, times: float = 1.0
 ) -> np.ndarray:
     """Return histories [flight, time, channel] of simulated flights.
 
-    The channels are speed (m/s), altitude (m), angle of attack (deg) and throttle. `drag`, if
+    The channels are angle of attack (deg), speed (m/s), altitude (m) and throttle. `drag`, if
     not None, is the drag factor of all flights; `times` multiplies it.
     """
     density, lift, k_drag = 1.0 + 0.05 * draw.standard_normal((3, flights))
@@ -49,12 +88,12 @@ def fly(
         climb += _STEP * (lift * q * 0.02 * alpha - _MASS * 9.81) / (_MASS * speed)
         speed += _STEP * (forward / _MASS - 9.81 * climb)
         altitude += _STEP * speed * climb
-        if step % 5 == 0:
-            rows.append([speed.copy(), altitude.copy(), alpha, throttle])
+        if step % _EVERY == 0:
+            rows.append([alpha, speed.copy(), altitude.copy(), throttle])
     return np.transpose(rows, (2, 0, 1))
 
 
-def study(campaigns: int, flights: int, noise: np.ndarray | None) -> dict[str, float]:
+def study(fly: Fly, campaigns: int, flights: int, noise: np.ndarray) -> dict[str, float]:
     """Return the shares of test flights that are outside at 5 %."""
     outside: dict[str, list[bool]] = {}
     for seed in range(campaigns):
@@ -62,16 +101,15 @@ def study(campaigns: int, flights: int, noise: np.ndarray | None) -> dict[str, f
 
         def run(count: int, **options: float) -> np.ndarray:
             histories = fly(draw, count, **options)  # noqa: B023  called within this loop
-            if noise is not None:
-                histories += noise * draw.standard_normal(histories.shape)  # noqa: B023
-            return histories
+            return histories + noise * draw.standard_normal(histories.shape)  # noqa: B023
 
         simulated = run(flights)
         band, values = simultaneous_band(simulated, CONFIDENCE), summarize(simulated)
-        biased = np.add(run(WRONG), [0.0, 0.0, BIAS, 0.0])
+        biased = run(WRONG)
+        biased[:, :, 0] += BIAS
         tests = {
-            "honest": run(HONEST),
-            "drag 20 % high": run(WRONG, drag=1.2),
+            "valid": run(HONEST),
+            "drag 20 % high": run(WRONG, drag=WRONG_DRAG),
             f"angle of attack {BIAS:g} deg high": biased,
         }
         for name, histories in tests.items():
@@ -80,28 +118,31 @@ def study(campaigns: int, flights: int, noise: np.ndarray | None) -> dict[str, f
                 leaves = bool(band.deviations(history).max() > band.factor)
                 outside.setdefault(f"{name}, metrics", []).append(p_value <= 1.0 - CONFIDENCE)
                 outside.setdefault(f"{name}, band", []).append(leaves)
-        for name, times in (("honest", 1.0), ("drag times 1.2", 1.2)):
-            for _ in range(SETS):
-                histories = run(IN_SET, times=times)
-                scores = [band.deviations(history).max() for history in histories]
-                pool = np.column_stack(
-                    [
-                        np.vstack([values, summarize(histories)]),
-                        np.append(band.scores, scores),
-                    ]
-                )
+        for name, times in (("valid", 1.0), (f"drag times {WRONG_DRAG:g}", WRONG_DRAG)):
+            histories = run(SETS * IN_SET, times=times)
+            scores = np.array([band.deviations(history).max() for history in histories])
+            own = np.column_stack([summarize(histories), scores])
+            for rows in np.split(own, SETS):
+                pool = np.vstack([np.column_stack([values, band.scores]), rows])
                 p_value = set_p_value(pool, IN_SET)
                 outside.setdefault(f"{name}, sets of ten", []).append(p_value <= 1.0 - CONFIDENCE)
     return {name: float(np.mean(flags)) for name, flags in outside.items()}
 
 
 def main() -> None:
-    """Print the shares without noise and with declared noise."""
+    """Print the shares of both models without noise and with declared noise."""
     smoke = sys.argv[1:] == ["--smoke"]
     campaigns, flights = (1, 100) if smoke else (CAMPAIGNS, FLIGHTS)
-    for label, noise in (("without noise", None), ("with declared noise", NOISE)):
-        for name, share in study(campaigns, flights, noise).items():
-            print(f"{label}, {name}: outside in {share:.3f}", flush=True)
+    noise = np.array([*NOISE.values()])
+    models = {
+        "point mass": (fly_point_mass, noise[:_POINT_MASS_CHANNELS]),
+        "S manoeuvre": (fly_manoeuvre, noise),
+    }
+    labels = (("without noise", 0.0), ("with declared noise", 1.0))
+    for model, (fly, sigma) in models.items():
+        for label, factor in labels[: 1 if smoke else None]:
+            for name, share in study(fly, campaigns, flights, factor * sigma).items():
+                print(f"{model}, {label}, {name}: outside in {share:.3f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Full check of an input file of any kind and of the files that it names."""
+"""Full check of input files of any kind, including the files that they name."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,19 +25,19 @@ from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_LONGEST = 600.0  # s, including compilation
+_LONGEST = 600.0  # time limit including compilation, s
 _BROKEN = {
-    Outcome.NOT_FINITE: "a law whose command at the first tick is not a number",
-    Outcome.LAW_FAILED: "a law that raises an exception at the first tick (above)",
+    Outcome.NOT_FINITE: "the command of the law at the first tick is not a number",
+    Outcome.LAW_FAILED: "the law raises an exception at the first tick (see above)",
 }
 Pending = list[
     tuple[Path, str | None, tuple[Path, Path] | None]
-]  # file, kind, vehicle and mission of its campaign
+]  # (file, kind, vehicle and mission of the campaign)
 
 
 @dataclass(frozen=True)
 class CheckedInput:
-    """Valid file with its warnings."""
+    """Valid input file with its warnings."""
 
     path: Path
     kind: str
@@ -45,9 +45,9 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file and every file that it names, once each.
+    """Check a file and all files that it names, each of them once.
 
-    Raise InputErrors with the problems of all of them.
+    Raise InputErrors with the problems of all files.
     """
     checked: list[CheckedInput] = []
     errors: list[InputError] = []
@@ -109,12 +109,14 @@ def _try_law(
 ) -> Iterator[str]:
     """Compile a controller, simulate one tick and yield warnings.
 
-    It uses the campaign's vehicle and mission or shipped ones. Code in a campaign's folder that
-    this user has not run is skipped. Raise InputError.
+    The vehicle and mission are those of the campaign, or shipped ones. Code in a results folder
+    that the user has not run before is skipped. Raise InputError if the tick fails.
     """
     location = law_place(controller)
     if is_in_a_folder(location) and not is_trusted(read_law_source(controller)):
-        yield "its code was not run: it is a folder's, and you have not flown it"
+        yield (
+            "the code was not run, because it is in a results folder and you have not run it before"
+        )
         return
     configs = shipped_configs()
     vehicle, mission = flown or (
@@ -126,8 +128,8 @@ def _try_law(
     try:
         block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
     except TimeoutError:
-        problem = f"a law whose first tick is not done in {_LONGEST:g} s"
-        raise InputError(location, problem, "a law whose loops end") from None
+        problem = f"the first tick of the law is not finished within {_LONGEST:g} s"
+        raise InputError(location, problem, "a law without endless loops") from None
     broken = _BROKEN.get(Outcome(int(block.outcome[0])))
     if broken is not None:
         raise InputError(location, broken, "finite commands")

@@ -53,13 +53,13 @@ Arrays = dict[str, NDArray[Any]]
 
 
 class StoredPlans(NamedTuple):
-    """Plans in a results folder, read when they are restored."""
+    """Plans stored in a results folder, which are read when they are restored."""
 
-    root: Path  # has copies of input files at the paths of Simulator.pack
-    # Returns the plan of a system that a function makes of its stored arrays; the function raises
-    # KeyError, ValueError or TypeError for damaged ones. Raises InputError.
+    root: Path  # folder with the input files of Simulator.pack
+    # Convert the stored arrays of a system by a function, which raises KeyError, ValueError or
+    # TypeError for damaged arrays. Raises InputError.
     read: Callable[[str, Callable[[Arrays], Any]], Any]
-    read_campaign: Callable[[], Any]  # model of the folder's campaign file. Raises InputError.
+    read_campaign: Callable[[], Any]  # return the campaign model, or raise InputError
 
 
 Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # arguments: Plan, rows [flight, parameter]
@@ -129,7 +129,7 @@ class Simulator(Protocol):
     def restore_plans(
         self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Return the stored plans of systems. Raise InputError if they are invalid."""
+        """Return the stored plans of the named systems. Raise InputError if they are invalid."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
         """Return the plans with requested stability margins; empty if none are requested."""

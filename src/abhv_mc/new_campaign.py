@@ -1,4 +1,4 @@
-"""Starter folders: a campaign with all its files, or a user's simulator."""
+"""Starter folders: a campaign with all its files, or a custom simulator."""
 
 import json
 import os
@@ -22,38 +22,35 @@ LAWS = ("python", "c")
 SIMULATORS = ("python", "command")
 _SCHEMAS = "schemas"
 _MAKEFILE = """\
-# The library by hand: 'library: libmy_law.so' in my_law.yaml, in place of \
-'sources: [my_law.c]', flies it.
-# The headers are written by abhv-mc: again with `make headers`, after an edit of the settings \
-in my_law.yaml.
+# To use this library, write 'library: libmy_law.so' in my_law.yaml instead of \
+'sources: [my_law.c]'.
+# abhv-mc writes the headers; after a change of the settings in my_law.yaml run `make headers`.
 libmy_law.so: my_law.c abhv_law.h abhv_settings.h
 \tcc -shared -fPIC -O2 -Wall -ffp-contract=off -I. -o $@ my_law.c -lm
 
 headers: my_law.yaml
 \tpython3 -m abhv_mc.user_code.c_source my_law.yaml
 """
-_QUESTION = (
-    "Does my own law fly this mission as well as the controllers that come with the program?"
-)
+_QUESTION = "Does my control law track this mission as well as the shipped controllers?"
 
 
 _TUNE = """
-# `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` searches these numbers \
+# `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` varies these parameters \
 of control/tlc.yaml.
 tune:
-  free: # a fifth to five times the number in the file, or the factor given
+  free: # from a fifth to five times the value in the file, or by the given factor
     - altitude.damping
     - {key: altitude.bandwidth, factor: 10}
   minimise: {metric: altitude_error_rms_m, quantile: 0.95}
-  limits: # what the smaller error may cost
+  limits: # limits on side effects of a smaller error
     - {metric: elevator_travel_deg, quantile: 0.5, below_start_times: 1.5}
     - {metric: gain_margin_min_db, above: 6} # of the nominal vehicle
     - {metric: phase_margin_min_deg, above: 30}
   margins_at: [trim]
-  usage: {metric: elevator_travel_deg, quantile: 0.5} # what the page draws the error against
-  flights: 32 # of each candidate, the same for all
+  usage: {metric: elevator_travel_deg, quantile: 0.5} # second axis of the Pareto front
+  flights: 32 # per candidate, with equal samples
   candidates: 64
-  validation: 400 # fresh flights of the result and of the start
+  validation: 400 # new flights of the result and of the start
 """
 
 
@@ -64,12 +61,12 @@ def write_new_campaign(
     vehicle: Path | None = None,
     tune: bool = False,
 ) -> list[Path]:
-    """Fill a new or empty folder with a shipped campaign; return the written files.
+    """Fill a new or empty folder with a shipped campaign, and return the files written.
 
     The first file is ``campaign.yaml``. ``law`` (``python`` or ``c``) adds a commented custom
-    controller, ``tune`` a block of free numbers, and ``vehicle`` replaces the vehicle and removes
-    controllers designed for another one. Raise InputError, and write nothing, for an unknown name,
-    a folder that is not empty, or a vehicle that does not fit the campaign.
+    controller, ``tune`` adds a block of free parameters, and ``vehicle`` replaces the vehicle and
+    removes controllers designed for another vehicle. Raise InputError, without writing files, for
+    an unknown name, a folder that is not empty, or an unsuitable vehicle.
     """
     if law is not None and law not in LAWS:
         raise InputError("--law", f"'{law}'", one_of(LAWS, law))
@@ -85,7 +82,9 @@ def write_new_campaign(
         text, controllers = _replace_vehicle(text, controllers, vehicle)
     if tune and "tlc" not in controllers:
         raise InputError(
-            "--tune", f"'{name}', which has no tlc", "a campaign with the controller tlc"
+            "--tune",
+            f"the campaign '{name}' has no controller tlc",
+            "a campaign with the controller tlc",
         )
     craft = vehicle or campaign.vehicle
     named = (craft, campaign.mission, *controllers.values())
@@ -108,9 +107,9 @@ def write_new_campaign(
 
 
 def _place(file: Path, vehicle: Path) -> Path:
-    """Return the path of a file below the campaign's folder.
+    """Return the path of a file in the folder of the campaign.
 
-    Raise InputError for a file outside the vehicle's folder.
+    Raise InputError for a file outside the folder of the vehicle.
     """
     for home, below in (
         (shipped_configs().resolve(), Path()),
@@ -119,14 +118,16 @@ def _place(file: Path, vehicle: Path) -> Path:
         if file.is_relative_to(home):
             return below / file.relative_to(home)
     raise InputError(
-        vehicle, f"a vehicle that names {file}", "files in its own folder, or below it"
+        vehicle,
+        f"the vehicle refers to {file}",
+        "files in the folder of the vehicle, or in its subfolders",
     )
 
 
 def _replace_vehicle(
     text: str, controllers: dict[str, Path], vehicle: Path
 ) -> tuple[str, dict[str, Path]]:
-    """Return a campaign's text and controllers with another vehicle.
+    """Return the text and controllers of a campaign with another vehicle.
 
     Controllers designed for one vehicle are used with that vehicle only.
     """
@@ -149,15 +150,15 @@ def _replace_vehicle(
 
 
 def refuse_filled(folder: Path) -> None:
-    """Raise :class:`InputError` for a file, or for a folder that holds something."""
+    """Raise InputError if the path is a file or a folder that is not empty."""
     if folder.exists() and not folder.is_dir():
-        raise InputError(folder, "a file", "a new or an empty folder")
+        raise InputError(folder, "a file", "a new or empty folder")
     if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(folder, "a folder that is not empty", "a new or an empty one")
+        raise InputError(folder, "a folder that is not empty", "a new or empty folder")
 
 
 def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS) -> list[Path]:
-    """Write the schemas of ``kinds`` and link the YAML files to them for editors."""
+    """Write JSON Schemas of ``kinds``, and refer to them in YAML files for editors."""
     written = []
     (folder / _SCHEMAS).mkdir()
     for kind in kinds:
@@ -173,9 +174,9 @@ def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS
 
 
 def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
-    """Add the shipped example of a custom control law as ``my_law``; return its files.
+    """Add the shipped example of a control law as ``my_law``, and return its files.
 
-    The C example has its design, headers and a Makefile.
+    The C example includes a design, headers and a Makefile.
     """
     source, target = shipped_configs() / "control", folder / "control"
     python, text = (
@@ -205,13 +206,13 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
-    text = re.sub(r"(?m)^asks:.*\n", "", text)  # another controller is the first
+    text = re.sub(r"(?m)^asks:.*\n", "", text)  # The first controller has changed.
     campaign.write_text(text, encoding="utf-8")
     return files
 
 
 def write_new_simulator(folder: Path, kind: str) -> list[Path]:
-    """Fill a new or empty folder with the shipped rocket simulator; return its files.
+    """Fill a new or empty folder with the shipped rocket simulator, and return the files.
 
     ``kind`` is a Python function or a program in C. The campaign is the first file. With a C
     compiler the program is built, and ``rocket`` is the last file. Raise InputError for another
@@ -226,8 +227,8 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     text = (source / "campaign.yaml").read_text(encoding="utf-8")
     if kind == "command":
         called = (
-            "  command: [./rocket] # it reads flights as lines of JSON and answers each by a line; "
-            "built of:\n"
+            "  command: [./rocket] # reads flights as lines of JSON and replies to each by a "
+            "line; built from:\n"
         )
         text = re.sub(r"(?m)^  python:.*\n", f"{called}  files: [rocket.c, Makefile]\n", text)
     written[0].write_text(text, encoding="utf-8")
@@ -239,5 +240,5 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
             subprocess.run(["make", "--quiet"], cwd=folder, capture_output=True, check=True)  # noqa: S607
             written.append(folder / "rocket")
         except (OSError, subprocess.CalledProcessError):
-            pass  # the caller prints how to build it
+            pass  # The caller prints how to build the program.
     return written

@@ -1,4 +1,4 @@
-"""Air profile of a mission from a DAVE-ML model of the atmosphere."""
+"""Air profile of a mission, computed from a DAVE-ML model of the atmosphere."""
 
 import math
 from collections.abc import Mapping
@@ -11,14 +11,15 @@ from abhv_mc_daveml.graph import Model
 from abhv_mc_daveml.signals import find_signals
 from abhv_mc_daveml.writer import make_function
 
-ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # m
+ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table, m
 _GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
 
 
 def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
-    """Return a CSV table of the density, with pressure and temperature if the model has pressure.
+    """Return a CSV table of density, or of pressure and temperature.
 
-    Answers replace missing inputs. Raise InputError if the density is not positive below 80 km.
+    The table has pressure and temperature if the model has a pressure. Answers replace missing
+    inputs. Raise InputError if the density is not positive below 80 km.
     """
     function, inputs = make_function(model), dict[str, tuple[float, float]]()
     for variable in model.inputs:

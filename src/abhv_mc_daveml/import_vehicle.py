@@ -295,7 +295,7 @@ def _limits(models: Sequence[Model]) -> list[str]:
         )
     if min(ends["sideslip"], default=0.0) < 0.0:
         lines.append(f"  sideslip: {max(map(abs, ends['sideslip'])):g} deg")
-    return ["", "limits: # the tables end there", *lines] if lines else []
+    return ["", "limits: # ends of the tables", *lines] if lines else []
 
 
 def _controller(model: Model, module: str) -> str:

@@ -17,7 +17,7 @@ def explore(
             min=0, max=65535, help="Port of the server on this machine.", show_default="a free one"
         ),
     ] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the browser.")] = True,
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
     trust_code: TrustCode = False,
 ) -> None:
     """Show up to a million flights in the browser, to brush, filter and re-run them.

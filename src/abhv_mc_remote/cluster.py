@@ -258,6 +258,6 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
             if client.status == "running":
                 raise
             raise UnusableError(
-                f"the scheduler at {address} does not answer ({type(error).__name__}: {error}): "
-                "completed flights are kept, and the same command resumes"
+                f"the scheduler at {address} does not answer ({type(error).__name__}: {error}); "
+                "completed flights are kept, and the same command resumes the run"
             ) from None

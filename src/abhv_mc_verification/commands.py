@@ -66,7 +66,7 @@ def everything(
         Path | None,
         typer.Option(
             metavar="DIR",
-            show_default=f"{_REFERENCES}, where it is",
+            show_default=f"{_REFERENCES}, if it exists",
             help="Folder with the check-cases (nesc) and recordings (cadac-ghame6).",
         ),
     ] = None,

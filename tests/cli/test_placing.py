@@ -124,7 +124,7 @@ def test_rows_of_metrics_are_ranked_without_histories(folder, tmp_path):
     ("text", "options", "problem"),
     [
         ("time,mach\n0,1\n1,1\n", (), "no column altitude_m"),
-        ("time,altitude_m\n1,1\n0,1\n", (), "times that rise"),
+        ("time,altitude_m\n1,1\n0,1\n", (), "times that increase"),
         ("time,altitude_m\n0,1\n1,x\n", (), "a finite number"),
         ("time,altitude_m\n0,1\n1,1\n", ("--measured", "altitude_m=-1"), "a positive number"),
         ("time,altitude_m\n0,1\n1,1\n", ("--measured", "mach=1"), "'mach'"),

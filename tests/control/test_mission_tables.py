@@ -55,8 +55,8 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
     [
         ("altitude_m,wind_north_mps\n0,1\n9,1\n", WIND, (1, None), "wind_speed and wind_direction"),
         ("altitude,density_factor\n0,1\n9,1\n", DENSITIES, (1, 1), "'altitude' without a unit"),
-        ("altitude_m,density_factor\n0,1\n5,1\n5,1\n", DENSITIES, (4, 1), "altitudes that rise"),
-        ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "altitudes that fall"),
+        ("altitude_m,density_factor\n0,1\n5,1\n5,1\n", DENSITIES, (4, 1), "that increase"),
+        ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "that decrease"),
         ("altitude_m,density_factor\n0,1\n9,-1\n", DENSITIES, (3, 3), "a factor above zero"),
         ("altitude_m,pressure_hPa,temperature\n0,1,1\n9,1,1\n", DENSITIES, (1, 25), "one of K"),
         (

@@ -194,7 +194,7 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
     output = capfd.readouterr().err
     for reason, flight in (
         ("SIGSEGV", 137),
-        ("not done in 1 s", 61),
+        ("not finished within 1 s", 61),
     ):  # lost twice, the second time alone
         assert f"{reason}, at 0 s (tick 0), measured: altitude {int(heights[flight])}." in output
 

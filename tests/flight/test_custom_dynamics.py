@@ -260,7 +260,20 @@ ERRORS = {
         "rates=(states.mode_rate, 0.0, ",
         "3 rates for 2 states",
     ),
+    "other rates": (
+        "    tilt =",
+        "    if states.mode > 2.0:\n        return Effect(rates=(0.0,))\n    tilt =",
+        "1 rate for 2 states",
+    ),
+    "nothing": (
+        "    tilt =",
+        "    if states.mode > 2.0:\n        return None\n    tilt =",
+        "'return None'",
+    ),
+    "text": ("rates=(states.mode_rate,", "rates=('m',", "does not compile"),
     "nan": ("tilt = 0.1 * states.mode", "tilt = 0.1 * (1e308 * 1e308 * 0.0)", "not finite"),
+    "side force": ("force=(0.0, 0.0,", "force=(0.0, 1e308 * 1e308 * 0.0,", "a force along y"),
+    "sensed": ("angle_of_attack=tilt", "bank=1e308 * 1e308", "a sensed bank"),
     "setting": ("settings.damping", "settings.dampng", "settings.dampng"),
     "state": ("tilt = 0.1 * states.mode", "tilt = 0.1 * states.mod", "states.mod"),
     "name": ("tilt = 0.1 *", "tilt = slope *", "the name 'slope'"),
@@ -315,3 +328,20 @@ def test_a_mode_decays_with_its_damping(tmp_path):
         0.01 * math.exp(-zeta * w * 2.0) * (math.cos(wd * 2.0) + zeta * w / wd * math.sin(wd * 2.0))
     )
     assert amplitude == pytest.approx(analytic, abs=1e-8)
+
+
+def test_a_mode_at_the_step_of_the_mission_lags_by_its_bound(tmp_path):
+    keys = MODE_KEYS.replace("excitation: 0.05", "excitation: 0.0")
+    plan = plan_of(write_vehicle(tmp_path, keys=keys), mission="level")
+    block = fly(plan, parameters_of(plan, initial__mode=0.01), 1)
+    names = [channel.name for channel in plan.channels]
+    flown, t = block.history[0][:, names.index("state.mode")], block.times
+    w, zeta = FREQUENCY, DAMPING
+    wd = w * math.sqrt(1.0 - zeta**2)
+    analytic = 0.01 * np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t))
+    wh = w * plan.timing.step
+    bound = 0.01 * wh**4 * w * t / 120.0
+    error = np.abs(flown - analytic)
+    assert (error <= bound + 1e-8).all()
+    # The phase lags by (w h)^4 w t / 120, which the damping of the amplitude leaves visible.
+    assert (error / np.maximum(bound, 1e-6)).max() > 0.5

@@ -171,7 +171,7 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
     (tmp_path / "table.csv").write_text("word,time_ms\n'a',0\n\nbb,2\nccc,2\n")
     table = read_numbers(tmp_path / "table.csv", {"time": TIME})
     assert np.array_equal(table.values, [[0.0], [2e-3], [2e-3]])
-    with pytest.raises(InputError, match=r"the time 0.002 s; expected times that rise") as caught:
+    with pytest.raises(InputError, match=r"time 0.002 s; expected times that increase") as caught:
         table.check_rising("time", "s")
     assert (caught.value.line, caught.value.column) == (5, 5)
 

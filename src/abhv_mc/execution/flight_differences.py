@@ -1,4 +1,4 @@
-"""Differences between flights of a user's simulator with the same inputs."""
+"""Differences between flights of a custom simulator with the same inputs."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import relative_difference
 
-ESTIMATES = "requirements get estimates instead of verdicts"  # end of warnings
+ESTIMATES = "requirements get estimates instead of verdicts"  # last clause of warnings
 
 
 class Difference(NamedTuple):
@@ -23,7 +23,7 @@ class Difference(NamedTuple):
 def find_difference(
     campaign: Experiment, name: str, pairs: Iterable[tuple[Floats, Floats, Floats]]
 ) -> Difference:
-    """Return the largest difference; it is infinite between flights with different outcomes.
+    """Return the largest difference, which is infinite for different outcomes.
 
     Each pair is a row of inputs and the values of its two flights in the system ``name``.
     """
@@ -46,5 +46,5 @@ def find_difference(
 
 
 def outcome_and_metrics(block: FlightBlock) -> Floats:
-    """Return the outcome and the metrics of each flight [flight, value]."""
+    """Return the outcome and metrics of each flight [flight, value]."""
     return np.column_stack([block.outcome.astype(np.float64), block.metrics])

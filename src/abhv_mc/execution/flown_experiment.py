@@ -1,4 +1,4 @@
-"""Experiments of results folders, whose flights can be simulated again."""
+"""Experiments read from results folders, whose flights can be re-run."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -18,9 +18,9 @@ from abhv_mc.io.input_error import InputError
 def open_flown(
     folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
 ) -> Experiment:
-    """Return a folder's experiment with controllers ready to re-run, after an integrity check.
+    """Check a results folder and return its experiment, ready to re-run flights.
 
-    Raise InputError for another controller, or if code is untrusted.
+    Raise InputError for an unknown controller, a damaged file or untrusted code.
     """
     read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
     experiment = read_folder_campaign(folder)

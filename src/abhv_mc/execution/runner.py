@@ -317,7 +317,7 @@ class _Run:
             self.stored.add(rows)
 
     def _check_stored(self) -> None:
-        """Run some flights of a user's simulator again and note whether their values differ."""
+        """Re-run some flights of a custom simulator and record whether values differ."""
         if self.stored is None:
             return
         size, description = self.stored.run_again(self.fly, self.workers)
@@ -325,7 +325,7 @@ class _Run:
         warnings = list(self.manifest.warnings)
         if size > ROUNDING:
             observed = Repeatability.NOISE
-            warnings.append(f"stored flights run again: {description}; {ESTIMATES}")
+            warnings.append(f"re-run stored flights: {description}; {ESTIMATES}")
         state = weakest([self.campaign.repeatability, observed])
         self.campaign = replace(self.campaign, repeatability=state)
         self.manifest = replace(self.manifest, repeatable=state, warnings=tuple(warnings))

@@ -1,4 +1,4 @@
-"""Simulation of rows of an experiment's inputs; the only entry to the simulators."""
+"""Simulation of rows of inputs; all simulators are called through this module."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,12 +13,12 @@ from abhv_mc.io.documents import InputError
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
-    """Raise InputError if the program changed since the folder's flights were computed."""
+    """Raise InputError if the flights of a folder were computed by another version."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
-        problem = f"flights of another version of the program (source {flown}, now {now})"
+        problem = f"the flights are from another version of the program (source {flown}, now {now})"
         raise InputError(
-            folder.root, problem, "the same again, another folder (-o DIR), or --fresh"
+            folder.root, problem, "the same version, another folder (-o DIR), or --fresh"
         )
 
 
@@ -46,11 +46,11 @@ def simulate(
     *,
     margins: bool = False,
 ) -> FlightBlock:
-    """Simulate ``rows`` [flight, input] in SI, in the columns of ``experiment.inputs``.
+    """Simulate ``rows`` [flight, input], SI, with the columns ``experiment.inputs``.
 
-    Other parameters are nominal. ``recording`` is a recorder, or the number of control ticks
-    between samples of every channel. ``executor`` runs the flights, by default in this thread.
-    ``margins`` adds stability margins if the experiment has plans with them.
+    Other parameters are nominal. ``recording`` is a Recording, or the number of control ticks
+    between samples of all channels. ``executor`` runs the flights, by default in the calling
+    thread. ``margins`` adds stability margins if the experiment has plans with them.
     """
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan

@@ -1,7 +1,7 @@
-"""Check of stored flights of a user's simulator: some are run again at the end of a run.
+"""Check of stored flights of a custom simulator by re-running some flights.
 
-The first flights show noise of a program, but not files that change during a run or between runs,
-nor workers that disturb each other. These change the results of stored flights.
+The first flights reveal noise of a simulator, but not files that change later or workers that
+disturb each other. Re-running stored flights at the end of a run reveals these changes.
 """
 
 from collections.abc import Iterator
@@ -23,14 +23,14 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Fly
 
-_LEAST, _MOST, _SHARE = 4, 64, 50  # flights that are run again: one of 50, within these limits
+_LEAST, _MOST, _SHARE = 4, 64, 50  # re-run one of 50 flights, within limits
 
 
 class StoredFlights:
-    """Rows of the flights of each system that are run again."""
+    """Rows of the flights of each system that are re-run."""
 
     def __init__(self, campaign: Experiment, shard: tuple[int, int]) -> None:
-        """Choose the flights of a shard at random; an extension chooses others."""
+        """Choose flights of a shard at random; an extension chooses other flights."""
         first, stop = shard
         self._campaign = campaign
         count = min(stop - first, max(_LEAST, min(_MOST, (stop - first) // _SHARE)))
@@ -39,7 +39,7 @@ class StoredFlights:
         self._rows: dict[str, list[tuple[Floats, Floats]]] = {}
 
     def add(self, rows: FlightRows) -> None:
-        """Keep the inputs and values of the chosen flights of a block that could be computed."""
+        """Keep the inputs and values of the chosen flights in a block."""
         campaign, stored = self._campaign, self._rows.setdefault(rows.controller, [])
         is_inside = (self._numbers >= rows.first) & (self._numbers < rows.stop)
         for i in (self._numbers[is_inside] - rows.first).tolist():
@@ -49,7 +49,7 @@ class StoredFlights:
                 stored.append((rows.samples[i], np.append(float(outcome), metrics)))
 
     def run_again(self, fly: Fly, workers: int) -> Difference:
-        """Run the chosen flights again and return the largest difference from the stored values."""
+        """Re-run the chosen flights and return the largest difference from stored values."""
         calls = [(name, i) for name, rows in self._rows.items() for i in range(len(rows))]
 
         def run(name: str, i: int) -> Difference:

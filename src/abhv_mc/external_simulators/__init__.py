@@ -1,1 +1,1 @@
-"""User simulators, run in processes that are watched flight by flight."""
+"""Custom simulators, run in processes that are monitored flight by flight."""

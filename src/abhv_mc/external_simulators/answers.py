@@ -1,4 +1,4 @@
-"""Answers of a user's simulator: validation and sampling of histories."""
+"""Replies of a custom simulator: validation, and sampling of histories."""
 
 import json
 import math
@@ -10,24 +10,22 @@ import numpy as np
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.external_simulators.user_plan import UserPlan
 
-_NEAR = (
-    1e-6  # of the sampling interval: a history that ends within this tolerance of a sample has it
-)
-_LARGEST = 1 << 1023  # smallest integer without a floating-point value
+_NEAR = 1e-6  # tolerance of sample times relative to the sampling interval
+_LARGEST = 1 << 1023  # limit of integers that can be converted to float
 
 
 class Answer(NamedTuple):
-    """Result of a simulated flight."""
+    """Validated result of one flight."""
 
     outcome: int
     end_time: float
     metrics: list[float]
-    # [column, sample]: its time, then the channels; None where none is declared
+    # [column, sample] time and channels; None if not declared
     history: Floats | None
 
 
 def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
-    """Return the validated answer. Raise ValueError if it differs from the campaign."""
+    """Validate a reply. Raise ValueError if it does not match the campaign."""
     if "error" in reply:
         raise ValueError(str(reply["error"]))
     code = reply.get("outcome", "ok")
@@ -47,13 +45,13 @@ def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
             for record, value in zip(plan.metrics, values, strict=True)
             if not math.isfinite(value)
         )
-        raise ValueError(f"{name} is not a finite number, and the outcome is ok")
+        raise ValueError(f"{name} is not a finite number although the outcome is ok")
     history = _read_history(reply["history"], plan, ok) if plan.channels else None
     return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
 
 
 def _read_number(value: Any, name: str) -> float:
-    """Return a JSON number, NaN for null. Raise ValueError for anything else."""
+    """Return a JSON number, or NaN for null. Raise ValueError for other values."""
     if value is None:
         return math.nan
     if type(value) is float:
@@ -67,12 +65,12 @@ def _read_number(value: Any, name: str) -> float:
 
 
 def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
-    """Return time and channels [column, sample] of a flight. Raise ValueError if invalid."""
+    """Return the time and channels [column, sample] of a history. Raise ValueError if invalid."""
     columns = ["time", *(channel.name for channel in plan.channels)]
     if not isinstance(reply, dict) or reply.keys() != set(columns):
         contents = ", ".join(reply) if isinstance(reply, dict) else f"{reply!r:.80}"
         raise ValueError(
-            f"its history holds {contents or 'nothing'}; declared are {', '.join(columns)}"
+            f"its history contains {contents or 'nothing'}; declared are {', '.join(columns)}"
         )
     try:
         lists = [np.array(reply[name]) for name in columns]
@@ -81,12 +79,12 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
     except (TypeError, ValueError, OverflowError):
         history = np.empty(0)
     if history.ndim != 2 or not history.size:
-        raise ValueError("the columns of its history are no lists of numbers of one length")
+        raise ValueError("the columns of its history are not lists of numbers of equal length")
     if not np.isfinite(history[0]).all() or (np.diff(history[0]) < 0.0).any():
-        raise ValueError("the time of its history does not ascend")
+        raise ValueError("the time of its history does not increase")
     if ok and not np.isfinite(history).all():
         name = columns[int(np.argmin(np.isfinite(history).all(axis=1)))]
-        raise ValueError(f"{name} of its history is not a finite number, and the outcome is ok")
+        raise ValueError(f"{name} in its history is not a finite number although the outcome is ok")
     return history
 
 
@@ -95,8 +93,8 @@ def sample_histories(
 ) -> tuple[Floats, Singles]:
     """Return times [time], s, and histories [flight, time, channel] at these times.
 
-    There are ``rate`` times per second, and they extend ``beyond`` samples on either side of the
-    flights. Histories are interpolated linearly, NaN before and after a flight.
+    Times have ``rate`` samples per second and extend ``beyond`` samples on either side of the
+    flights. Histories are interpolated linearly, and are NaN before and after a flight.
     """
     spans = {
         flight: (math.ceil(clock[0] * rate - _NEAR), math.floor(clock[-1] * rate + _NEAR) + 1)
@@ -120,7 +118,8 @@ def find_extremes(
 ) -> tuple[Singles, Singles]:
     """Return extremes [time, channel] of all flights between neighbouring times.
 
-    They cover returned samples and the lines between them. ``times`` extend beyond all flights.
+    Extremes cover returned samples and the lines between samples. ``times`` extend beyond all
+    flights.
     """
     placed = [
         (np.unique(np.searchsorted(times, history[0]), return_index=True), history[1:])
@@ -132,7 +131,7 @@ def find_extremes(
         at_times[1:-1] = extreme.reduce(sampled, axis=0)
         between = np.full(
             (times.size + 1, sampled.shape[2]), np.nan, np.float32
-        )  # of samples up to each time
+        )  # number of samples up to each time
         for (interval, first), columns in placed:
             between[interval] = extreme(
                 between[interval], extreme.reduceat(columns, first, axis=1).T

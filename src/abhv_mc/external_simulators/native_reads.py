@@ -1,4 +1,4 @@
-"""Files mapped or opened by a simulator's native code, which audit hooks miss (Linux)."""
+"""Detection of files read by native code, which audit hooks miss (Linux only)."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ _PACKAGES = {"site-packages", "dist-packages"}
 
 
 def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
-    """Return unauthorized files that ``processes`` and their children map or keep open.
+    """Return undeclared files that ``processes`` and their children map or keep open.
 
     Files created after ``started`` (s since the epoch) belong to the processes. For programs other
     than Python functions, only files in the folders of the simulator and the campaign are returned,
@@ -32,7 +32,7 @@ def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) 
 
 
 def _family(process: int) -> set[int]:
-    """Return a process and its descendants."""
+    """Return the number of a process and of its descendants."""
     family = {process}
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{process}/task").iterdir():
@@ -42,7 +42,7 @@ def _family(process: int) -> set[int]:
 
 
 def _open_files(process: int) -> set[str]:
-    """Return the paths of files that a process reads through a descriptor or maps."""
+    """Return the paths of files that a process has open for reading or maps."""
     paths = set[str]()
     with contextlib.suppress(OSError):
         lines = Path(f"/proc/{process}/maps").read_text(errors="replace").splitlines()
@@ -55,7 +55,7 @@ def _open_files(process: int) -> set[str]:
 
 
 def _is_read(process: int, descriptor: str) -> bool:
-    """Return whether a descriptor is open for reading."""
+    """Return whether a file descriptor is open for reading."""
     with contextlib.suppress(OSError, ValueError, IndexError):
         text = Path(f"/proc/{process}/fdinfo/{descriptor}").read_text()
         flags = int(text.partition("flags:")[2].split()[0], 8)

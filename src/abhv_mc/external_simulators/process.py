@@ -1,4 +1,4 @@
-"""Process of a user's simulator: requests as JSON lines, answers with time limits."""
+"""Process of a custom simulator, which exchanges JSON lines within time limits."""
 
 import contextlib
 import fcntl
@@ -21,32 +21,34 @@ from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.external_simulators.working_folder import make_working_folder
 from abhv_mc.user_code.child import describe_exit
 
-_AHEAD = 64  # requests sent before the first one is answered,
-_FITS = 1 << 15  # and bytes: less than the capacity of an empty pipe
+_AHEAD = 64  # maximum number of requests sent ahead of replies
+_FITS = 1 << 15  # maximum bytes sent ahead, below the capacity of a pipe
 _READ = 1 << 18
-_ENDING = 2.0  # s for a process to end after it closed standard output
-_LOOK = 1.0  # s between checks of a computing process
-_EXCERPT = 2000  # bytes kept of the beginning and of the end of its standard error
-_MOST_ERRORS = 1 << 20  # bytes of standard error on disk, within one check interval
-# No process starts while another one's script is being written: Linux would not run the script.
+_ENDING = 2.0  # time for a process to end after closing standard output, s
+_LOOK = 1.0  # interval of checks of a computing process, s
+_EXCERPT = 2000  # bytes kept of each end of the standard error output
+_MOST_ERRORS = 1 << 20  # limit of standard error output on disk, bytes
+# Linux does not run a script that is open for writing, so processes start one by one.
 _starting = threading.Lock()
 
 
 class LostFlightError(Exception):
-    """The current flight and its process failed."""
+    """Error: the current flight and its process failed."""
 
 
 class OutOfStepError(Exception):
-    """A process wrote a line without a request; its answers may belong to other flights."""
+    """Error: a process wrote an unrequested line, so that replies may be mismatched."""
 
 
 class Process:
-    """Running simulator with its own working folder."""
+    """Running simulator process with its own working folder."""
 
     def __init__(self, plan: UserPlan) -> None:
-        """Raise OSError if it does not start, LostFlightError if its Python file fails."""
+        """Start the process. Raise OSError or LostFlightError if it fails to start."""
         self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
-        fcntl.fcntl(self._errors, fcntl.F_SETFL, os.O_APPEND)  # it may be truncated meanwhile
+        fcntl.fcntl(
+            self._errors, fcntl.F_SETFL, os.O_APPEND
+        )  # The file may be truncated while it is written.
         try:
             with _starting:
                 self.folder = make_working_folder(plan)
@@ -58,7 +60,7 @@ class Process:
                         stdout=subprocess.PIPE,
                         stderr=self._errors,
                         bufsize=0,
-                        start_new_session=True,  # Ctrl-C is for the process that the user sees
+                        start_new_session=True,  # Ctrl-C must not reach the simulator.
                     )
                 except OSError:
                     self.folder.delete()
@@ -70,17 +72,17 @@ class Process:
         watch(started.pid)
         self._poll = select.poll()
         self._poll.register(self._process.stdout.fileno(), select.POLLIN)
-        self._rest = b""  # of an answer
+        self._rest = b""  # incomplete reply
         self._ended = False
         self._read: deque[bytes] = deque()
         self._has_written = False
         self.has_timed_out = False
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
-        self.flights = 0  # requested and answered
-        self.unproven = 0  # flights answered without their text since the process was last silent
-        self.first_time = 0.0  # s to its first answer, including the start
-        self.longest = 0.0  # s to any later answer
+        self.flights = 0  # number of completed flights
+        self.unproven = 0  # replies without the text of the request since the last check
+        self.first_time = 0.0  # time to the first reply, including the start, s
+        self.longest = 0.0  # longest time to any later reply, s
         if plan.python:
             error = self._answer(plan.start_limit, "loaded").get("error")
             if error is not None:
@@ -90,17 +92,17 @@ class Process:
     def answers(
         self, requests: Sequence[bytes], limit: float, *, start: float = 0.0, ahead: bool = False
     ) -> Iterator[dict[str, Any]]:
-        """Yield the answer to each of ``requests``, within ``limit`` s of the one before.
+        """Yield the reply to each of ``requests``, each within ``limit`` s of the previous one.
 
-        ``start``: further seconds for the first answer of the process; ``ahead``: send several
-        requests at a time. Raise LostFlightError and OutOfStepError.
+        ``start`` gives additional seconds for the first reply of the process; with ``ahead``
+        several requests are sent at a time. Raise LostFlightError or OutOfStepError.
         """
         size = max(1, min(_AHEAD, _FITS // (16 + max(map(len, requests), default=1))))
         step = size if ahead else 1
         for first in range(0, len(requests), step):
             batch = requests[first : first + step]
             texts = [self._make_text() for _ in batch]
-            with contextlib.suppress(BrokenPipeError):  # its end is read next
+            with contextlib.suppress(BrokenPipeError):  # The end of the process is detected next.
                 self._process.stdin.write(
                     b"".join(
                         b'%s"%s"}\n' % (request, text.encode())
@@ -119,7 +121,7 @@ class Process:
 
     @property
     def number(self) -> int:
-        """Process ID; 0 after its end."""
+        """Process ID, or 0 after the end of the process."""
         return 0 if self._ended else self._process.pid
 
     def _time_answer(self, limit: float, start: float) -> dict[str, Any]:
@@ -133,14 +135,14 @@ class Process:
         return answer
 
     def _make_text(self) -> str:
-        """Return a meaningless text that is unique in this process."""
+        """Return an arbitrary text that is unique in this process."""
         self._next_flight += 1
         return f"{self._next_flight * 2654435761 & 0xFFFFFFFF:08x}"
 
     def is_silent(self, seconds: float, is_last: bool = False) -> bool:
-        """Return whether the process writes nothing for ``seconds``, beyond answers already read.
+        """Return whether the process writes nothing further for ``seconds``.
 
-        ``is_last``: no request follows; closing its input makes the process end sooner.
+        If ``is_last``, no request follows, and closing the input lets the process end sooner.
         """
         if is_last:
             self._process.stdin.close()
@@ -148,23 +150,25 @@ class Process:
             return self._ended
         if not self._poll.poll(1e3 * seconds):
             return True
-        return not os.read(self._process.stdout.fileno(), _READ)  # it ended
+        return not os.read(self._process.stdout.fileno(), _READ)  # The process ended.
 
     def has_ended(self) -> bool:
         """Return whether the process has ended."""
         return self._ended or self._process.poll() is not None
 
-    def _answer(self, limit: float, verb: str = "done", notice: float = math.inf) -> dict[str, Any]:
-        """Read an answer within ``limit`` s; say after ``notice`` s that a first one is awaited."""
+    def _answer(
+        self, limit: float, verb: str = "finished", notice: float = math.inf
+    ) -> dict[str, Any]:
+        """Read a reply within ``limit`` s; print a notice after ``notice`` s of waiting."""
         if not self._read:
             self._read_lines(limit, verb, notice)
         line = self._read.popleft()
         with contextlib.suppress(ValueError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
-        self.end()  # its next answers might be of any flight
+        self.end()  # Later replies might belong to any flight.
         text = line[:80].decode(errors="replace")
-        problem = f"it answered '{text}', which is no mapping in JSON"
+        problem = f"it replied '{text}', which is not a JSON object"
         raise LostFlightError(f"{problem} (messages belong on standard error)")
 
     def _read_lines(self, limit: float, verb: str, notice: float) -> None:
@@ -176,15 +180,17 @@ class Process:
                 if left <= _LOOK:
                     self.has_timed_out = True
                     self.end()
-                    raise LostFlightError(f"not {verb} in {limit:g} s{self._describe_silence()}")
+                    raise LostFlightError(
+                        f"not {verb} within {limit:g} s{self._describe_silence()}"
+                    )
                 if notice < time.monotonic():
                     notice = math.inf
                     self._gather_errors()
-                    message = f"still waiting for its first answer, for {left:.0f} s more at most"
+                    message = f"still waiting for the first reply, for {left:.0f} s more at most"
                     message = ", ".join([f"{message} (start_limit)", *self._quote_last_error()])
                     print(f"simulator: {message}", file=sys.stderr, flush=True)
                 if self._process.poll() is None or self._poll.poll(0):
-                    continue  # else its children hold its standard output open
+                    continue  # Children may keep the standard output open.
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
             content = os.read(self._process.stdout.fileno(), _READ)
             if not content:
@@ -194,34 +200,34 @@ class Process:
             self._read.extend(lines)
 
     def _describe_silence(self) -> str:
-        """Return the process's last error line, or else a possible cause of its silence."""
+        """Return the last error line of the process, or a possible cause of its silence."""
         if error := self._quote_last_error():
-            return f"; {error[0]} is its last line on standard error"
+            return f"; the last line on standard error is {error[0]}"
         if self._has_written:
             return ""
-        return "; it wrote nothing at all: does it flush its standard output after each answer?"
+        return "; it wrote no output: does it flush standard output after each reply?"
 
     def _quote_last_error(self) -> list[str]:
-        """Return its last line on standard error in quotation marks, if any."""
+        """Return the last line on standard error in quotation marks, if any."""
         last = self._excerpt.decode(errors="replace").strip().splitlines()[-1:]
         return [f"'{self._without_folder(text):.200}'" for text in last]
 
     def _describe_end(self) -> str:
-        """Describe how it ended, with the last line that it wrote on standard error."""
+        """Return a text on how the process ended, with its last line on standard error."""
         try:
             code = self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:
             self.end()
-            return "it closed its standard output, and was stopped"
+            return "it closed its standard output and was stopped"
         self.end()
         return ", ".join([describe_exit(code), *self._quote_last_error()])
 
     def _without_folder(self, text: str) -> str:
-        """Return a text with the process's file names relative to its folder."""
+        """Return a text with file names relative to the folder of the process."""
         return text.replace(f"{self.folder.path}{os.sep}", "")
 
     def take_errors(self) -> str:
-        """Return an excerpt of what it wrote on standard error since the last call."""
+        """Return an excerpt of the standard error output since the last call."""
         if not self._ended:
             self._gather_errors()
         excerpt, self._excerpt = self._excerpt, b""
@@ -232,7 +238,7 @@ class Process:
             self._gather_errors()
 
     def _gather_errors(self) -> None:
-        """Move the beginning and the end of its standard error from the disk to the excerpt."""
+        """Move the beginning and end of the standard error output to the excerpt."""
         file = self._errors.fileno()
         if not (size := os.fstat(file).st_size):
             return
@@ -245,7 +251,7 @@ class Process:
         self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End the process group and delete its folder; once, because the ID is free afterwards."""
+        """End the process group and delete its folder, only once because IDs are reused."""
         if self._ended:
             return
         self._ended = True

@@ -9,11 +9,11 @@ from abhv_mc.external_simulators.user_plan import UserPlan
 
 
 class StoppedError(Exception):
-    """The campaign was stopped during a flight."""
+    """Error: the campaign was stopped during a flight."""
 
 
 class ProcessPool:
-    """Processes of this process that simulate flights; thread-safe."""
+    """Thread-safe pool of simulator processes."""
 
     def __init__(self) -> None:
         self.idle: dict[object, list[Process]] = {}
@@ -23,7 +23,7 @@ class ProcessPool:
         self.owner = os.getpid()
 
     def take(self, plan: UserPlan) -> Process:
-        """Return an idle process, or a new one."""
+        """Return an idle process or a new process for a plan."""
         with self.lock:
             if idle := self.idle.get(plan.process):
                 return idle.pop()
@@ -35,18 +35,18 @@ class ProcessPool:
         return process
 
     def give_back(self, plan: UserPlan, process: Process) -> None:
-        """Keep a process for later flights."""
+        """Return an idle process to the pool for later flights."""
         with self.lock:
             self.idle.setdefault(plan.process, []).append(process)
 
     def end(self, process: Process) -> None:
-        """End a process."""
+        """End a process and remove it from the pool."""
         process.end()
         with self.lock:
             self.all.discard(process)
 
     def close(self) -> None:
-        """End all processes; current flights fail."""
+        """End all processes, whose current flights fail."""
         self.closed = True
         if self.owner == os.getpid():
             for process in list(self.all):
@@ -57,7 +57,7 @@ _pool = ProcessPool()
 
 
 def current_pool() -> ProcessPool:
-    """Return the pool for new flights."""
+    """Return the process pool for new flights."""
     return _pool
 
 

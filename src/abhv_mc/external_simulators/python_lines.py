@@ -1,7 +1,7 @@
-"""Host program of a user's Python simulator: a flight is a JSON line in and out.
+"""Host program of custom Python simulators, which exchange JSON lines.
 
-It imports nothing of this package but the guard of reads, by its path: a file that the campaign
-does not name is not read, because no hash would tell that it changed.
+The program loads only the read guard of this package, by path. The guard rejects files that the
+campaign does not list, because changes to such files would not be detected.
 """
 
 import importlib.util
@@ -16,19 +16,19 @@ _GUARD = Path(__file__).parents[1] / "user_code" / "read_guard.py"
 
 
 def main(python: str, source: str, campaign: str, *declared: str) -> None:
-    """Run the requests on standard input until there are no more.
+    """Process requests from standard input until its end.
 
-    ``python`` and ``declared`` lie in the working folder; ``source`` is the user's own folder and
-    ``campaign`` that of the campaign file.
+    ``python`` and ``declared`` are in the working folder; ``source`` is the folder of the simulator
+    and ``campaign`` the folder of the campaign file.
     """
     started = time.time()
-    # Child processes inherit neither pipe: they would read requests and write answers.
+    # Child processes must not inherit the pipes of requests and replies.
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.close(null)
-    os.dup2(2, 1)  # printed output is not an answer
+    os.dup2(2, 1)  # Printed output must not be read as a reply.
     folder = Path.cwd()
     guard = _load("_abhv_mc_read_guard", _GUARD)
     guard.watch_reads(
@@ -47,15 +47,15 @@ def main(python: str, source: str, campaign: str, *declared: str) -> None:
         try:
             result = fly(request["inputs"], request["settings"])
             if not isinstance(result, dict):
-                raise TypeError(f"fly returned {result!r:.80}, which is no mapping")
+                raise TypeError(f"fly returned {result!r:.80}, which is not a mapping")
             if "flight" in result:
-                raise ValueError("fly returned 'flight', a key that is reserved")
+                raise ValueError("fly returned the reserved key 'flight'")
             start = dumps(result, default=_plain)[:-1] + ", " * bool(result)
             answer = f'{start}"flight": "{request["flight"]}"}}\n'.encode()
         except Exception as error:
             answer = _line({"error": _words(error, python), "flight": request["flight"]})
         if os.getpid() != own:
-            os._exit(0)  # a forked child must not answer
+            os._exit(0)  # A forked child must not send replies.
         answers.write(answer)
 
 
@@ -64,14 +64,14 @@ def _line(answer: dict[str, Any]) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """Return numpy numbers and arrays as Python objects."""
+    """Convert numpy numbers and arrays to Python objects."""
     if hasattr(value, "tolist"):
         return value.tolist()
-    raise TypeError(f"a {type(value).__name__} among what fly returned")
+    raise TypeError(f"fly returned a value of type {type(value).__name__}")
 
 
 def _words(error: BaseException, python: str) -> str:
-    """Return an exception's text and the last line of the simulator in its traceback."""
+    """Return the text of an exception, with the last line of the simulator's file."""
     location, trace = "", error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(python).name:

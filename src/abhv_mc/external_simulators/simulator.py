@@ -1,4 +1,4 @@
-"""User simulators: Python functions, programs, and imported tables."""
+"""Custom simulators: Python functions, programs, and imported tables."""
 
 import hashlib
 import json
@@ -27,13 +27,13 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted
 
 _BY_ORDER = (
-    "answers of the program are matched to requests by order,"
-    " unless each repeats the text of its request's key 'flight'"
+    "replies of the program are matched to requests by order, unless each reply repeats the value "
+    "of the key 'flight'"
 )
 
 
 class ExternalSimulator:
-    """Python function, or program that exchanges JSON lines."""
+    """Custom simulator: a Python function, or a program that exchanges JSON lines."""
 
     kind = "system"
     origin = method = ""
@@ -51,18 +51,18 @@ class ExternalSimulator:
         return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
 
     def check(self, feature: str) -> None:
-        problem = f"a user's simulator, which has nothing for {feature}"
-        expected = "a campaign of our own: with vehicle, mission and controllers"
+        problem = f"a custom simulator, which does not support {feature}"
+        expected = "a campaign with vehicle, mission and controllers"
         raise self.experiment.document.error((), problem, expected)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """Return the simulator's settings and folder. Raise InputError if there is none."""
+        """Return settings and folder of the simulator. Raise InputError if it is missing."""
         document = self.experiment.document
         if self.model.simulator is None:
-            expected = (
-                "'simulator' here; abhv-mc import flights TABLE takes flights that were flown"
+            expected = "the key 'simulator'; use abhv-mc import flights TABLE for existing results"
+            raise document.error(
+                (), "a campaign without a simulator, which cannot be run", expected
             )
-            raise document.error((), "a campaign without a simulator: nothing can fly", expected)
         return self.model.simulator, document.path.parent / self.model.simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
@@ -81,7 +81,7 @@ class ExternalSimulator:
             copies[f"{target}/{name}"] = path
         written = self.experiment.document.entries
         data = {**written["simulator"], "folder": target}
-        if folders := simulator.find_folders(base):  # results folders contain only files
+        if folders := simulator.find_folders(base):  # Results folders contain only files.
             data["files"] = [
                 f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
             ]
@@ -98,11 +98,11 @@ class ExternalSimulator:
         check_trusted(source, trusted)
         if self.model.systems.keys() >= set(names):
             return self._make_plans(names, self.model)
-        # simulated before, and not requested now
+        # The system was simulated before but is not requested now.
         return self._make_plans(names, stored.read_campaign())
 
     def _make_plans(self, names: Sequence[str], model: Any) -> dict[str, UserPlan]:
-        """Return plans of systems with the settings of ``model``."""
+        """Return the plans of systems with the settings of ``model``."""
         (simulator, base), experiment = self.find_simulator(), self.experiment
         ((_, source),) = self.find_code()
         records, keep = experiment.parameters.records, experiment.model.keep
@@ -161,8 +161,8 @@ class ExternalSimulator:
         if not events.get("surplus"):
             return []
         return [
-            f"'{system}' wrote lines that answer no request. Flights whose answers could belong to"
-            " others were computed again one by one; a flight that answered twice failed to run"
+            f"'{system}' wrote unrequested lines. Flights with possibly mismatched replies were "
+            "computed again one by one; flights with two replies failed to run"
         ]
 
     def find_undeclared_reads(self, plan: UserPlan, since: float) -> Iterable[str]:
@@ -192,7 +192,7 @@ class ExternalSimulator:
 
 
 class ImportedTable(ExternalSimulator):
-    """Flights computed by another simulator."""
+    """Simulator interface of flights that another simulator computed."""
 
     origin = "a table"
     capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)
@@ -202,6 +202,6 @@ class ImportedTable(ExternalSimulator):
 
 
 def make_simulator(experiment: Experiment) -> ExternalSimulator:
-    """Return the simulator of one campaign."""
+    """Return the simulator of a campaign: external, or an imported table."""
     model: Any = experiment.model
     return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)

@@ -1,6 +1,6 @@
-"""Flights of a user's simulator; a crash or a hang fails only the current flight.
+"""Flights of a custom simulator; a crash or hang affects only the current flight.
 
-An answer is accepted only if it belongs to its request.
+A reply is accepted only if it belongs to its request.
 """
 
 import sys
@@ -21,44 +21,44 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
 
-_AHEAD = 1e-3  # s: shorter flights are requested ahead of their answers
-_SLACK = 0.02  # s that a proof of silence takes beyond twice the longest answer
-_SHORT_PROOF = 0.25  # s that it may take after fewer flights than
-_PROOF = 20  # flights of a process
-_RARE = 300  # so many pieces of the usual flights between two surplus lines are proven one by one
-_START_TIMES, _START_SLACK = 10.0, 10.0  # times the first answer before, and s, that a start takes
+_AHEAD = 1e-3  # Shorter flights (s) are requested ahead of replies.
+_SLACK = 0.02  # time of a silence check beyond twice the longest reply, s
+_SHORT_PROOF = 0.25  # time of a silence check after few flights, s
+_PROOF = 20  # flights of a process before checks take the full time
+_RARE = 300  # number of pieces between two surplus lines for which flights are checked one by one
+_START_TIMES, _START_SLACK = 10.0, 10.0  # limits on the start: multiple of earlier starts, and s
 
 
 class _Record:
-    """Times and surplus output of one system's flights in this process."""
+    """Times and surplus output of the flights of one system in this process."""
 
     def __init__(self) -> None:
-        self.seconds = 0.0  # mean of a flight of the last block
-        # s of the longest answer before each recent proof, first answers excluded
+        self.seconds = 0.0  # mean time of flights of the last block, s
+        # longest reply time before each recent silence check, s
         self.longest: deque[float] = deque(maxlen=_PROOF)
-        self.start: float | None = None  # s, the longest first answer
-        self.is_stuck = False  # whether a process exceeded its start limit and none ever answered
+        self.start: float | None = None  # longest time to a first reply, s
+        self.is_stuck = False  # a process exceeded its start limit without any reply
         self.flights = self.surplus = 0
 
 
 _records: dict[object, _Record] = defaultdict(_Record)
-_told: set[str] = set()  # reasons that were said already
+_told: set[str] = set()  # reasons already printed
 
 
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
-    """Return the mean time of recent flights of the slowest system, s; 0 before any."""
+    """Return the mean time of recent flights of the slowest system, s, initially 0."""
     return max(_records[plan.system].seconds for plan in plans)
 
 
 def note_surplus(plan: UserPlan, flights: int, surplus: int) -> None:
-    """Count a system's flights and surplus lines seen on other machines."""
+    """Add the numbers of flights and surplus lines observed on other machines."""
     record = _records[plan.system]
     record.flights += flights
     record.surplus += surplus
 
 
 def with_surplus(plan: UserPlan) -> UserPlan:
-    """Return the plan with this process's counts of surplus output, for another process."""
+    """Return the plan with the counts of surplus output, for another process."""
     record = _records[plan.system]
     return replace(plan, seen=(record.flights, record.surplus))
 
@@ -66,10 +66,10 @@ def with_surplus(plan: UserPlan) -> UserPlan:
 def fly_user_simulator(
     plan: UserPlan, parameters: Floats, recorded: Recording | int | None = None
 ) -> FlightBlock:
-    """Simulate ``parameters`` [flight, input] in the inputs' units.
+    """Simulate ``parameters`` [flight, input] in the units of the inputs.
 
-    Flights that cannot be computed get ``failed_to_run``. ``recorded`` is a Recording for
-    envelopes, or the factor between the sampling intervals of kept histories.
+    Flights that cannot be computed get the outcome ``failed_to_run``. ``recorded`` is a Recording
+    for envelopes, or the factor between the sampling intervals of kept histories.
     """
     for_bands = isinstance(recorded, Recording)
     rate = plan.band_rate if isinstance(recorded, Recording) else plan.rate / (recorded or 1)
@@ -93,11 +93,12 @@ def fly_user_simulator(
 
 
 class _Flights:
-    """The flights of one call and their results.
+    """Flights of one call with their results.
 
-    A program that does not repeat the text of a request answers in order: one line too many gives
-    every later flight the numbers of another. The surplus shows only when the process is idle, so
-    flights are accepted when it was silent after them, and else computed again.
+    Replies without the text of the request are matched by order, so that one surplus line would
+    give every later flight the numbers of another. Surplus lines are detected only when the process
+    is idle, so flights are accepted if the process is silent afterwards, and computed again
+    otherwise.
     """
 
     def __init__(self, plan: UserPlan, parameters: Floats, with_histories: bool) -> None:
@@ -116,7 +117,7 @@ class _Flights:
         flights, surplus = plan.seen
         self.record.flights = max(self.record.flights, flights)
         self.record.surplus = max(self.record.surplus, surplus)
-        self.waited = 0.0  # s of starting processes and proofs of silence
+        self.waited = 0.0  # time of process starts and silence checks, s
         self.is_ahead = 0.0 < self.record.seconds < _AHEAD
 
     def run(self) -> None:
@@ -128,7 +129,7 @@ class _Flights:
             self.record.seconds = max(0.0, time.monotonic() - begun - self.waited) / number
 
     def _run_pieces(self, first: int, stop: int, largest: int | None = None) -> None:
-        """Simulate flights in proven pieces, smaller ones if surplus output was seen."""
+        """Simulate flights in checked pieces, smaller after surplus output."""
         while first < stop:
             size = largest or stop - first
             if self.record.surplus:
@@ -141,7 +142,7 @@ class _Flights:
             first += size
 
     def _run_piece(self, first: int, stop: int) -> None:
-        """Simulate consecutive flights without a pause."""
+        """Simulate consecutive flights without a silence check in between."""
         plan, done = self.plan, first
         while done < stop:
             begun, process = done, None
@@ -169,12 +170,12 @@ class _Flights:
                 done = stop_again
             except (LostFlightError, OSError) as lost:
                 if is_exhausted(lost):
-                    raise  # not caused by a flight
+                    raise  # No flight is the cause.
                 unproven = process.unproven if process else 0
                 self._end(process)
                 if not unproven:
                     self._lose(done, str(lost))
-                elif self._run_alone(done) and done > begun:  # not caused by this flight
+                elif self._run_alone(done) and done > begun:  # This flight is not the cause.
                     self.record.surplus += 1
                     self.events["repeated"] += done - begun
                     for flight in range(begun, done):
@@ -182,7 +183,7 @@ class _Flights:
                 done += 1
 
     def _run_alone(self, flight: int) -> bool:
-        """Simulate a flight between two proofs of silence; return whether both succeed."""
+        """Simulate a flight between two silence checks; return whether both succeed."""
         plan, process = self.plan, None
         try:
             process = self._take(is_proven=True)
@@ -197,7 +198,7 @@ class _Flights:
         except OutOfStepError:
             self._end(process)
             self._note_surplus()
-            self._lose(flight, "it answered twice")
+            self._lose(flight, "it replied twice")
             return False
         except (LostFlightError, OSError) as lost:
             if is_exhausted(lost):
@@ -208,13 +209,13 @@ class _Flights:
         return True
 
     def _take(self, is_proven: bool = False) -> Process:
-        """Return an idle process without output since its last answer, or a new one."""
+        """Return an idle process without output since its last reply, or a new process."""
         while True:
             begun = time.monotonic()
             process = self.pool.take(self.plan)
             self.waited += time.monotonic() - begun
             if self.pool.closed or (process.flights and process.has_ended()):
-                self._end(process)  # it ended while idle, not caused by a flight
+                self._end(process)  # The process ended while idle.
             elif process.flights and not process.is_silent(0.0):
                 self._note_surplus()
                 self._end(process)
@@ -224,21 +225,21 @@ class _Flights:
                 return process
 
     def _start(self) -> float:
-        """Return the seconds for a program's start, beyond those of a flight."""
+        """Return the time allowed for the start of a program in addition to a flight, s."""
         if self.plan.python:
-            return 0.0  # it reports when it is loaded
+            return 0.0  # Python simulators report when they are loaded.
         if self.record.is_stuck:
-            return 0.0  # waiting for the limit in each flight would take hours
+            return 0.0  # Waiting for the limit in each flight would take hours.
         before, limit = self.record.start, self.plan.start_limit
         return limit if before is None else min(limit, _START_TIMES * before + _START_SLACK)
 
     def _full_proof(self, process: Process) -> float:
-        """Return the seconds after which a surplus line would have arrived."""
+        """Return the time after which a surplus line would have arrived, s."""
         longest = max(process.longest, *self.record.longest, 0.0)
         return 2.0 * (longest or process.first_time) + _SLACK
 
     def _prove(self, process: Process) -> None:
-        """Wait for surplus output of a process. Raise OutOfStepError if there is any."""
+        """Check that a process is silent. Raise OutOfStepError if it writes surplus output."""
         if not process.unproven:
             return
         full = self._full_proof(process)
@@ -266,7 +267,7 @@ class _Flights:
             raise OutOfStepError
 
     def _leave(self, process: Process) -> None:
-        """Return a process to the pool, or end it after its maximum number of flights."""
+        """Return a process to the pool, or end it after the maximum number of flights."""
         if process.flights == self.plan.flights_per_process:
             self._end(process)
         else:
@@ -282,7 +283,7 @@ class _Flights:
             raise StoppedError("the campaign was stopped")
 
     def _read_out(self, process: Process) -> None:
-        """Record a process's start time and standard error."""
+        """Record the start time and the standard error output of a process."""
         if process.flights:
             self.record.start = max(self.record.start or 0.0, process.first_time)
         self.record.is_stuck = self.record.start is None and process.has_timed_out
@@ -294,12 +295,14 @@ class _Flights:
         self.events["surplus"] += 1
 
     def _keep(self, flight: int, answer: dict[str, Any]) -> None:
-        """Store a flight's answer. Raise LostFlightError if it is invalid."""
+        """Store the reply of a flight. Raise LostFlightError if it is invalid."""
         try:
             outcome, end_time, metrics, history = read_answer(answer, self.plan)
         except ValueError as error:
             if self.plan.command and "error" not in answer:
-                raise LostFlightError(str(error)) from None  # later output may belong to any flight
+                raise LostFlightError(
+                    str(error)
+                ) from None  # Later output may belong to any flight.
             self._lose(flight, str(error))
             return
         self.outcome[flight], self.end_time[flight] = outcome, end_time
@@ -318,11 +321,7 @@ class _Flights:
 
 
 def _tell(plan: UserPlan, reason: str) -> None:
-    which = (
-        "a first flight, flown for a check and none of the campaign's,"
-        if plan.check
-        else "a flight"
-    )
+    which = "a check flight before the campaign" if plan.check else "a flight"
     if (message := f"{plan.controller}: {which} could not be computed: {reason}") not in _told:
         _told.add(message)
         print(message, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Plans of user simulators."""
+"""Flight plans of custom simulators."""
 
 import json
 import os
@@ -19,36 +19,36 @@ _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")
 
 @dataclass(frozen=True)
 class UserPlan:
-    """Data for the flights of one system, except their inputs; sent to workers."""
+    """Data for the flights of one system, except inputs; sent to workers."""
 
-    controller: str  # its name in the campaign
+    controller: str  # name of the system in the campaign
     command: tuple[str, ...]
-    folder: str  # of the simulator
-    files: tuple[tuple[str, str], ...]  # path in the folder and SHA-256 of each file
-    python: str  # the file of a Python function, '' for a program
-    settings: str  # JSON
+    folder: str  # folder of the simulator
+    files: tuple[tuple[str, str], ...]  # (path in the folder, SHA-256) of each file
+    python: str  # file of a Python function, or '' for a program
+    settings: str  # settings of the system as JSON
     inputs: tuple[str, ...]
-    seeds: tuple[bool, ...]  # which inputs are integers
+    seeds: tuple[bool, ...]  # which inputs are integer seeds
     metrics: tuple[Metric, ...]
     outcomes: dict[str, int]  # numbers of the outcome codes
-    time_limit: float  # s of one flight, by the clock
-    channels: tuple[Signal, ...] = ()  # of the returned history
-    rate: float = 10.0  # Hz of recorded histories, and of envelopes
+    time_limit: float  # limit on the elapsed time of a flight, s
+    channels: tuple[Signal, ...] = ()  # channels of the returned history
+    rate: float = 10.0  # sampling rate of histories and envelopes, Hz
     band_rate: float = 5.0
 
-    timing: ClassVar = None  # each flight has its own times
+    timing: ClassVar = None  # None: each flight has its own times
     sources: ClassVar[tuple[UserSource, ...]] = ()
     folders: tuple[str, ...] = ()  # required empty folders
-    start_limit: float = 600.0  # s to start
+    start_limit: float = 600.0  # time limit of the start, s
     flights_per_process: int | None = None
     campaign_folder: str = ""  # folder of the campaign file
-    check: int = 0  # number of the process that re-runs flights for a check; 0: for the campaign
-    is_proven: bool = False  # whether each block of its flights ends with a proof of silence
-    seen: tuple[int, int] = (0, 0)  # flights and surplus lines seen by other processes
+    check: int = 0  # number of a process for checks, or 0 for the campaign
+    is_proven: bool = False  # whether each block ends with a silence check
+    seen: tuple[int, int] = (0, 0)  # flights and surplus lines observed by other processes
 
     @property
     def process(self) -> tuple[object, ...]:
-        """Key of the processes that can run this plan, and possibly other systems."""
+        """Key of the processes that can run this plan and possibly other systems."""
         files = self.folder, self.files, self.folders
         return self.command, self.python, files, self.flights_per_process, self.check
 
@@ -70,18 +70,18 @@ class UserPlan:
         ]
 
     def _find_declared(self, word: str) -> str:
-        """Return the declared file named by a word of the command, or ''."""
+        """Return the declared file to which a word of the command refers, or ''."""
         name = os.path.relpath(os.path.normpath(Path(self.folder, word)), self.folder)
         return name if any(name == declared for declared, _ in self.files) else ""
 
     def name_undeclared(self, message: str) -> str:
-        """Return a hint if an error message names a file missing in `files`, or ''."""
+        """Return a hint if an error message names a file that `files` lacks, or ''."""
         for word in re.findall(r"[\w.+/-]+", message):
             for path in (word.rstrip("."), f"{word.replace('.', '/')}.py"):
                 name = os.path.normpath(path)
                 is_inside = name[0] not in "./" and Path(self.folder, name).is_file()
                 if is_inside and not self._find_declared(name):
-                    return f"; {name} lies in the simulator's folder but not in 'files'"
+                    return f"; 'files' does not list {name}, which is in the simulator's folder"
         return ""
 
     @cached_property
@@ -99,5 +99,5 @@ class UserPlan:
         return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {settings}, "flight": '
 
     def requests(self, rows: Floats) -> list[bytes]:
-        """Return a JSON line for each of ``rows`` [flight, input], up to the flight's text."""
+        """Return the beginning of a JSON line for each of ``rows`` [flight, input]."""
         return [(self._template % tuple(row)).encode() for row in rows.tolist()]

@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 
-# It reads "+NAME" and "-NAME" until its input ends: process groups by number, folders by path.
+# The program reads "+NAME" and "-NAME", with numbers of process groups or paths of folders.
 _PROGRAM = """
 import os, shutil, sys, time
 names = set()
@@ -29,7 +29,7 @@ _lock = threading.Lock()
 
 
 def watch(name: int | str) -> None:
-    """Register a process group to end, or a folder to delete, if this process dies."""
+    """Register a process group to end or a folder to delete if this process dies."""
     _tell(f"+{name}\n")
 
 
@@ -45,7 +45,7 @@ def _tell(line: str) -> None:
 
 @functools.cache
 def _pipe(_: int) -> int:
-    """Return the pipe to this process's watcher, which is started on first use."""
+    """Return the pipe to the watcher of this process, which is started on first use."""
     theirs, ours = os.pipe()
     ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
     os.posix_spawn(

@@ -1,4 +1,4 @@
-"""Temporary working folder of a simulator's process, with copies of its files."""
+"""Temporary working folder of a simulator process, with copies of its files."""
 
 import functools
 import hashlib
@@ -13,12 +13,12 @@ from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.io.input_error import InputError, is_exhausted
 
-_LARGEST_COPY = 1 << 24  # bytes
+_LARGEST_COPY = 1 << 24  # larger files are linked, bytes
 _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
 class WorkingFolder(NamedTuple):
-    """Folder of a process."""
+    """Working folder of a process."""
 
     path: Path
     linked: tuple[str, ...]  # declared files that are linked instead of copied
@@ -32,9 +32,9 @@ class WorkingFolder(NamedTuple):
 def make_working_folder(plan: UserPlan) -> WorkingFolder:
     """Return a new folder under ``TMPDIR`` with the declared files of ``plan``.
 
-    Large files and compiled programs are linked: a program's copy would not run on a file system
-    mounted noexec. Scripts are copied: many change into the folder that holds them. Raises
-    InputError if a file is not the one that the campaign was started with.
+    Large files and compiled programs are linked, because copies of programs would not run on a file
+    system mounted noexec. Scripts are copied, because many scripts change to their own folder.
+    Raise InputError if a file has changed since the start of the campaign.
     """
     try:
         folder = Path(os.path.realpath(tempfile.mkdtemp(prefix="abhv-mc-simulator-")))
@@ -57,7 +57,7 @@ def make_working_folder(plan: UserPlan) -> WorkingFolder:
 
 
 def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
-    """Copy or link one file; return whether it is linked."""
+    """Copy or link one file, and return whether it is linked."""
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         status = source.stat()
@@ -76,13 +76,13 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
             raise
         actual_digest = ""
     if actual_digest != digest:
-        message = "other content than the campaign was begun with, or none"
-        raise InputError(source, message, "the same file")
+        message = "the file has changed since the start of the campaign, or is missing"
+        raise InputError(source, message, "the original file")
     if is_linked:
         target.symlink_to(source)
     else:
         target.write_bytes(content)
-        # Folders written by older versions contain programs without their executable bit.
+        # Folders of older versions contain programs without the executable bit.
         is_started = plan.command and source == Path(os.path.normpath(plan.folder), plan.command[0])
         target.chmod(mode | stat.S_IXUSR if is_started else mode)
     return is_linked
@@ -90,7 +90,7 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def _hash_file(path: Path, *_signature: int) -> str:
-    """Return SHA-256 of a file; the signature changes with the file."""
+    """Return the SHA-256 of a file; ``signature`` changes with the file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -98,6 +98,6 @@ def _hash_file(path: Path, *_signature: int) -> str:
 def _unusable_place(error: OSError) -> InputError:
     return InputError(
         tempfile.gettempdir(),
-        f"a simulator's working folder cannot be made here ({error.strerror or error})",
+        f"the working folder of a simulator cannot be created ({error.strerror or error})",
         "free space, or another folder in TMPDIR",
     )

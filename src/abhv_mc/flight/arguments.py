@@ -42,7 +42,7 @@ _COLUMNS = {  # number of columns of the gains and settings
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
 }  # A custom law may have any number.
-# Code of a flight that reached the end of its mission; truncated to an integer it is OK.
+# Code of a flight that reached the end of its mission, which truncates to the integer OK.
 _FLOWN = 0.5
 
 

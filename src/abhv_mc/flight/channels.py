@@ -228,7 +228,7 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
                 Source,
                 "saturated",
                 "-",
-                "1 if the deflection or command is at its limit, effector",
+                "1 if the deflection or command is at a limit, effector",
                 "effector_saturated",
             ),
         )

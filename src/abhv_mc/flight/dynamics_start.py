@@ -15,6 +15,7 @@ from abhv_mc.kernel.plant.state import aligned_zeros, variable_row
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.earth import gravity_ned
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
+from abhv_mc.user_code.law_interface import Measured
 from abhv_mc.user_code.vehicle_functions import (
     WIDTH,
     call_loop,
@@ -137,15 +138,15 @@ def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
 
 
 def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> None:
-    """Raise InputError if a rate, force or moment is not finite at the start."""
-    rates, wrench = point.evaluate(states, push)
-    if np.isfinite(rates).all() and np.isfinite(wrench).all():
+    """Raise InputError if a number that the function returns is not finite at the start."""
+    rates, _ = point.evaluate(states, push)
+    names = [f"rate of '{state.name}'" for state in code.states]
+    names += [f"{quantity} along {axis}" for quantity in ("force", "moment") for axis in "xyz"]
+    names += [f"sensed {name}" for name in Measured._fields]
+    bad = np.flatnonzero(~np.isfinite([*rates, *point.effect]))
+    if bad.size == 0:
         return
-    bad_states = [
-        state.name for state, rate in zip(code.states, rates, strict=True) if rate - rate != 0
-    ]
-    quantity = f"a rate of '{bad_states[0]}'" if bad_states else "a force or moment"
-    problem = f"{quantity} is not finite at the start"
+    problem = f"the {names[bad[0]]} is not finite at the start"
     raise InputError(_file_of(code), problem, "finite numbers", function_line(code))
 
 
@@ -187,6 +188,7 @@ class _StartPoint:
         self.loop = compile_functions(code, WIDTH).dynamics
         self.make_state, self.states = make_state, len(code.states)
         self.trims: dict[bytes, TrimPoint] = {}
+        self.effect = np.zeros(0)  # force, moment and sensed quantities of the last evaluation
 
     def trim(self, push: Floats) -> TrimPoint:
         """Return the trim of the vehicle with the additional force and moment ``push``."""
@@ -240,5 +242,6 @@ class _StartPoint:
         settings = self.vehicle.foreign.settings
         Z[s.SETTING : s.SETTING + settings.size] = settings[:, None]
         call_loop(self.loop, Z, settings)
+        self.effect = Z[s.CUSTOM_FORCE : s.SENSED + len(Measured._fields), 0].copy()
         custom_wrench = Z[[s.CUSTOM_FORCE, s.CUSTOM_FORCE + 2, s.CUSTOM_MOMENT + 1], 0]
         return Z[s.CUSTOM_RATE : s.CUSTOM_RATE + self.states, 0].copy(), custom_wrench

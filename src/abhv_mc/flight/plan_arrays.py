@@ -1,7 +1,7 @@
 """Flight plans as named arrays of nested records.
 
-Index arrays are not stored but rebuilt from the campaign's inputs, because compiled code uses them
-without a check of their bounds. Only floating-point numbers of the expected shapes are read.
+Index arrays are not stored but rebuilt from the inputs, because compiled code does not check index
+bounds. Only floating-point numbers of the expected shapes are read.
 """
 
 import dataclasses
@@ -13,12 +13,12 @@ import numpy as np
 
 from abhv_mc.flight.plan import FlightPlan
 
-REMEDY = "the original file, or a new run in another folder (-o DIR) or with --fresh"
-REBUILT = "effectiveness."  # computed from the vehicle
+REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
+REBUILT = "effectiveness."  # prefix of arrays computed from the vehicle
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    """Return the arrays and scalars of a nested record by dotted name."""
+    """Return the arrays and scalars of a nested record, by dotted name."""
     if not _is_record(type(value)):
         return {prefix: np.asarray(value)}
     flat: dict[str, np.ndarray] = {}
@@ -28,7 +28,7 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 
 
 def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
-    """Return the record of type ``kind`` from the result of :func:`flatten`.
+    """Rebuild a record of type ``kind`` from the result of :func:`flatten`.
 
     Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if one has the
     wrong type.
@@ -43,14 +43,14 @@ def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
     value = flat[prefix]
     if kind in (bool, int, float, str):
         return kind(value.item())
-    if typing.get_origin(kind) is tuple:  # of floats
+    if typing.get_origin(kind) is tuple:  # tuple of floats
         return tuple(value.tolist())
     expected = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
     return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])
 
 
 def stored_arrays(plan: FlightPlan) -> dict[str, np.ndarray]:
-    """Return the arrays of a plan to store: no integers, and none that are computed from others."""
+    """Return the arrays of a plan to store, without integer and derived arrays."""
     numbers = {
         name: value
         for name, value in flatten(plan).items()
@@ -70,5 +70,5 @@ def _fields(kind: Any) -> tuple[str, ...]:
 
 
 def is_stored(field: "dataclasses.Field[Any]") -> bool:
-    """Return whether plan files contain a field."""
+    """Return whether a field is stored in plan files."""
     return bool(field.metadata.get("stored", True))

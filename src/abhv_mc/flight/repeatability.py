@@ -37,8 +37,8 @@ _SENTENCES = {
     f"rounding (at most {ROUNDING:g} of the value); re-run flights are compared with that "
     "tolerance.",
     Repeatability.DECLARED: "The simulator draws noise (`repeatable: no`) that is stated to be "
-    "independent between flights and processes, which the first flights do not contradict. A "
-    "flight that is re-run, also for its history, has another draw.",
+    "independent between flights and processes, which the first flights do not contradict. Re-run "
+    "flights, including re-runs for histories, have different noise.",
     Repeatability.NOISE: "The simulator returns different numbers for the same inputs. It is "
     "unknown whether its flights are independent of each other: workers may share one stream of "
     "random numbers. No verdict is given. Seed its noise from an input with `seed: true`, or state "

@@ -119,7 +119,7 @@ class Collector:
                 raise InputError(
                     path,
                     "the file was damaged or deleted during the run",
-                    "the same command again, which computes the file again",
+                    "a repeated run of the command, which computes the file again",
                 )
             values, ends = block[:-_EXTRA_ROWS], block[-_EXTRA_ROWS:-2]
             begin = shape[1] * int(np.searchsorted(times, clock[0]))

@@ -40,9 +40,9 @@ def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_plan(path: Path, rebuild: Callable[[Arrays], T]) -> T:
-    """Return the plan that ``rebuild`` makes of the stored arrays.
+    """Read stored arrays and return the plan that ``rebuild`` makes from them.
 
-    Raise InputError if they are missing, damaged, or rejected by ``rebuild``.
+    Raise InputError if the arrays are missing, damaged or rejected by ``rebuild``.
     """
     try:
         return rebuild(read_stored_arrays(path))
@@ -51,7 +51,7 @@ def read_plan(path: Path, rebuild: Callable[[Arrays], T]) -> T:
 
 
 def find_stored_plans(folder: CampaignFolder) -> StoredPlans:
-    """Return the plans of a results folder, not yet read."""
+    """Return the plans of a results folder, without reading them yet."""
     return StoredPlans(
         folder.root,
         lambda name, rebuild: read_plan(folder.plan(name), rebuild),

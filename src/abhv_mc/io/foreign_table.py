@@ -485,7 +485,7 @@ class NumberTable:
         values = self.values[:, self.names.index(name)]
         falls = or_falling and values[0] > values[-1]
         for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:
-            expected = f"{name}s that {'fall' if falls else 'rise'}"
+            expected = f"{name}s that {'decrease' if falls else 'increase'}"
             raise self.error(int(row), name, f"the {name} {values[row]:g} {unit}", expected)
 
 

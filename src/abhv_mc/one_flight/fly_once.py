@@ -149,6 +149,6 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
         named = ", ".join(f"'{table.records[i].name}'" for i in indices)
         raise InputError(
             "dispersions",
-            f"{named}without effect on this flight",
+            f"no effect of {named} on this flight",
             "a parameter that affects this vehicle and flight",
         )

@@ -86,7 +86,11 @@ def compile_law(
             "_law": names[law.function.__name__],
         }
         return build(
-            law.module, _make_loop(law, gains, width, effectors, dispersed_row), names, f"{gains}"
+            law.module,
+            law.function.__name__,
+            _make_loop(law, gains, width, effectors, dispersed_row),
+            names,
+            f"{gains}",
         )
 
 
@@ -115,7 +119,8 @@ def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) 
             row = lane(s.MEASURED + i)
             lines.append(f"{row} = {row} if filtered.{field} == {_GIVEN} else filtered.{field}")
         before = [f"{name} = {once[name]}" for name in law.arguments if name in once]
-        return build(law.module, loop_text(width, before, lines), names, "filter")
+        text = loop_text(width, before, lines)
+        return build(law.module, law.function.__name__, text, names, "filter")
 
 
 def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -156,12 +161,15 @@ def loop_text(width: int, once: list[str], inside: list[str]) -> str:
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 
 
-def build(module: Module, text: str, names: dict[str, Any], salt: str = "") -> Any:
-    """Compile generated source text and return its ``loop``. Raise InputError if it fails."""
+def build(module: Module, function: str, text: str, names: dict[str, Any], salt: str = "") -> Any:
+    """Compile generated source text that calls ``function`` and return its ``loop``.
+
+    Raise InputError with the line that numba names, or else that of the function.
+    """
     try:
         return build_loop(f"{module.source.hash} {salt}", text, names)
     except Uncompilable as error:
-        raise _explain(module, error) from None
+        raise _explain(module, error, module.texts[function].lineno) from None
 
 
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
@@ -358,8 +366,8 @@ def _make_loop(
     return loop_text(width, before, lines)
 
 
-def _explain(module: Module, error: Uncompilable) -> InputError:
-    """Return a shortened numba message as an InputError at the user's line."""
+def _explain(module: Module, error: Uncompilable, first_line: int) -> InputError:
+    """Return a shortened numba message as an InputError at the user's line or ``first_line``."""
     source = module.source
     line: int | None = error.line if error.file == source.file else None
     for match in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.message):
@@ -370,7 +378,7 @@ def _explain(module: Module, error: Uncompilable) -> InputError:
     useful = [text for text in message_lines if text and not _NOISE.match(text)]
     if "Unknown attribute 'aileron'" in error.message or "wrong tuple length" in error.message:
         expected = "return Command(...), or Command(...), Memory(...) for a law with memory"
-        return InputError(source.file, "the law does not return a Command", expected, line)
-    return InputError(
-        source.file, f"the code does not compile ({'; '.join(useful[:3]):.300})", WANTED, line
-    )
+        problem = "the law does not return a Command"
+        return InputError(source.file, problem, expected, line or first_line)
+    problem = f"the code does not compile ({'; '.join(useful[:3]):.300})"
+    return InputError(source.file, problem, WANTED, line or first_line)

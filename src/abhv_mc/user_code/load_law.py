@@ -7,7 +7,7 @@ import ast
 import builtins
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -259,18 +259,28 @@ def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
 
 def _check_returns(law: Law, name: str) -> None:
     """Check that each return statement has a Command (or Filtered), and Memory if defined."""
-    function, remembers = law.module.texts[name], "memory" in law.arguments
+    remembers = "memory" in law.arguments
     result_class = "Filtered" if law.mark.filters else "Command"
+    expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"
+
+    def is_wrong(value: ast.expr | None) -> bool:
+        return _is_wrong(value, remembers, result_class)
+
+    check_returns(law.module, name, is_wrong, expected)
+
+
+def check_returns(
+    module: Module, name: str, is_wrong: Callable[[ast.expr | None], bool], expected: str
+) -> None:
+    """Raise InputError for a wrong value of a 'return', or a path without one."""
+    function = module.texts[name]
     wrong = [
-        node
-        for node in _walk(function)
-        if isinstance(node, ast.Return) and _is_wrong(node.value, remembers, result_class)
+        node for node in _walk(function) if isinstance(node, ast.Return) and is_wrong(node.value)
     ]
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
-        expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"
-        problem = f"'{ast.unparse(last):.60}'" if wrong else "the law can end without 'return'"
-        raise InputError(law.source.file, problem, expected, last.lineno, last.col_offset + 1)
+        problem = f"'{ast.unparse(last):.60}'" if wrong else f"'{name}' can end without 'return'"
+        raise InputError(module.source.file, problem, expected, last.lineno, last.col_offset + 1)
 
 
 def _is_wrong(value: ast.expr | None, remembers: bool, result_class: str) -> bool:

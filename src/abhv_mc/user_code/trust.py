@@ -9,7 +9,7 @@ from pathlib import Path
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
-_SIGNS = ("manifest.json", "campaign.yaml")  # A results folder contains these two files.
+_SIGNS = ("manifest.json", "campaign.yaml")  # files by which a results folder is recognized
 _trusted_now: set[str] = set()  # hashes trusted explicitly in this process
 
 

@@ -69,7 +69,8 @@ def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
         names |= {"_Measured": _Seen, "_Actual": _Actual, "_Memory": memory}
         names |= {"_Reference": Reference, "_Command": MixedCommand}
         fields = memory._fields if memory else ()
-        return build(module, _make_loop(signatures, width, fields), names, f"{fields}")
+        text = _make_loop(signatures, width, fields)
+        return build(module, next(iter(functions)), text, names, f"{fields}")
 
 
 def _make_loop(signatures: dict[str, tuple[str, ...]], width: int, memory: tuple[str, ...]) -> str:

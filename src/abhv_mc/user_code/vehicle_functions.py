@@ -22,7 +22,12 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehic
 from abhv_mc.plant.effectiveness import count_rows
 from abhv_mc.user_code.compiled import build, compiled_names, lane_of, loop_text, tuple_text
 from abhv_mc.user_code.law_interface import Air, Effect, Measured, Motion, Rates, Sensed
-from abhv_mc.user_code.load_law import check_fields, check_functions, is_number
+from abhv_mc.user_code.load_law import (
+    check_fields,
+    check_functions,
+    check_returns,
+    is_number,
+)
 from abhv_mc.user_code.module import DYNAMICS, Module, refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
@@ -37,6 +42,7 @@ _ARGUMENTS = {
     "propulsion": ("air", "throttle", "controls", "rates", "settings"),
     "dynamics": ("states", "motion", "air", "controls", "settings"),
 }
+_RETURNED = {"aerodynamics": "Coefficients", "propulsion": "Thrust", "dynamics": "Effect"}
 
 
 class Functions(NamedTuple):
@@ -115,6 +121,7 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
                 )
             arguments = module.check_arguments(function, _ARGUMENTS[key])
             check_functions(module, function)
+            check_returns(module, function, _is_constant, f"return {_RETURNED[key]}(...)")
             kinds: dict[str, Any] = {"air": Air, "rates": Rates, "controls": _controls(code)}
             if key == "dynamics":
                 kinds["settings"] = namedtuple("Settings", dict(function_code.settings))
@@ -138,7 +145,7 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
         body.append(f"made = _function({', '.join(arguments)})")
         body += _WRITERS[key](width, code, module)
         text = loop_text(width, [f"nominal = tick == {NOMINAL}"], body)
-        loops[key] = build(module, text, names, function)
+        loops[key] = build(module, function, text, names)
     return Functions(**loops)
 
 
@@ -155,22 +162,39 @@ def _find_marked(module: Module) -> str:
     return next(iter(marked))
 
 
+def _is_constant(value: ast.expr | None) -> bool:
+    """Return whether a 'return' has no value, or one that is no result of a function."""
+    return value is None or isinstance(value, ast.Constant | ast.Tuple)
+
+
 def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
     """Raise InputError if custom dynamics do not return an Effect with one rate per state.
 
+    Each 'return Effect(rates=(...), ...)' is read, because a trial takes only one of them.
     Arithmetic errors in the trial evaluation are ignored.
     """
+    text = module.texts[function]
+    returns = [node for node in ast.walk(text) if isinstance(node, ast.Return)]
+    for node in returns:
+        keywords = node.value.keywords if isinstance(node.value, ast.Call) else []
+        rates = next((item.value for item in keywords if item.arg == "rates"), None)
+        if isinstance(rates, ast.Tuple) and not any(
+            isinstance(item, ast.Starred) for item in rates.elts
+        ):
+            _check_count(module, code, len(rates.elts), node.lineno)
     try:
         effect: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
     except (ArithmeticError, ValueError):
         return
-    text = module.texts[function]
-    returns = [node.lineno for node in ast.walk(text) if isinstance(node, ast.Return)]
-    line = (returns or [text.lineno])[0]
+    line = returns[0].lineno
     if type(effect) is not Effect:
         problem = f"the custom dynamics return {type(effect).__name__}"
         raise InputError(module.source.file, problem, "return Effect(rates=(...), ...)", line)
-    count = len(effect.rates) if isinstance(effect.rates, tuple) else 1
+    _check_count(module, code, len(effect.rates) if isinstance(effect.rates, tuple) else 1, line)
+
+
+def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
+    """Raise InputError unless ``count`` is the number of states."""
     if count != len(code.states):
         names = ", ".join(state.name for state in code.states)
         problem = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"

@@ -24,7 +24,14 @@ from abhv_mc.user_code.read_guard import EVENTS, ReadGuard, package_folders
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
-_SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")  # such as clocks and locales
+_SYSTEM = (
+    "/dev",
+    "/etc",
+    "/proc",
+    "/sys",
+    "/usr/lib",
+    "/usr/share",
+)  # system files such as clocks and locales
 
 
 class _Watch:

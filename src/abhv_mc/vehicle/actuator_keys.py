@@ -142,12 +142,12 @@ class Unstart(StrictModel):
     """Flow conditions in which the inlet stays started; outside these the engine fails."""
 
     angle_of_attack: AngleRange = Field(
-        default=(-math.inf, math.inf), description="minimum and maximum"
+        default=(-math.inf, math.inf), description="range of the angle of attack"
     )
     sideslip: Annotated[Angle, Positive] = Field(
-        default=math.inf, description="maximum in either direction"
+        default=math.inf, description="maximum sideslip in either direction"
     )
-    mach: Range = Field(default=(-math.inf, math.inf), description="minimum and maximum")
+    mach: Range = Field(default=(-math.inf, math.inf), description="range of the Mach number")
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf,
         description="time within the range until the inlet restarts; default: never",
@@ -250,7 +250,7 @@ class _Propulsion(EngineActuator, _Inlets):
         ThrustLine(), description="line of thrust; default: along body x"
     )
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
-        description="minimum and maximum"
+        description="minimum and maximum equivalence ratio"
     )
     relight: Relight = Field(
         Relight(), description="recovery of the thrust after an engine failure"

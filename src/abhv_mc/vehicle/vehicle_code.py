@@ -236,7 +236,7 @@ def evaluate_functions(
         raise InputError(
             "vehicle",
             "the functions were not loaded",
-            "a call of load_vehicle, which runs their file",
+            "a vehicle read by load_vehicle, which loads the functions",
         )
     shape = variables.shape[1:]
     points = variables.reshape(len(variables), -1)

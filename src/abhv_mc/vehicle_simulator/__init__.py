@@ -1,1 +1,1 @@
-"""Simulators: the built-in vehicle simulation with its plans, and user simulators."""
+"""Built-in simulator of vehicles, with plans, margins and exports."""

@@ -1,4 +1,4 @@
-"""Custom code of a vehicle's campaign: channels, control laws and functions of the vehicle."""
+"""Custom code of a campaign: channels, control laws and vehicle functions."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from abhv_mc.vehicle.file import read_vehicle_file
 
 
 def find_code(model: Campaign) -> list[tuple[Path, UserSource]]:
-    """Return files and code of a campaign's channels, control laws and vehicle."""
+    """Return the files and code of the channels, control laws and vehicle."""
     code = [(model.channels, read_source(model.channels))] if model.channels is not None else []
     for path in model.controllers.values():
         data = read_document(path).data
@@ -31,6 +31,6 @@ def find_code(model: Campaign) -> list[tuple[Path, UserSource]]:
 
 
 def check_user_law(controller: Controller, trusted: bool = False) -> None:
-    """Raise InputError for a controller with untrusted code in a results folder."""
+    """Raise InputError if a controller in a results folder has untrusted code."""
     if isinstance(controller, UserController) and is_in_a_folder(law_place(controller)):
         check_trusted(read_law_source(controller), trusted)

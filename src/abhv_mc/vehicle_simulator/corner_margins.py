@@ -1,4 +1,4 @@
-"""Steady-flight margins at the mission's start: nominal and at dispersion corners."""
+"""Trim margins at the start of the mission, nominal and at dispersion corners."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -17,12 +17,12 @@ from abhv_mc.vehicle_simulator.margin_plans import make_steady
 _ALL_CORNERS, _SOME = (
     6,
     64,
-)  # up to this many parameters all corners, otherwise this many random ones
+)  # maximum number of parameters for all corners; number of random corners
 _DIGITS = 6
 
 
 def make_corners(campaign: Experiment) -> Floats:
-    """Return parameter rows: nominal, then corners of the dispersions' ranges."""
+    """Return parameter rows: nominal, then corners of the ranges of the dispersions."""
     count = len(campaign.names)
     ends = np.array([campaign.ends_of(i)[[0, 2]] for i in range(count)]).reshape(count, 2)
     if count <= _ALL_CORNERS:
@@ -40,11 +40,10 @@ def make_corners(campaign: Experiment) -> Floats:
 
 @one_blas_thread()
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
-    """Return the content of ``margins.json``: nominal rows and minima over the corners.
+    """Return the content of ``margins.json``: nominal margins and minima over corners.
 
-    ``plans`` are the controllers' plans with the code of custom control laws. A controller without
-    a steady flight or margins has the reason. The result is empty for vehicles without control
-    surfaces or engine.
+    ``plans`` include the code of custom control laws. For a controller without trim or margins the
+    result has the reason. The result is empty for vehicles without control surfaces or engine.
     """
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
@@ -55,7 +54,9 @@ def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) ->
             controllers[name] = _describe(name, make_steady(campaign, plans[name], file), rows)
         except InputError as error:
             controllers[name] = {"fault": error.found}
-        except Exception as error:  # margins must not stop the campaign, whose flights are done
+        except (
+            Exception
+        ) as error:  # An error must not stop the campaign, whose flights are complete.
             controllers[name] = {"fault": f"not computed ({type(error).__name__}: {error})"}
     has_all_corners = len(rows) == 1 + 2 ** len(campaign.names)
     return {"corners": len(rows) - 1, "all_corners": has_all_corners, "controllers": controllers}
@@ -67,9 +68,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.probe import compile_probes
     from abhv_mc.stability.steady import trim_points
 
-    compile_probes(
-        steady
-    )  # before the trims, which wait if another process compiles the simulation
+    compile_probes(steady)  # Start before the trims, which may wait for compilation.
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
@@ -94,7 +93,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
 
 
 def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the smallest margins of one loop over the corners; None if unbounded."""
+    """Return the smallest margins of one loop over the corners, None if unlimited."""
     least: dict[str, Any] = {"loop": rows[0]["loop"]}
     for key in rows[0]:
         if key.endswith(
@@ -114,12 +113,12 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    """Return numbers rounded to their significant digits."""
+    """Return a row with numbers rounded to their significant digits."""
     return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}
 
 
 def is_compiled() -> bool:
-    """Return whether the margin code was compiled on this machine before."""
+    """Return whether compiled code for margins is cached on this machine."""
     from abhv_mc.kernel.jit import is_cached
     from abhv_mc.kernel.stability.structured import LAST_COMPILED
 

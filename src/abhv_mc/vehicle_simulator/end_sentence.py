@@ -1,4 +1,4 @@
-"""Descriptions of how flights ended, including the first non-finite quantity."""
+"""Sentences on how flights ended, including the first quantity that is not finite."""
 
 import numpy as np
 
@@ -14,14 +14,14 @@ from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
 
-_NEVER = "stagnation_heat_flux_w_m2"  # absent without a nose radius
+_NEVER = "stagnation_heat_flux_w_m2"  # channel that is absent without a nose radius
 _ORDER = sorted(
     range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
-)  # control laws use measured values
+)  # Control laws use measured values.
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
-    """Return sentences on a flight's end; re-run it to find a non-finite quantity.
+    """Return sentences on the end of a flight, which may be re-run to find the cause.
 
     ``parameters`` is a row [1, parameter].
     """
@@ -34,7 +34,7 @@ def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
 
 
 def _find(plan: FlightPlan, parameters: Floats) -> str:
-    """Return the first non-finite quantity of a flight and its time."""
+    """Return the first quantity of a flight that is not finite, with its time."""
     recording, memory = Recording(1), make_memory(LANES)
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
@@ -44,7 +44,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
     ]
     for tick in range(max(end - 1, 0), end + 1):
         row = results.history[0, tick]
-        if np.isfinite(row).any():  # otherwise it does not count
+        if np.isfinite(row).any():  # Rows without finite values do not count.
             broken = [
                 CHANNELS[i]
                 for i in _ORDER
@@ -52,7 +52,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
             ]
             if broken and not (
                 commands and broken[0].source.startswith("cmd_")
-            ):  # which all effectors' make
+            ):  # skip sums over all effectors
                 return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
     states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
     description = (

@@ -1,4 +1,4 @@
-"""Export of a controller's gains along a mission to MATLAB, CSV or C arrays."""
+"""Export of controller gains along a mission as MATLAB, CSV or C arrays."""
 
 from pathlib import Path
 
@@ -14,24 +14,24 @@ _BUILT_IN = {"tlc": TLC_GAINS, "lqr": LQR_GAINS}
 
 
 def check_gain_format(file: Path) -> None:
-    """Raise InputError if a file name has another suffix."""
+    """Raise InputError unless the suffix of a file name is .mat, .csv or .h."""
     if file.suffix not in (".mat", ".csv", ".h"):
         raise InputError(
-            file, f"the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h"
+            file, f"the suffix '{file.suffix}'", "a file name that ends in .mat, .csv or .h"
         )
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
     """Write gains [tick, gain] with names and times (s), SI and radians.
 
-    Numbers read back to the same bits. Raise InputError for another suffix, and for a control law
+    Numbers are written without rounding. Raise InputError for other suffixes and for control laws
     without gains.
     """
     check_gain_format(file)
     names = _BUILT_IN.get(plan.commanding_law) or tuple(plan.gain_names.tolist())
     if not names:
         raise InputError(
-            file, f"the law {plan.controller}, which has no gains", "one with a design"
+            file, f"the control law {plan.controller} has no gains", "a control law with a design"
         )
     ticks = plan.timing.ticks + 1
     times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
@@ -51,7 +51,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
 def _make_header(
     controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray
 ) -> str:
-    """Return a C99 header: an enumerator of the columns, the times, the gains."""
+    """Return a C99 header with an enumeration of the columns, the times and the gains."""
     columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
     rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
     return (

@@ -1,4 +1,4 @@
-"""Dispersions of components that a vehicle lacks."""
+"""Dispersions of components that a vehicle does not have."""
 
 import re
 
@@ -14,19 +14,24 @@ from abhv_mc.vehicle.actuators import surface_list
 
 
 def find_lacking(campaign: Experiment, vehicle: Vehicle) -> list[InputError]:
-    """Return dispersions of components that the vehicle lacks, which have no effect."""
-    expected = "a dispersion that matters to this vehicle"
+    """Return errors for dispersions of components that the vehicle does not have."""
+    expected = "a dispersion that affects this vehicle"
     return [
-        refuse_input(campaign, name, f"'{name}' of a vehicle that has no such part", expected)
+        refuse_input(
+            campaign,
+            name,
+            f"'{name}' refers to a component that the vehicle does not have",
+            expected,
+        )
         for name in campaign.varied
         if not _has(vehicle, name)
     ]
 
 
 def _has(vehicle: Vehicle, name: str) -> bool:
-    """Return whether a parameter affects the vehicle.
+    """Return whether a parameter can affect the vehicle.
 
-    Only factors on absent components do not.
+    Only factors on absent components have no effect.
     """
     group, _, suffix = name.partition(".")
     if (vehicle.foreign.aerodynamics and group == "aero") or (
@@ -55,7 +60,7 @@ def _has(vehicle: Vehicle, name: str) -> bool:
 
 
 def _values(vehicle: Vehicle, row: str) -> np.ndarray:
-    """Return all nodes of one of the fixed tables."""
+    """Return the values of a fixed table at all nodes."""
     tables = vehicle.tables
     number = int(tables.fixed_row[FIXED_TABLE_ROWS.index(row)])
     group = int(np.searchsorted(tables.group_row, number, side="right")) - 1

@@ -1,4 +1,4 @@
-"""Plans of a campaign: made from its files, or taken from another folder."""
+"""Preparation and checks of the flight plans of a campaign."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -36,7 +36,7 @@ def make_plans(
     names: Iterable[str],
     prepare: Callable[[Path, Path, Path, str], FlightPlan],
 ) -> dict[str, FlightPlan]:
-    """Return plans of the named controllers with declared metrics. Raise InputError."""
+    """Return the plans of the named controllers. Raise InputError if an input is invalid."""
     model = campaign.model
     check_user_code(campaign)
     prepared = {
@@ -46,12 +46,12 @@ def make_plans(
     for plan in plans.values():
         _check_dispersions(campaign, plan)
         if plan.channels_source is not None:
-            compile_plan_channels(plan, LANES)  # before any file is written
+            compile_plan_channels(plan, LANES)  # Compile before any file is written.
     return plans
 
 
 def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
-    """Raise InputError, at its location, for dispersions that a plan cannot simulate.
+    """Raise InputError, with location, for dispersions that a plan cannot simulate.
 
     These are sensor delays, lags or intervals out of range with probability above 1e-6, a limit on
     oscillation if gusts, turbulence or noise excite the angles, and failures of axes if effectors
@@ -69,8 +69,8 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
     failing = [name for name in campaign.varied if name.startswith(_AXIS_FAILURES)]
     if failing and plan.vehicle.constants.driven:
         problem = (
-            f"'{failing[0]}', of an axis, where '{plan.controller}' moves effectors by actuators "
-            "of their own"
+            f"'{failing[0]}' refers to an axis, but '{plan.controller}' has actuators at the "
+            "effectors"
         )
         names = ", ".join(name_effectors(plan.vehicle))
         raise refuse_input(campaign, failing[0], problem, f"a failure of an effector: {names}")
@@ -86,15 +86,15 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
 
 
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
-    """Return the plan with the campaign's own metrics, channels and actuators.
+    """Return the plan with the metrics, channels and actuators of the campaign.
 
-    Plan files do not contain these. All control laws use one list of actuators.
+    Plan files do not contain these settings. All control laws use one list of actuators.
     """
     if find_driven(campaign.model.vehicle, campaign.model.controllers.values()):
         plan = replace(plan, vehicle=drive(plan.vehicle), settings=plan.settings.copy())
         if (
             plan.commanding_law not in USER_LAWS
-        ):  # what the actuators of the effectors leave of each axis
+        ):  # axis limits that remain with actuators at the effectors
             limits = axis_limits(plan.vehicle)
             plan.settings[-limits.size :] = limits
     if campaign.model.channels is not None:
@@ -105,7 +105,7 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
-    """Return the plan with this campaign's metrics, restricted to what it varies."""
+    """Return the plan with the metrics of the campaign, specialized to varied parameters."""
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
     laws = [name for name in campaign.parameters.index if name.startswith("law.")]
     return replace(
@@ -117,22 +117,22 @@ def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return warnings about mission, sensing and feasibility, without duplicates."""
+    """Return warnings about the mission, sensing and feasibility, without duplicates."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
     return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return a sentence on what the instruments measure, if there is wind."""
+    """Return a sentence on the measured quantities if there is wind."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []
 
 
 def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:
-    """Return the mission's reference: ``time`` (s) and REFERENCE_CHANNELS, each [time].
+    """Return the reference trajectory: ``time`` (s) and REFERENCE_CHANNELS, each [time].
 
-    Every ``stride``-th tick is returned.
+    Only every ``stride``-th tick is returned.
     """
     reference = plan.reference[::stride]
     columns: dict[str, Floats] = {

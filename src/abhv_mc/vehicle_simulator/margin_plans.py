@@ -1,4 +1,4 @@
-"""Plans with stability margins of flights, and margins of vehicles at the start."""
+"""Plans with stability margins of flights, and trim margins of dispersed vehicles."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,20 +14,20 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
-if TYPE_CHECKING:  # workers do not import it
+if TYPE_CHECKING:  # Workers do not import these modules.
     from abhv_mc.campaign.file.experiment import Experiment
 
 Margins = tuple[
     Floats, list[str]
-]  # [flight, margin] in the order of MARGIN_NAMES, and why a flight has none
-TrimMargins = Callable[[Floats], Margins]  # of rows [flight, parameter]
-_LOOKED_AT = 1000  # flights whose sensor intervals must fit the control law's period
+]  # ([flight, margin] in the order of MARGIN_NAMES, reasons by flight)
+TrimMargins = Callable[[Floats], Margins]  # argument: rows [flight, parameter]
+_LOOKED_AT = 1000  # number of flights whose sensor intervals are checked
 
 
 def make_margin_plans(
     campaign: "Experiment", plans: Mapping[str, FlightPlan]
 ) -> dict[str, MarginPlan]:
-    """Return plans with margins, empty if none are requested.
+    """Return plans with stability margins, empty if no margins are requested.
 
     Raise InputError if margins cannot be computed.
     """
@@ -40,15 +40,15 @@ def make_margin_plans(
 
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
-        problem = "margins of a vehicle without control surfaces or engine"
-        raise InputError(model.vehicle, problem, "one with both")
+        problem = "margins need a vehicle with control surfaces and an engine"
+        raise InputError(model.vehicle, problem, "a vehicle with both")
     sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
     margin_plans: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
         steady = make_steady(campaign, plan, model.controllers[name])
         period = find_period(
             steady
-        ).ticks  # a law without a period is rejected before any simulation
+        ).ticks  # Laws without a period are rejected before any simulation.
         for ticks in np.unique(sensor_ticks(steady, sampled), axis=0):
             repeats_after(ticks, period)
         margin_plans[name] = add_margins(plan, steady, model.margins.at)
@@ -56,9 +56,9 @@ def make_margin_plans(
 
 
 def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> FlightPlan:
-    """Return the plan of steady flight at the mission's start.
+    """Return the plan of steady flight at the start of the mission.
 
-    Raise InputError if there is none.
+    Raise InputError if there is no trim.
     """
     from abhv_mc.control.controller_file import read_controller
     from abhv_mc.control.mission import read_mission
@@ -73,15 +73,14 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
 
 
 def count_metrics(plan: FlightPlan) -> int:
-    """Return the number of metric columns of the plan's flights."""
+    """Return the number of metrics of the flights of a plan, including margins."""
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 
 def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:
-    """Return functions of rows [flight, parameter] to steady-flight margins.
+    """Return a function by controller that maps rows [flight, parameter] to trim margins.
 
-    The keys are controllers; no flight is simulated. Raise InputError if margins cannot be
-    computed.
+    No flight is simulated. Raise InputError if margins cannot be computed.
     """
     from abhv_mc.campaign.file.config import MarginsOfFlights
 

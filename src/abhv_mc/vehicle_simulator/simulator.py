@@ -1,4 +1,4 @@
-"""Built-in simulator: a vehicle that flies a mission with its controllers."""
+"""Built-in simulator of a vehicle on a mission with several controllers."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -18,7 +18,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class VehicleSimulator:
-    """Simulator with trimmed plans, designed controllers and the compiled simulation."""
+    """Built-in simulator with trimmed plans, designed controllers and compiled flights."""
 
     kind = "controller"
     origin = ""
@@ -139,7 +139,7 @@ class VehicleSimulator:
 
 
 def make_engine() -> Engine:
-    """Return the compiled simulation."""
+    """Return the engine of the compiled flight."""
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.fly_with_margins import fly_with_margins
     from abhv_mc.vehicle_simulator.corner_margins import describe_stability, is_compiled

@@ -1,4 +1,4 @@
-"""Plans of a results folder and plans sent to workers, rebuilt with their code."""
+"""Rebuilding of plans from results folders, and of plans sent to workers."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator
@@ -28,19 +28,19 @@ from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle_simulator.make_plans import declare_metrics
 
-Code = dict[str, Any]  # the fields of a plan that no file stores: code, and whether it is lean
+Code = dict[str, Any]  # fields of a plan that are not stored, such as code
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
 def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
-    """Return a plan from its stored arrays, bit-identical; ``vehicle`` is the campaign's.
+    """Rebuild a bit-identical plan from stored arrays and the campaign's vehicle.
 
-    Raise KeyError, ValueError or TypeError for arrays that are missing or of another vehicle.
+    Raise KeyError, ValueError or TypeError if arrays are missing or belong to another vehicle.
     """
     flat = {
         name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"
     }
-    flat.setdefault("period", np.array(0))  # of a folder from before laws had one
+    flat.setdefault("period", np.array(0))  # Folders of earlier versions have no period.
     for name, value in flatten(vehicle, "vehicle").items():
         if value.dtype.kind == "f":
             _check_shape(name, flat[name], value.shape)
@@ -50,7 +50,7 @@ def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
     flat |= flatten(rebuild_trim_tables(*numbers), "trim_tables")
     flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
     plan = rebuild(FlightPlan, flat)
-    own = plan.gain_names.size, plan.settings.size  # a law of the user's says how many
+    own = plan.gain_names.size, plan.settings.size  # Custom laws determine these sizes.
     gains, settings = _COLUMNS.get(plan.commanding_law, own)
     rows = plan.timing.ticks + 1
     shapes = {
@@ -73,7 +73,7 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 def read_trusted_plan(
     stored: StoredPlans, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
-    """Return the stored plan of a controller with its code from the folder's copies.
+    """Return the stored plan of a controller, with code copied to the folder.
 
     Raise InputError if the code is missing or untrusted.
     """
@@ -97,7 +97,7 @@ def read_trusted_plan(
 
 
 def _read_laws(folder: Path) -> Iterator[UserSource]:
-    """Yield the code of every controller file in a folder."""
+    """Yield the code of all controller files in a folder."""
     for path in sorted(folder.rglob("*.y*ml")):
         controller = read_controller(path)
         if isinstance(controller, UserController):
@@ -109,18 +109,18 @@ def _take(sources: Iterable[UserSource], folder: Path, digest: str, trusted: boo
         if source.hash == digest:
             check_trusted(source, trusted)
             return with_library(source)
-    raise InputError(folder, "no copy of the code that was flown", REMEDY)
+    raise InputError(folder, "the folder has no copy of the code used", REMEDY)
 
 
 def code_of(plan: FlightPlan) -> Code:
-    """Return the fields sent along with a plan's arrays."""
+    """Return the fields sent to workers along with the arrays of a plan."""
     fields = (field for field in dataclasses.fields(plan) if not is_stored(field))
     code = {field.name: getattr(plan, field.name) for field in fields}
     return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})
 
 
 def rebuild_sent(arrays: Arrays, code: Code) -> FlightPlan:
-    """Return a plan from its code and arrays (:func:`abhv_mc.flight.plan_arrays.flatten`)."""
+    """Rebuild a plan from code and arrays (:func:`abhv_mc.flight.plan_arrays.flatten`)."""
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
         code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}

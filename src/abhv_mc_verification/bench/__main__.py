@@ -65,7 +65,7 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
         f"{figures['warm_start_s']:.2f} s from the cache"
     )
     say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
-    say(f"default campaign with its report: {figures['peak_memory_mb']:.0f} MB")
+    say(f"memory for the default campaign with report: {figures['peak_memory_mb']:.0f} MB")
 
 
 if __name__ == "__main__":

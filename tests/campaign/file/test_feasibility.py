@@ -24,14 +24,14 @@ def disperse(law, name="atmosphere.density"):
     [
         (
             dict(runs="400", requirements=RARE),
-            "0.9999 that no outcome of 400 flights shows|at least 26",
+            "0.9999 that 400 flights cannot demonstrate|at least 26",
         ),
         (
             dict(
                 requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.99}]",
                 family="{risk: 0.001}",
             ),
-            "shows at a risk of 0.0005",
+            "demonstrate at a risk of 0.0005",
         ),
         (ask("altitude_error_max_m", "below", "-50"), "below -50, which no flight meets"),
         (ask("altitude_error_max_m", "above", "-50"), "above -50, which every flight meets"),
@@ -70,7 +70,7 @@ def test_what_can_is_not(tmp_path, entries):
 
 
 LIFT = "aero.lift: {distribution"
-ABSENT = "of a vehicle that has no such part"
+ABSENT = "refers to a component that the vehicle does not have"
 
 
 @pytest.mark.parametrize(
@@ -93,6 +93,6 @@ def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(
 def test_run_warns_flies_and_shows_nothing(tmp_path):
     manifest = run(write_campaign(tmp_path / "f", requirements=RARE), tmp_path / "out").manifest
     assert manifest.warnings[0].startswith(
-        "the campaign asks for a probability of 0.9999 that no outcome of 300 fl"
+        "the campaign has a probability of 0.9999 that 300 flights cannot"
     )
     assert manifest.requirements[0].verdict in ("NOT SHOWN", "FAIL")

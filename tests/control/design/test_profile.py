@@ -231,7 +231,7 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
         ("wind", f"{WINDS}5,1,1\n5,1,1\n", ":3:1: the altitude 5 m"),
         ("wind", f"{WINDS}5,1,1\n", "1 rows"),
         ("density", f"{DENSITIES}0,0\n9,1\n", ":2:3: a density of 0 times the standard"),
-        ("trajectory", ("10.0,", "9.0,"), ":12:1: the time 9 s; expected times that rise"),
+        ("trajectory", ("10.0,", "9.0,"), ":12:1: the time 9 s; expected times that increase"),
         ("trajectory", ("20000.0", "nan"), ":2:5: 'nan' in the column 'altitude_m'"),
         ("trajectory", ("60.0,", "59.5,"), "from 0 to 60 s"),
     ],

@@ -182,7 +182,7 @@ class PooledSeed(StrictModel):
 class Family(StrictModel):
     """Joint risk of a false PASS over all pairs of requirement and controller."""
 
-    method: Literal["holm"] = Field("holm", description="Holm's")
+    method: Literal["holm"] = Field("holm", description="step-down procedure of Holm")
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10, description="largest probability that at least one PASS is false"
     )

@@ -92,7 +92,7 @@ class Experiment:
     derived: Derived = ()  # parameters derived from others of the same row
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # parameters that flights accept
-    repeatability: Repeatability | None = None  # of a custom simulator, as recorded in the folder
+    repeatability: Repeatability | None = None  # repeatability of a custom simulator
     file_runs: int | None = None  # value in the campaign file, before overrides
     engine: Engine | None = None  # replacement for the compiled flight code
     later_choices: frozenset[int] = frozenset()  # indices of requirements set after the results

@@ -1,6 +1,6 @@
 """Requirements that no flight can decide, and dispersions outside physical ranges.
 
-`validate` rejects these; `run` warns, because the rest of the campaign may be useful.
+`validate` rejects such campaigns; `run` warns, because other results may be useful.
 """
 
 import re
@@ -14,23 +14,22 @@ from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.evidence import flights_to_pass
 
-# Meaningless at or below zero. A factor on a coefficient may be: the component is absent or
-# reversed.
+# Parameters that must be positive. Factors on coefficients need not, as components may be absent.
 _ABOVE_ZERO = re.compile(
     r"^(atmosphere\.density|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
-_RARELY = 1e-6  # probability beyond a bound that is tolerated of an unbounded distribution
-_FIRST = 1000  # flights whose derived inputs are checked
+_RARELY = 1e-6  # tolerated probability of values beyond a bound
+_FIRST = 1000  # number of flights whose derived inputs are checked
 
 
 def find_impossible(campaign: Experiment) -> list[InputError]:
-    """Return all such problems with their source locations."""
+    """Return errors for undecidable requirements and impossible dispersions."""
     return [*_requirements(campaign), *_meaningless(campaign)]
 
 
 def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -> InputError:
-    """Return the error for a varied input, at its location in the file."""
+    """Return the InputError for a varied input, with its location in the file."""
     location: tuple[str, ...] = (
         ("dispersions", name) if campaign.sample_file is None else ("sampling",)
     )
@@ -40,9 +39,9 @@ def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -
 
 
 def values_of(campaign: Experiment, name: str) -> Floats:
-    """Return values of a varied input with its ends, or quantiles if unbounded.
+    """Return values of a varied input including the ends, or quantiles if unbounded.
 
-    The quantiles cover all but one in 1e6.
+    The quantiles cover all but 1e-6 of the distribution.
     """
     if name in campaign.unknowns.names:
         index = campaign.unknowns.names.index(name)
@@ -59,9 +58,9 @@ def values_of(campaign: Experiment, name: str) -> Floats:
 
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
-    """Return the problems as sentences without full stops, for use as warnings."""
+    """Return undecidable requirements and impossible dispersions as warnings."""
     return [
-        f"the campaign asks for {error.found}; it takes {error.expected}"
+        f"the campaign has {error.found}; required: {error.expected}"
         for error in find_impossible(campaign)
     ]
 
@@ -74,42 +73,47 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
             continue
         if high is not None and high <= 0.0:
             problem = (
-                f"'{entry.metric}' below {high:g}, which no flight meets: it is never negative"
+                f"'{entry.metric}' below {high:g}, which no flight meets because the metric is "
+                "never negative"
             )
-            yield document.error(("requirements", i, "below"), problem, "a limit above zero")
+            yield document.error(("requirements", i, "below"), problem, "a positive limit")
         elif low is not None and low < 0.0:
             problem = (
-                f"'{entry.metric}' above {low:g}, which every flight meets: it is never negative"
+                f"'{entry.metric}' above {low:g}, which every flight meets because the metric is "
+                "never negative"
             )
-            yield document.error(("requirements", i, "above"), problem, "a limit from zero on")
+            yield document.error(("requirements", i, "above"), problem, "a nonnegative limit")
     if not campaign.judged:
         return
     family = campaign.family_risk
     verdicts = len(entries) * len(campaign.controllers)
     for i, entry in enumerate(entries):
-        # All requirements are judged on all controllers; if each flight met all, Holm's first step
+        # All controllers are judged; if all flights succeed, the first step of Holm's procedure
         # decides.
         risk = min(entry.consumer_risk, family / verdicts) if family else entry.consumer_risk
         needed = flights_to_pass(0, entry.probability, risk)
         if needed <= campaign.runs_at_point:
             continue
         problem = (
-            f"a probability of {entry.probability:g} that no outcome of {campaign.runs_at_point} "
-            f"flights shows at a risk of {risk:g}"
+            f"a probability of {entry.probability:g} that {campaign.runs_at_point} flights cannot "
+            f"demonstrate at a risk of {risk:g}"
         )
         expected = f"at least {needed} flights, or a lower probability"
         yield document.error(("requirements", i, "probability"), problem, expected)
 
 
 def _meaningless(campaign: Experiment) -> Iterator[InputError]:
-    """Yield values at or below zero of quantities that must be positive."""
+    """Yield errors for nonpositive values of quantities that must be positive."""
     for name in campaign.varied:
         if campaign.parameters[name].of_user:
             continue
         least = float(values_of(campaign, name).min())
         if np.isnan(least):
             yield refuse_input(
-                campaign, name, f"'{name}' that is no number", "an expression that is one"
+                campaign,
+                name,
+                f"'{name}' that is not a number",
+                "an expression with a numerical value",
             )
         elif least <= 0.0 and _ABOVE_ZERO.search(name):
             marginal = campaign.marginals.get(name)
@@ -118,11 +122,8 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
                 and isinstance(marginal, ContinuousMarginal)
                 and marginal.density(np.array(1e-12)) < 1e-6
             ):
-                continue  # a distribution that approaches zero and never reaches it
-            expected = (
-                "values above zero, as of a truncated_normal or lognormal law: at or below it has "
-                "no meaning"
-            )
+                continue  # The distribution approaches zero but never reaches it.
+            expected = "positive values, as from a truncated_normal or lognormal distribution"
             entry = campaign.dispersions.get(name, {})
             width = entry.get("half_width", entry.get("sigma"))
             if isinstance(width, (int, float)) and width >= 1:

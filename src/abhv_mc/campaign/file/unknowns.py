@@ -29,7 +29,7 @@ class Unknown(StrictModel):
     low: Value = Field(
         description="lower bound: a value, or a change relative to the nominal value such as -10 %"
     )
-    high: Value = Field(description="upper bound")
+    high: Value = Field(description="upper bound, like 'low'")
 
 
 Count = Annotated[int, Field(ge=0)]
@@ -56,7 +56,7 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 class MostFailures(StrictModel):
     """Point at which a requirement failed most often in the search of a controller."""
 
-    controller: str = Field(description="whose search")
+    controller: str = Field(description="controller of the search")
     requirement: Count = Field(description="index of the requirement, from 0")
     point: Count = Field(description="index of the point, from 0")
     failures: Count = Field(description="number of failures at the point during the search")
@@ -165,8 +165,8 @@ class Unknowns:
         if factor <= 1.0:
             return text
         return (
-            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often shows there "
-            "in about half of the campaigns"
+            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often is "
+            "detected in about half of the campaigns"
         )
 
 

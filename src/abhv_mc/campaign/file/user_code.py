@@ -1,4 +1,4 @@
-"""Custom code of a campaign: whether the user may run it."""
+"""Check of whether the user may run the custom code of a campaign."""
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.user_code.source import UserSource
@@ -6,10 +6,10 @@ from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 
 
 def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSource]:
-    """Return the campaign's custom code if the user may run it. Raise InputError otherwise.
+    """Return the custom code of a campaign. Raise InputError if the user may not run it.
 
-    The user's own files may run, and copies in folders that the user has run before or declares
-    ``trusted``. The code is not run here.
+    The user may run files outside results folders, and copies in results folders that were run
+    before or are declared ``trusted``. This function runs no code.
     """
     foreign, own = is_in_a_folder(campaign.document.path), []
     for file, source in campaign.simulator.find_code():

@@ -1,1 +1,1 @@
-"""Sampling: designs, marginal distributions and correlation."""
+"""Sampling designs, marginal distributions and correlations."""

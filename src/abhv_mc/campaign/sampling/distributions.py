@@ -232,7 +232,7 @@ class Scipy(_Distribution):
     )
     shapes: dict[str, float] = Field({}, description="shape parameters by name")
     loc: Value | None = Field(None, description="location; default: 0")
-    scale: Value | None = Field(None, description="scale; default: 1, in SI")
+    scale: Value | None = Field(None, description="scale in SI units; default: 1")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats

@@ -40,7 +40,7 @@ from abhv_mc.kernel.laws.lqr import lqr_tick
 from abhv_mc.kernel.laws.tlc import tlc_tick
 from abhv_mc.kernel.laws.user import call_user, user_tick
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import AXES, FIRST_EFFECTOR
+from abhv_mc.kernel.plant.actuator_step import AXES, FIRST_EFFECTOR, IDEAL, KIND
 from abhv_mc.kernel.plant.actuators import (
     command_ideal,
     pass_commands,
@@ -138,15 +138,18 @@ def lean_active(Z, width, plan):
 
 
 @lanes
-def instruments(plan, Z, width, active, tick):
-    """Compute measurements relative to the air, and additional ones for custom laws."""
+def instruments(plan, Z, width, active, tick, evaluated):
+    """Compute measurements relative to the air, and additional ones for custom laws.
+
+    ``evaluated`` states whether the forces at the state of the tick have been evaluated.
+    """
     sensing, more = (
         plan.vehicle.constants.sensing,
         plan.user_code.more > 0 or active.sensor_errors.changed,
     )
     dynamic = plan.user_code.dynamics != 0
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
-    if active.windy and (against_air or more):
+    if active.windy and (against_air or more) and not evaluated:
         move_air(Z, width, plan.profile)
     if against_air:
         measure_air(Z, width, sensing)
@@ -163,7 +166,7 @@ def begin_tick(plan, memory, width, active, tick):
     Sensor effects of custom dynamics are those of the last stage.
     """
     move(plan, memory, width, active, tick)
-    measure(plan, memory, width, active, tick)
+    measure(plan, memory, width, active, tick, False)
 
 
 @lanes
@@ -179,11 +182,11 @@ def move(plan, memory, width, active, tick):
 
 
 @lanes
-def measure(plan, memory, width, active, tick):
-    """Compute the measurement at a control tick."""
+def measure(plan, memory, width, active, tick, evaluated):
+    """Compute the measurement at a control tick, see :func:`instruments`."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     if active is not None:
-        instruments(plan, Z, width, active, tick)
+        instruments(plan, Z, width, active, tick, evaluated)
         if active.sensor_errors.changed:
             lag_and_scale(Z, width, active.sensor_errors, tick_length, tick)
     add_biases(Z, width)
@@ -305,10 +308,10 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 
 
 @lanes
-def begin_control(plan, memory, width, law, active, tick):
+def begin_control(plan, memory, width, law, active, tick, evaluated):
     """Compute measurement, commands and failures at a control tick."""
     Z, A, tick_length = memory.Z, memory.A, plan.timing.step * plan.timing.steps_per_tick
-    measure(plan, memory, width, active, tick)
+    measure(plan, memory, width, active, tick, evaluated)
     control(plan, memory, width, law, active, tick)
     pass_commands(Z, width)
     if active is not None:
@@ -317,6 +320,30 @@ def begin_control(plan, memory, width, law, active, tick):
         command_ideal(Z, Z, width, plan.vehicle.actuators, 0, FIRST_EFFECTOR)
     if active is not None:
         begin_effectors(Z, A, width, plan.vehicle)
+
+
+@lanes
+def senses_forces(plan):
+    """Return whether the sensors need the forces at the state of the tick.
+
+    They measure custom dynamics and, for a law that reads it, the specific force.
+    """
+    return plan.user_code.dynamics != 0 or plan.user_code.more > 1
+
+
+@lanes
+def keeps_forces(plan, law, active):
+    """Return whether the forces at the state of a tick do not depend on its commands.
+
+    They do with ideal actuators and failures. The nominal vehicle of TLC and of custom laws
+    overwrites rows of the forces.
+    """
+    failures, ideal = active.failures, False
+    for i in range(FIRST_EFFECTOR + count_driven(plan.vehicle)):
+        ideal |= plan.vehicle.actuators[i, KIND] == IDEAL
+    nominal = law in (TLC, RECORDED) or plan.user_code.onboard > 0
+    fails = failures.surfaces or failures.effectors or failures.engine or failures.engines
+    return not (ideal or nominal or fails)
 
 
 @lanes
@@ -329,10 +356,10 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         plan.timing.step,
         plan.timing.steps_per_tick,
     )
-    first = 0
-    if active is not None and (plan.user_code.dynamics != 0 or plan.user_code.more > 1):
-        # Sensors measure custom dynamics and specific force at the state of the tick.
-        first = -1
+    first, once = 0, False
+    if active is not None and senses_forces(plan):
+        # Forces are evaluated before the measurement; the first stage reuses them if possible.
+        first, once = -1, keeps_forces(plan, law, active)
     for tick in range(first_tick, end):
         move(plan, memory, width, active, tick)
         flying = True
@@ -341,8 +368,10 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         ):  # One loop for all stages generates their code only once.
             stage = evaluation % 4 if evaluation >= 0 else -1
             if evaluation == 0:
-                begin_control(plan, memory, width, law, active, tick)
-            evaluate(plan, memory, width, runge_kutta_stage(stage, step), active)
+                begin_control(plan, memory, width, law, active, tick, first < 0)
+            if evaluation != 0 or not once:
+                formula = runge_kutta_stage(0 if once and stage < 0 else stage, step)
+                evaluate(plan, memory, width, formula, active)
             if evaluation == 0:
                 observe_tick(plan, memory, results, width, active, flights, n, tick)
                 record_tick(plan, memory, results, flights, n, tick)

@@ -141,7 +141,7 @@ def _answer(plan, memory, width, active, centred, tick, answer, start, n):
         )
         evaluate(plan, memory, width, Stage(1.0, 0.0), forced)
         navigate(Z, width, tick_length, tick == 0)
-        instruments(plan, Z, width, active, 1)
+        instruments(plan, Z, width, active, 1, True)
         if active.failures.sensors:
             fail_sensors(Z, width, tick * tick_length)
     _store(Z, SUM, answer.rates, start, n)

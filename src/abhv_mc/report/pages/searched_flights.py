@@ -77,6 +77,8 @@ def limit_sentence(
     beyond = float(limits.worse(np.array([worst]))[0]) - limits.limit
     if not limits.size or not np.isfinite(beyond):
         return f"{text}."
+    if failures and beyond < 0.0:
+        return f"{text}; the worst one ended early."
     share = percent(abs(beyond) / limits.size, 2)
     return (
         f"{text}: the worst value is {share} {'beyond' if beyond >= 0.0 else 'inside'} the limit."
