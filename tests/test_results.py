@@ -12,8 +12,9 @@ from report.synthetic import write_campaign as write_flown
 from search.known_flights import METRIC
 
 import abhv_mc
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import compare_results, read_compared
+from abhv_mc.report.numbers.compare import compare_results, pair_campaigns
 from abhv_mc.topics.json_data import json_data
 
 
@@ -207,8 +208,9 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
         abhv_mc.open_results(a), b, ("lqr", "lqr"), gates, tmp_path / "page"
     )
     numbers = comparison.numbers()
+    both = pair_campaigns(read_flown(a), read_flown(b))
     assert numbers == json_data(
-        compare_results(*read_compared(a, b), ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
+        compare_results(*both, ("lqr", "lqr"), {"altitude_error_max_m": 0.05})
     )
     assert (
         numbers["paired"][0]["ended_early"]["only_b"] == 2

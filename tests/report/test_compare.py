@@ -11,7 +11,7 @@ from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import check_baseline, parse_margins, read_compared
+from abhv_mc.report.numbers.compare import check_baseline, pair_campaigns, parse_margins
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.comparison.model import metric_differences
@@ -217,7 +217,7 @@ def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, ab
         assert all(np.any(np.all(np.isclose(own_points, point), axis=1)) for point in points)
         assert after.campaign.unknowns.shared >= len(points)
     assert len(read_flown(versions / "out1").campaign.unknowns.points) > len(points)
-    first, second = read_compared(versions / "out0", versions / "out1")
+    first, second = pair_campaigns(*(read_flown(versions / f"out{i}") for i in (0, 1)))
     assert len(first.campaign.unknowns.points) == len(points)
     flown = read_flown(versions / "out1")
     for k, number in enumerate(second.flights["law"].flight[:30].tolist()):

@@ -38,8 +38,9 @@ def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
 class Topic(Generic[M]):
     """Report topic whose ``compute`` returns a model, a frozen dataclass of numbers.
 
-    Sections, sentences and figures are made from the model alone. A field with ``metadata={DRAWN:
-    True}`` (:mod:`abhv_mc.topics.json_data`) serves figures only and is not in JSON.
+    Sections, sentences and figures are made from the model and :class:`Names`, which also gives
+    access to the campaign and its results. A field with ``metadata={DRAWN: True}``
+    (:mod:`abhv_mc.topics.json_data`) serves figures only and is not in JSON.
     """
 
     # name in report.json, in `abhv-mc show NAME DIR` and in the results

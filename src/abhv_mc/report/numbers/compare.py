@@ -119,11 +119,6 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
     return margins
 
 
-def read_compared(folder_a: Path, folder_b: Path) -> tuple[FlownCampaign, FlownCampaign]:
-    """Read two campaigns on the same samples. Raise InputError if their samples differ."""
-    return pair_campaigns(read_flown(folder_a), read_flown(folder_b))
-
-
 def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
     """Return two campaigns restricted to their common points of the unknowns.
 
