@@ -62,6 +62,9 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
             raise InputError(
                 path, "a tab", "spaces: YAML is indented by spaces only", *location
             ) from None
+        if error.problem == "mapping values are not allowed here":
+            expected = "quotes around a text with a colon, or one key a line"
+            raise InputError(path, "a second colon", expected, *location) from None
         problem = (error.problem or error.context or "something").removeprefix("found ")
         raise InputError(
             path, problem, f"YAML 1.2 ({error.context or 'plain'})", *location
