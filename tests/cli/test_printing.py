@@ -44,6 +44,24 @@ def test_a_long_word_is_wrapped_and_a_group_is_named_once(capsys):
     assert [out.count(word) for word in ("flights", "rows", "first", "second")] == [1] * 4
 
 
+@pytest.mark.usefixtures("narrow")
+def test_long_names_of_rows_are_printed_above_their_values(capsys):
+    name = "Angle of attack error, settled, max < 0.5 deg in 99.73 %"
+    heads = ["Controller", *(f"Campaign {k}" for k in range(9))]
+    rows = [
+        (Cell(controller), *(Cell(f"PASS, {100 * k + 107}") for k in range(9)))
+        for controller in ("LQR robust", "TLC robust")
+    ]
+    print_section_table(
+        Table("Verdicts", ("Requirement", *heads), (grouped(rows, Cell(name, head=True)),))
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    pieces = lines.count(name)
+    assert pieces == sum(line.startswith("  LQR robust  PASS") for line in lines) > 1
+    assert all(sum(f"PASS, {100 * k + 107}" in line for line in lines) == 2 for k in range(9))
+
+
 def test_a_table_in_a_pipe_is_not_wrapped(capsys, monkeypatch):
     monkeypatch.delitem(os.environ, "COLUMNS", raising=False)
     table = new_table(("Words",), ())

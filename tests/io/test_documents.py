@@ -142,7 +142,7 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
 def test_refused_paths(tmp_path: Path) -> None:
     for path, problem in (
         (tmp_path / "missing.yaml", "no such file"),
-        (tmp_path, "directory"),
+        (tmp_path, "a folder"),
         ("a\0b", "null"),
     ):
         with pytest.raises(InputError, match=rf"{problem}.*; expected a YAML file"):

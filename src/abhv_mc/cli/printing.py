@@ -99,9 +99,7 @@ def new_table(
     from rich.table import Table
 
     is_unicode = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    table = Table(
-        title=title, **{"box": SIMPLE if is_unicode else ASCII, "title_justify": "left", **options}
-    )
+    table = Table(title=title, **{"box": SIMPLE if is_unicode else ASCII, **options})
     for heading in left:
         table.add_column(heading, no_wrap=True)
     for heading in right:
@@ -120,13 +118,16 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     from rich.console import Console
     from rich.measure import Measurement
 
+    if table.title:  # rich would wrap it to the width of the columns
+        say(table.title, **options)
+        table.title = None
     console = Console()
     wide = console.options.update(width=1000)
     width = Measurement.get(console, wide, table).maximum
     terminal = shutil.get_terminal_size().columns
     tables = [(table, width)]
     if (sys.stdout.isatty() or "COLUMNS" in os.environ) and width > terminal:
-        lines = _lines_with_headings(table, terminal)
+        lines = _lines_with_headings(table, terminal, keys)
         if lines:
             say(*lines, sep="\n", folds=False, **options)
             return
@@ -144,44 +145,49 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     say(text.getvalue(), end="", folds=False, **options)
 
 
-def _lines_with_headings(table: "Table", terminal: int) -> list[str]:
+def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
     """Return the lines of a table whose first column is printed above the others.
 
-    An empty list if rows would not fit on a line of the terminal each.
+    The other columns are split into pieces that fit; each piece repeats the first ``keys``
+    columns. An empty list if the first column is short, or a row would not fit on a line.
     """
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
-    headings, *cells = columns
-    is_text = len(columns) > 2 and table.show_header and table.columns[0].justify != "right"
-    if not is_text or max(map(len, headings), default=0) > terminal:
+    longest = max(map(len, columns[0]), default=0) if columns else 0
+    if not (table.show_header and longest > _NARROWEST and len(columns) > 1):
         return []
     heads, widths = [], []
-    for column, texts in zip(table.columns[1:], cells, strict=True):
-        words = str(column.header).split() or [""]
-        widths.append(max(map(len, (*texts, *words))))
+    for column, texts in zip(table.columns, columns, strict=True):
+        widths.append(max(map(len, (*texts, *str(column.header).split()))))
         heads.append(fill(str(column.header), max(widths[-1], 1)).split("\n"))
+    repeated = [*range(1, keys)]
+    pieces = [[*repeated]]
+    for k in range(keys, len(columns)):
+        if sum(widths[i] + 2 for i in [*pieces[-1], k]) > terminal and pieces[-1] != repeated:
+            pieces.append([*repeated])
+        pieces[-1].append(k)
     is_cut = any("\n" in text for texts in columns for text in texts)
-    if is_cut or sum(widths) + 2 * len(widths) > terminal:
+    if is_cut or any(sum(widths[k] + 2 for k in piece) > terminal for piece in pieces):
         return []
-    spare = terminal - sum(widths) - 2 * len(widths)
-    gap = "  " + " " * min(2, spare // len(widths))
 
-    def line(texts: Iterable[str]) -> str:
+    def line(texts: Iterable[str], piece: list[int]) -> str:
         padded = (
-            f"{text:>{width}}" if column.justify == "right" else f"{text:<{width}}"
-            for text, width, column in zip(texts, widths, table.columns[1:], strict=True)
+            f"{text:>{widths[k]}}"
+            if table.columns[k].justify == "right"
+            else f"{text:<{widths[k]}}"
+            for text, k in zip(texts, piece, strict=True)
         )
-        return f"  {gap.join(padded)}".rstrip()
+        return f"  {'  '.join(padded)}".rstrip()
 
-    height = max(map(len, heads))
-    lines = fill(str(table.title), terminal).split("\n") if table.title else []
-    lines += [
-        line(texts) for texts in zip(*([""] * (height - len(head)) + head for head in heads),
-                                     strict=True)
-    ]  # fmt: skip
-    for heading, *texts in zip(headings, *cells, strict=True):
-        lines += [heading] if heading else []
-        lines.append(line(texts))
-    return [*lines, ""]
+    lines = []
+    for piece in pieces:
+        height = max(len(heads[k]) for k in piece)
+        shown = [[""] * (height - len(heads[k])) + heads[k] for k in piece]
+        lines += [line(texts, piece) for texts in zip(*shown, strict=True)]
+        for number, heading in enumerate(columns[0]):
+            lines += [fill(heading, terminal, subsequent_indent="  ")] if heading else []
+            lines.append(line((columns[k][number] for k in piece), piece))
+        lines.append("")
+    return lines
 
 
 def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:
@@ -215,10 +221,9 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
     if len(groups) == 1:
         yield table, needed
         return
-    for number, group in enumerate(groups):
+    for group in groups:
         columns = [table.columns[k] for k in group]
         piece = new_table((), (), box=table.box)
-        piece.title = None if number else table.title
         piece.columns = [
             replace(column, _index=index, _cells=list(column.cells))
             for index, column in enumerate(columns)

@@ -1,8 +1,10 @@
 """Commands ``report``, ``show``, ``compare``, ``place``, ``whatif`` and ``runs``."""
 
+import shutil
 from dataclasses import replace
 from math import inf
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -35,13 +37,14 @@ from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from abhv_mc.folder.status import Status
     from abhv_mc.report.numbers.runs import CampaignRun
     from abhv_mc.report.numbers.whatif import Whatif
 
 _REPORTS = Path("reports")
+_TEXT_WIDTH = 100  # columns of sentences
 
 
 def report(
@@ -303,7 +306,13 @@ def _print_whatif(estimates: "Whatif") -> None:
     from abhv_mc.topics.names import controller_label
 
     for name, after in estimates.after.items():
-        say(f"{name}: {_entry(estimates.before[name])}  ->  {_entry(after)}")
+        before = estimates.before[name]
+        changes = [
+            f"{key} {before.get(key, 'none')} -> {after.get(key, 'none')}"
+            for key in dict.fromkeys((*before, *after))
+            if before.get(key) != after.get(key)
+        ]
+        say(f"{name}: {', '.join(changes)}")
     if estimates.stopped_when_proven:
         say("The campaign stopped when proven; the intervals do not account for early stopping.")
     for name, controller in estimates.controllers.items():
@@ -313,7 +322,8 @@ def _print_whatif(estimates: "Whatif") -> None:
             "the changed dispersions"
         )
         table = new_table(("",), ("quantile", "stored", "changed"), title)
-        for metric in estimates.asked:
+        required = dict.fromkeys(entry.metric for entry in controller.requirements)
+        for metric in required or estimates.asked:
             for level, pair in controller.metrics.get(metric, {}).items():
                 label = estimates.words[metric]["label"] if level == "q50" else ""
                 cells = [
@@ -329,10 +339,6 @@ def _print_whatif(estimates: "Whatif") -> None:
             ]
             table.add_row(f"Failed: {entry.words}", "", *cells)
         print_table(table)
-
-
-def _entry(entry: "Mapping[str, object]") -> str:
-    return ", ".join(f"{key} {value}" for key, value in entry.items())
 
 
 def runs(
@@ -375,17 +381,17 @@ def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
     from abhv_mc.folder.manifest import COMPLETE
     from abhv_mc.report.pages.runs_page import verdict_counts
 
-    table = new_table(("Campaign", "Run", "Verdicts", "Question and answer"), ())
+    width = min(shutil.get_terminal_size().columns, _TEXT_WIDTH)
     for run in runs:
-        if run.problem:
-            table.add_row(run.folder, "", "", f"Not readable: {run.problem}")
-            continue
-        origin = f"{run.version} {run.commit[:9]}".strip()
+        say(run.folder)
         count = f"{run.flights} flights" if run.state == COMPLETE else run.state
-        facts = "\n".join(filter(None, (run.started[:10], count, origin, run.digest[:12])))
-        sentences = "\n".join(filter(None, (run.question, run.answer))) or "There is no report."
-        table.add_row(run.folder, facts, verdict_counts(run).replace(", ", "\n"), sentences)
-    print_table(table) if runs else say(f"no campaigns in {folder}")
+        origin = f"version {run.version} {run.commit[:9]}".strip()
+        facts = (run.started[:10], count, verdict_counts(run), origin, f"digest {run.digest[:12]}")
+        texts = [", ".join(filter(None, facts)), run.question, run.answer or "There is no report."]
+        for text in [f"Not readable: {run.problem}"] if run.problem else filter(None, texts):
+            say(fill(text, width, initial_indent="  ", subsequent_indent="  "), folds=False)
+    if not runs:
+        say(f"no campaigns in {folder}")
 
 
 def _print_status(status: "Status", local: Path) -> None:

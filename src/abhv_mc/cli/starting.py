@@ -268,9 +268,9 @@ def _print_plan(planned: "Planned") -> None:
     )
 
     def both(chance: "PassChance") -> str:
-        return f"{percent(chance.at_some_flight[index], 2)}\n({percent(chance.at_runs[index], 2)})"
+        return f"{percent(chance.at_some_flight[index], 1)} ({percent(chance.at_runs[index], 1)})"
 
-    chances = [f"PASS by\n{entry.runs} *" for entry in planned.together]
+    chances = [f"PASS by {entry.runs} *" for entry in planned.together]
     title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and chance of PASS"
     table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:

@@ -167,6 +167,8 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 def read_manifest(path: Path) -> Manifest:
     """Read a manifest. Raise InputError if it is missing, damaged or of another format."""
     if not path.is_file():
+        if path.parent.is_file():
+            raise InputError(path.parent, "a file", "the results folder that `abhv-mc run` made")
         raise InputError(path, "no such file", "the folder of a campaign")
     try:
         manifest = json.loads(path.read_bytes())

@@ -58,6 +58,9 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         location = (mark.line + 1, mark.column + 1) if mark else ()
         if mark and text[mark.index : mark.index + 1] == "\t":
             raise InputError(path, "a tab", "indentation by spaces", *location) from None
+        if error.problem == "mapping values are not allowed here":
+            expected = "quotes around a text with a colon, or one key per line"
+            raise InputError(path, "a second colon", expected, *location) from None
         problem = (error.problem or error.context or "something").removeprefix("found ")
         raise InputError(
             path, problem, f"YAML 1.2 ({error.context or 'plain'})", *location

@@ -98,6 +98,10 @@ def read_document(path: "str | PathLike[str] | Document") -> Document:
         data, *locations = compose(path, read_input(path))
     except FileNotFoundError:
         raise InputError(path, "no such file", "a YAML file") from None
+    except IsADirectoryError:
+        files = sorted(file.name for file in path.glob("*.yaml"))
+        expected = f"a YAML file, such as {path / files[0]}" if files else "a YAML file"
+        raise InputError(path, "a folder", expected) from None
     except (OSError, ValueError) as error:
         raise InputError(path, f"the file cannot be read ({error})", "a YAML file") from None
     return Document(path, deepcopy(data), *locations)

@@ -132,7 +132,7 @@ def test_the_command(flown):
     arguments = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0 and "Altitude error, max < 1.85" in result.stdout
-    assert "sigma 5 %  ->  distribution normal, sigma 4%" in result.stdout
+    assert "aero.lift: sigma 5 % -> 4%" in result.stdout
     assert json.loads(CliRunner().invoke(app, [*arguments, "--json", "-"]).stdout)[
         "controllers"
     ].keys() == {"one", "two"}

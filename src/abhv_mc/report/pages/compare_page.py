@@ -34,7 +34,7 @@ from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.formatting import ends_of, fixed, joined, p_value
 from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.names import Names, full_labels, names_of
-from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
+from abhv_mc.topics.section import Bullets, FigureText, Fold, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
 
 if TYPE_CHECKING:
@@ -369,12 +369,23 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
     return sentences
 
 
-def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Table]:
-    """Yield a pair's tables, with the title of the pair in their titles and captions."""
-    differing = [item for item in pair.metrics.items() if item[1].a_better or item[1].b_better]
-    metrics = dict(sorted(differing, key=lambda item: not item[1].compared))
-    for table in pair_tables(pair, names, metrics, comparison.requirements):
-        yield replace(table, title=f"{title}: {table.title}", caption=f"{title}: {table.caption}")
+def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Item]:
+    """Yield the tables of a pair with its title; metrics that are not compared are folded."""
+    differing = {
+        name: entry for name, entry in pair.metrics.items() if entry.a_better or entry.b_better
+    }
+    compared, folded = (
+        {name: entry for name, entry in differing.items() if entry.compared is is_compared}
+        for is_compared in (True, False)
+    )
+    tables = [
+        replace(table, title=f"{title}: {table.title}", caption=f"{title}: {table.caption}")
+        for table in pair_tables(pair, names, compared or folded, comparison.requirements)
+    ]
+    yield from tables
+    if compared and folded:
+        other, _ = pair_tables(pair, names, folded, comparison.requirements)
+        yield Fold(f"{title}: other metrics", (other,))
 
 
 def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPair]) -> list[Drawn]:

@@ -70,14 +70,14 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
-    """Return shares as text: ' (closer on 83 %, further on 17 %; worst 0.2 and 0.9 deg)'."""
+    """Return shares as text: ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
     entry = pair.metrics[metric]
-    shares = [("closer", entry.a_better), ("further", entry.b_better)]
+    shares = [("better", entry.a_better), ("worse", entry.b_better)]
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
     phrases += [f"equal on {percent(entry.ties / pair.pairs, 2)}"] if entry.ties else []
     unit = names.metrics[metric].unit.removeprefix("-")
     return (
-        f" ({', '.join(phrases)}; worst {' and '.join(map(significant, entry.worst))} "
+        f" ({', '.join(phrases)}; worst flight {' against '.join(map(significant, entry.worst))} "
         f"{unit})".replace(" )", ")")
     )
 
