@@ -10,11 +10,13 @@ search that may be members are stored. The ensemble is the largest set of these 
 shipped vehicle and in which any two differ in three traits. Each search (paper_vehicle_search.py)
 aims at a vehicle that would enlarge the set.
 
-The vehicles of about fifty such searches are stored. `--searches` adds more, `--fresh` starts with
-only the shipped vehicle. Then each figure in turn is left out and predicted, from three random
-starts. studies/paper_vehicle.json is written after each step. After an interruption the same
-command resumes from DIR, which must be emptied if the box or the sides change. More threads do not
-help with Riccati equations of 4 x 4. `--smoke` simulates one candidate.
+The members that about sixty such searches found are stored. The figures do not determine their
+pitch damping, which was reduced afterwards to satisfy its limit and to differ between members.
+`--searches` adds more, `--fresh` starts with only the shipped vehicle. Then each figure in turn is
+left out and predicted, from three random starts. studies/paper_vehicle.json is written after each
+step. After an interruption the same command resumes from DIR, which must be emptied if the box or
+the sides change. More threads do not help with Riccati equations of 4 x 4. `--smoke` simulates one
+candidate.
 """
 
 import argparse

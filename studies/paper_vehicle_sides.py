@@ -5,7 +5,7 @@
 The script prints the traits of `abhv`, of the members of studies/paper_vehicle.json, of GHAME and
 of the winged cone. Unless the name says otherwise, traits are for the Mach number of the S and the
 trim at 1 g. Coefficients are about the centre of gravity, per rad, with rates as p b/2V, q c/2V and
-r b/2V.
+r b/2V. Arms and the radius of pitch damping are at the span and chord of `abhv`, in m.
 """
 
 import argparse
@@ -31,6 +31,7 @@ from abhv_mc.vehicle.pack import nodes_of
 INFINITY = float("inf")
 MOST_EXCESS = 2.0  # upper limit of an excess, units
 LEAST_MACH = 2.0  # of the vehicles' tables
+HALF_LENGTH = 4.3  # m, the limit of arms about the centre of gravity
 _STEP = 1e-30
 
 
@@ -66,10 +67,11 @@ SIDES = {
     "side_slope": Side("CY_beta over CL_alpha", -1.0, 0.0, 1.0),
     "roll_damping": Side("Cl_p over CL_alpha", -0.18, -0.06, 0.12),
     "pitch_damping": Side("Cm_q", -5.0, -0.4, 2.5),
+    "damping_radius": Side("radius of pitch damping, m", -INFINITY, HALF_LENGTH, 2.3),
     "yaw_damping": Side("Cn_r", -0.9, -0.1, 0.8),
-    "rudder_arm": Side("rudder arm -Cn_dr b/CY_dr, m", 1.5, 4.3, 2.8),
+    "rudder_arm": Side("rudder arm -Cn_dr b/CY_dr, m", 1.5, HALF_LENGTH, 2.8),
     "rudder_height": Side("rudder height Cl_dr/CY_dr over the span", -0.5, 0.5, 0.5),
-    "elevator_arm": Side("elevator arm -Cm_de c/CL_de, m", 2.0, 4.3, 2.3),
+    "elevator_arm": Side("elevator arm -Cm_de c/CL_de, m", 2.0, HALF_LENGTH, 2.3),
     "dutch_roll": Side("bank over sideslip of the Dutch roll", 0.0, 10.0, 10.0),
 }
 SIDESLIPS = np.deg2rad(np.linspace(0.0, 15.0, 16))
@@ -177,7 +179,7 @@ def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict
     """Return the traits of SIDES of a vehicle with a known trim."""
     c = vehicle.constants
     machs, alphas = nodes_within(vehicle)
-    slope = slopes_at(vehicle, alpha, elevator)
+    slope, powers = slopes_at(vehicle, alpha, elevator), control_powers(vehicle, alpha, elevator)
     lift_slope = slope["CL", "alpha"]
     state = np.zeros((len(_STATES), 1))
     state[0], state[-1] = alpha, elevator
@@ -214,10 +216,11 @@ def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict
         "side_slope": slope["CY", "beta"] / lift_slope,
         "roll_damping": slope["Cl", "p"] / lift_slope,
         "pitch_damping": slope["Cm", "q"],
+        "damping_radius": powers["radius of pitch damping over the chord"] * BASE.constants.chord,
         "yaw_damping": slope["Cn", "r"],
-        "rudder_arm": -slope["Cn", "rudder"] * c.span / slope["CY", "rudder"],
+        "rudder_arm": powers["rudder arm over the span"] * BASE.constants.span,
         "rudder_height": slope["Cl", "rudder"] / slope["CY", "rudder"],
-        "elevator_arm": -slope["Cm", "elevator"] * c.chord / slope["CL", "elevator"],
+        "elevator_arm": powers["elevator arm over the chord"] * BASE.constants.chord,
         "dutch_roll": dutch_roll_ratio(vehicle, alpha, elevator, eta),
     }
 
@@ -231,8 +234,8 @@ def control_powers(vehicle: Vehicle, alpha: float, elevator: float) -> dict[str,
     slope = slopes_at(vehicle, alpha, elevator)
     rudder_arm = -slope["Cn", "rudder"] / slope["CY", "rudder"]
     elevator_arm = -slope["Cm", "elevator"] / slope["CL", "elevator"]
-    roll = -slope["Cl", "aileron"] / slope["Cl", "p"] * DEFLECTION
     radius = np.sqrt(-slope["Cm", "q"] / (2.0 * slope["CL", "alpha"]))
+    roll = -slope["Cl", "aileron"] / slope["Cl", "p"] * DEFLECTION
     return {
         "Cl_da": slope["Cl", "aileron"],
         "CL_de": slope["CL", "elevator"],
@@ -242,9 +245,7 @@ def control_powers(vehicle: Vehicle, alpha: float, elevator: float) -> dict[str,
         "steady roll p b/2V at 20 deg of aileron": roll,
         "rudder arm over the span": rudder_arm,
         "elevator arm over the chord": elevator_arm,
-        "rudder arm at this span, m": rudder_arm * BASE.constants.span,
-        "elevator arm at this chord, m": elevator_arm * BASE.constants.chord,
-        "radius of pitch damping at this chord, m": radius * BASE.constants.chord,
+        "radius of pitch damping over the chord": float(radius),
         "Cl_beta": slope["Cl", "beta"],
     }
 

@@ -169,6 +169,19 @@ def test_a_front_has_the_pareto_optimal_designs_within_limits() -> None:
 ENSEMBLE = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))["ensemble"]
 
 
+def test_lift_at_the_radius_of_pitch_damping_has_the_damping() -> None:
+    """At a distance r behind the centre of gravity a pitch rate q adds q r/V to the angle."""
+    vehicle = box.make_vehicle(ENSEMBLE[0]["values"])
+    point = sides.find_trim(vehicle)
+    radius, chord = sides.measure(vehicle, *point)["damping_radius"], vehicle.constants.chord
+    slope = sides.slopes_at(vehicle, *point[:2])
+    rate = 0.1  # rad/s
+    lift = slope["CL", "alpha"] * rate * radius / sides.SPEED
+    unit = rate * chord / (2.0 * sides.SPEED)
+    assert slope["Cm", "q"] * unit == pytest.approx(-lift * radius / chord)
+    assert radius <= sides.HALF_LENGTH
+
+
 @pytest.mark.parametrize("name", [member["name"] for member in ENSEMBLE])
 def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name: str) -> None:
     member = next(entry for entry in ENSEMBLE if entry["name"] == name)

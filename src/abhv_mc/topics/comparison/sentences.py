@@ -70,7 +70,7 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
-    """Return shares as text: ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
+    """Return shares: ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
     entry = pair.metrics[metric]
     shares = [("better", entry.a_better), ("worse", entry.b_better)]
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
