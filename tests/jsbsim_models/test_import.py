@@ -165,7 +165,7 @@ def test_mass_and_positions_are_converted_to_body_axes(tmp_path: Path) -> None:
     ("aerodynamics", "message"),
     [
         (lift("<random/>"), "the element 'random'"),
-        (lift("<pow><value>1</value></pow>"), "'pow' of 1 operands"),
+        (lift("<pow><value>1</value></pow>"), "'pow' with 1 operands"),
         (lift("<table><independentVar>velocities/mach</independentVar>"
               "<tableData>1 2\n1 3</tableData></table>"), "breakpoints"),
         (lift("<table><independentVar>velocities/mach</independentVar>"

@@ -27,7 +27,7 @@ BAD = Path(__file__).parent / "bad"
 TABLE = [
     ("unknown_parameter", 10, 3, ["'aero.lfit'", "'aero.lift'"]),
     ("no_effect", 10, 3, ["'aero.side_force.elevator'", "has no effect"]),
-    ("missing_controller", 4, 20, ["tcl.yaml", "not there"]),
+    ("missing_controller", 4, 20, ["tcl.yaml", "does not exist"]),
     ("empty_range", 9, 63, ["empty range from 1.1 to 0.9"]),
     ("not_positive_definite", 13, 3, ["not positive definite"]),
     ("everything_at_once", 3, 10, [f":{line}: " for line in ("5:1", "6:7", "11:60")]),
@@ -125,9 +125,10 @@ def test_a_file_of_another_kind_is_one_sentence(tmp_path, abhv_mc):
         re.sub("mission: .*", f"mission: {shipped_configs()}/control/tlc.yaml", text),
         encoding="utf-8",
     )
+    line = text[: text.index("mission:")].count("\n") + 1
     for command, file, message in (
-        ("validate", path, ":10:10: 'tlc.yaml', a controller file; expected a mission file"),
-        ("run", path, ":10:10: 'tlc.yaml', a controller file; expected a mission file"),
+        ("validate", path, f":{line}:10: 'tlc.yaml', a controller file; expected a mission file"),
+        ("run", path, f":{line}:10: 'tlc.yaml', a controller file; expected a mission file"),
         (
             "run",
             shipped_configs() / "mission/level.yaml",

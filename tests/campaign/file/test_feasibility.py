@@ -78,7 +78,7 @@ ABSENT = "refers to a component that the vehicle does not have"
     [
         (LIFT, LIFT.replace("aero.lift", "aero.drag.elevator"), f"'aero.drag.elevator' {ABSENT}"),
         (LIFT, LIFT.replace("aero.lift", "control.effector_9_effectiveness"), ABSENT),
-        ("runs: 2200", "runs: 400", "no outcome of 400 flights"),
+        ("runs: 2200", "runs: 400", "that 400 flights cannot demonstrate"),
     ],
 )
 def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(
