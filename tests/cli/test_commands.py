@@ -274,7 +274,7 @@ def test_linearize_rejects_invalid_options(tmp_path):
     for file, controller, instants, problem in (
         ("model.txt", "tlc", "trim", "npz"),
         ("model.npz", "tlc,lqr", "trim", "one controller"),
-        ("model.npz", "tlc", "trim,2s", "one point"),
+        ("model.npz", "tlc", "trim,2s", "one operating point"),
     ):
         with pytest.raises(InputError, match=problem):
             _linearize(tmp_path / file, controller, instants)

@@ -84,7 +84,7 @@ def test_a_foreign_folder_runs_no_code(tmp_path: Path, monkeypatch: pytest.Monke
         lambda: map_failures(out, {"v1": [0]}),
         lambda: run_campaign(Request(out / "campaign.yaml", tmp_path / "again")),
     ):
-        with pytest.raises(InputError, match="not flown"):
+        with pytest.raises(InputError, match="not run before"):
             ask()
     assert not ran.exists()
     assert replay_flight(out, "v1", 0, trust_code=True).differences == ()

@@ -458,9 +458,7 @@ def test_a_program_without_answers_is_lost_with_its_last_error(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0, 2.0, 3.0]).outcome.tolist() == [LOST] * 3
     errors = capfd.readouterr().err
-    assert (
-        errors.count("still waiting for its first answer") == 1
-    )  # the start limit is used up once
+    assert errors.count("still waiting for the first reply") == 1  # the start limit is used up once
     assert "./shot: not found'" in errors
     assert "'files' does not list shot," in errors
 

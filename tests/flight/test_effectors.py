@@ -50,7 +50,7 @@ def campaign_of(folder, effectors, controllers=None, **entries):
 
 @pytest.mark.parametrize(
     ("commands", "fragment"),
-    [('"flop": 0.1', "flop"), ('**{"left": 0.1}', "other effectors")],
+    [('"flop": 0.1', "flop"), ('**{"left": 0.1}', "different effectors")],
     ids=["unknown", "no names"],
 )
 def test_unknown_effectors_are_rejected(tmp_path, commands: str, fragment: str) -> None:

@@ -80,7 +80,7 @@ def test_values_and_places(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "location", "problem"),
     [
-        ("a: 1\na: 2\n", (2, 1), "'a' again"),
+        ("a: 1\na: 2\n", (2, 1), "'a' is repeated"),
         ("a: 1\n\tb: 2\n", (2, 1), "a tab"),
         ("a: 1\nb: [1\n", (3, 1), "expected"),
         ("a: 1\nb: {c: 1, d\r", (3, 1), "expected"),  # a lone carriage return ends a line in YAML
@@ -134,7 +134,7 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     write_document(tmp_path / "x.yaml", data)
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
     for odd in (np.zeros(2), object()):
-        with pytest.raises(InputError, match=f"the type {type(odd).__name__}"):
+        with pytest.raises(InputError, match=f"of type {type(odd).__name__}"):
             write_document(tmp_path / "x.yaml", {"a": odd})
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
 

@@ -122,7 +122,7 @@ def test_an_object_named_outside_the_folder_is_rejected(tmp_path, name):
             raise AssertionError("read")
 
     (tmp_path / "a/b").mkdir(parents=True)
-    with pytest.raises(InputError, match="leads out"):
+    with pytest.raises(InputError, match="points outside"):
         remote.Remote(
             Objects(Address("s3://bucket/first"), System(), "bucket/first"), tmp_path / "a/b"
         ).pull()

@@ -137,7 +137,7 @@ def test_terms_scales_and_effectors(write):
         ),
         pytest.param("mass: 150 kg", "mass: 40 kg", (8, 14), "rising masses", id="falling masses"),
         pytest.param(
-            "inertia_zz: 25", "inertia_zz: 31", (7, 7), "no body", id="impossible inertia"
+            "inertia_zz: 25", "inertia_zz: 31", (7, 7), "impossible", id="impossible inertia"
         ),
         pytest.param(
             "[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum and maximum", id="empty engine range"

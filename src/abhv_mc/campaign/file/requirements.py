@@ -206,7 +206,7 @@ def check_requirements(
             if low is not None and high is not None and low >= high:
                 raise Refusal(
                     f"below {high:g} and above {low:g}",
-                    "the upper limit 'below' must be larger than the lower limit 'above'",
+                    "an upper limit 'below' that exceeds the lower limit 'above'",
                 )
             yield Requirement(
                 metric=entry.metric,
