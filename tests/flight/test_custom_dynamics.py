@@ -272,6 +272,7 @@ ERRORS = {
     ),
     "text": ("rates=(states.mode_rate,", "rates=('m',", "does not compile"),
     "nan": ("tilt = 0.1 * states.mode", "tilt = 0.1 * (1e308 * 1e308 * 0.0)", "not finite"),
+    "short force": ("force=(0.0, 0.0,", "force=(0.0,", "force=(0.0, -"),
     "side force": ("force=(0.0, 0.0,", "force=(0.0, 1e308 * 1e308 * 0.0,", "a force along y"),
     "sensed": ("angle_of_attack=tilt", "bank=1e308 * 1e308", "a sensed bank"),
     "setting": ("settings.damping", "settings.dampng", "settings.dampng"),

@@ -7,28 +7,33 @@ import pytest
 
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.vehicle_parameters import vehicle_parameters
+from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.plant_inputs import plant_states
 from abhv_mc.stability.points import closed_states, disturb, flown_points
 
-MODE = 19.0  # rad/s, the first
 TICK, TICKS = 20, 100
 
 
-@pytest.mark.parametrize("damping", [0.02, 0.03])
-def test_growth_of_a_disturbance_is_that_of_the_pole(damping):
+# The last case has frequency times step = 0.25.
+@pytest.mark.parametrize(
+    ("damping", "mode", "steps"), [(0.02, 19.0, 5), (0.03, 19.0, 5), (0.02, 25.0, 1)]
+)
+def test_growth_of_a_disturbance_is_that_of_the_pole(damping, mode, steps):
     plan = make_flight_plan("flexible", "flexible", "tlc")
     known = vehicle_parameters(plan.vehicle_code)
     rows = {name: getattr(plan, name)[: TICK + TICKS + 1] for name in ("reference", "gains")}
     rows |= {name: np.repeat(value[:1], len(value), axis=0) for name, value in rows.items()}
-    plan = replace(plan, timing=plan.timing._replace(ticks=TICK + TICKS), **rows)
+    timing = Timing(plan.timing.tick / steps, steps, TICK + TICKS)
+    plan = replace(plan, timing=timing, **rows)
 
     def rows_of(excitation):
         row = known.nominal[None].copy()
-        for mode in (1, 2, 3):
-            row[0, known.index[f"dynamics.excitation_{mode}"]] *= excitation
+        for i in (1, 2, 3):
+            row[0, known.index[f"dynamics.excitation_{i}"]] *= excitation
         row[0, known.index["dynamics.damping_1"]] = damping
+        row[0, known.index["dynamics.frequency_1"]] = mode
         return row
 
     def pole_of(row):
@@ -38,7 +43,7 @@ def test_growth_of_a_disturbance_is_that_of_the_pole(damping):
         )
         values, vectors = np.linalg.eig(closed.T)
         poles = np.log(values.astype(complex)) / plan.timing.tick
-        i = np.abs(poles - 1j * MODE).argmin()
+        i = np.abs(poles - 1j * mode).argmin()
         return poles[i].real, vectors[:, i]
 
     row = rows_of(1.0)

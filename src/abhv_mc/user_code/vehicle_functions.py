@@ -191,6 +191,10 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
         problem = f"the custom dynamics return {type(effect).__name__}"
         raise InputError(module.source.file, problem, "return Effect(rates=(...), ...)", line)
     _check_count(module, code, len(effect.rates) if isinstance(effect.rates, tuple) else 1, line)
+    for name in ("force", "moment"):
+        value = getattr(effect, name)
+        if not isinstance(value, tuple) or len(value) != 3:
+            raise InputError(module.source.file, f"{name}={value}", f"{name}=(x, y, z)", line)
 
 
 def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
