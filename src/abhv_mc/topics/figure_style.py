@@ -240,6 +240,9 @@ def write_svg(figure: Figure, path: Path) -> None:
     write_bytes(path, file.getvalue())
 
 
+LOG_AXIS = "log axis"  # stated in the label of such an axis
+
+
 def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -> bool:
     """Make an axis logarithmic if all but the smallest values span a factor above 20."""
     finite = np.concatenate([v[np.isfinite(v)] for v in values])

@@ -22,6 +22,7 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,
     INK,
+    LOG_AXIS,
     PERCENT,
     distribution_steps,
     log_if_wide,
@@ -309,9 +310,11 @@ def plot_contrast(
                 )
         for limit in panel.limits:
             axes.axvline(limit, color=INK, linewidth=0.8)
-        log_if_wide(axes, "x", drawn)
-        axes.set_xlabel(panel.label)
+        is_log = log_if_wide(axes, "x", drawn)
+        axes.set_xlabel(f"{panel.label}\n{LOG_AXIS}" if is_log else panel.label)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
+    for row in grid:
+        row[0].set_ylabel("share of flights")
     entries = [Line2D([], [], color=CYCLE[i % len(CYCLE)]) for i in range(len(labels))]
     entries += [Line2D([], [], color=INK, linestyle=style) for style in _STYLES]
     put_legend(figure, entries, [*labels, *titles])

@@ -9,7 +9,7 @@ from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.comparison.sentences import standing
 from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.formatting import count_of, fixed, joined, percent, significant
+from abhv_mc.topics.formatting import THIN, count_of, fixed, joined, significant
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
 from abhv_mc.topics.metrics import METRICS
@@ -135,7 +135,9 @@ def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
     if cell.tolerance is None or not math.isfinite(cell.tolerance):
         return ""
     over = (cell.tolerance - entry.limit) / entry.size * (1.0 if entry.below else -1.0)
-    share = percent(abs(over), 2) if abs(over) < 10.0 else f"{fixed(abs(over), 0)} times"
+    share = f"{fixed(100.0 * abs(over), 0 if abs(over) >= 0.1 else 1)}{THIN}%"
+    if abs(over) >= 10.0:
+        share = f"{fixed(abs(over), 0)} times"
     value = f"{significant(cell.tolerance, 3)} {unit}".strip()
     return f"{value}, {share} {'over' if over > 0.0 else 'margin'}"
 

@@ -12,6 +12,7 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.topics.comparison.model import Comparison, total_usage
 from abhv_mc.topics.figure_style import (
     INK,
+    LOG_AXIS,
     MARKERS,
     PERCENT,
     controller_colors,
@@ -86,7 +87,7 @@ def plot_error_against_usage(
 ) -> Figure:
     """Plot each flight's error against its control effort; medians have larger marks."""
     columns = min(_TRADES, len(trades))
-    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.68, 0.3), top=0.14, sharex=True)
+    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.5, 0.55), top=0.4, sharex=True)
     for axes, trade in zip(grid.flat, trades, strict=False):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors
@@ -113,9 +114,11 @@ def plot_error_against_usage(
             axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
         values = list(trade.errors.values())
         least = min((v[np.isfinite(v)].min(initial=np.inf) for v in values), default=0.0)
-        if not log_if_wide(axes, "y", values) and least >= 0.0:
+        is_log = log_if_wide(axes, "y", values)
+        if not is_log and least >= 0.0:
             axes.set_ylim(bottom=0.0)
-        axes.set_ylabel(trade.label)
+        title = f"{trade.label}\n{LOG_AXIS if is_log else ' '}"  # the letter is beside line 2
+        axes.set_title(title, fontsize=8, fontweight="normal")
     label_lowest(grid, len(trades), usage_label)
     legend_below(figure, grid[0, 0])
     return figure

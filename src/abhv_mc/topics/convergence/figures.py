@@ -10,6 +10,7 @@ from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, ScalarFo
 from abhv_mc.array_types import Floats
 from abhv_mc.topics.convergence import Convergence, settled_level
 from abhv_mc.topics.figure_style import (
+    LOG_AXIS,
     controller_colors,
     label_lowest,
     legend_below,
@@ -67,16 +68,18 @@ def plot_convergence(
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
-        for name, (value, low, high) in series.items():
+        for i, (name, (value, low, high)) in enumerate(series.items()):
             bounded = np.isfinite(low) & np.isfinite(high)
             axes.fill_between(
                 flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0
             )
-            axes.plot(flights[name], value, color=colors[name], label=labels[name])
+            on_top = 3.0 - i / len(series)  # the first is the subject
+            look = {"color": colors[name], "label": labels[name], "zorder": on_top}
+            axes.plot(flights[name], value, **look)
         axes.set_xscale("log")
         _ticks(axes, np.concatenate(list(flights.values())))
         axes.set_title(title, fontsize=8)
-    label_lowest(grid, len(panels), "flights")
+    label_lowest(grid, len(panels), f"flights ({LOG_AXIS})")
     legend_below(figure, grid.flat[0])
     return figure
 

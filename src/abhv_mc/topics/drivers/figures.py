@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from abhv_mc.topics.drivers import Drivers, MetricDrivers, Swing
 from abhv_mc.topics.figure_style import (
     INK,
+    LOG_AXIS,
     controller_colors,
     log_if_wide,
     new_panels,
@@ -97,7 +98,7 @@ def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure
     columns = min(len(charts), 3 if longest <= _SHORT else 2)
     row = most * (len(labels) + 1.2) * _ROW
     beside = 0.35 + 0.065 * min(longest, 26)
-    figure, grid = new_panels(len(charts), columns, row, between=(beside, 0.5), top=0.22)
+    figure, grid = new_panels(len(charts), columns, row, between=(beside, 0.64), top=0.22)
     colors = [controller_colors(tuple(labels))[name] for name in labels]
     for axes, chart in zip(grid.flat, charts, strict=False):
         _draw_panel(axes, chart, colors)
@@ -127,7 +128,7 @@ def _draw_panel(axes: Axes, chart: Tornado, colors: Sequence[str]) -> None:
             axes.plot(swing.lowest, y, "o", color=color, markerfacecolor="white", markersize=3.6)
             axes.plot(swing.highest, y, "o", color=color, markersize=3.6)
     low, high = axes.get_xlim()
-    log_if_wide(axes, "x", [np.array(ends)])
+    is_log = log_if_wide(axes, "x", [np.array(ends)])
     for limit in chart.limits:
         if low <= limit <= high:
             axes.axvline(limit, color=INK, linewidth=0.8)
@@ -136,4 +137,4 @@ def _draw_panel(axes: Axes, chart: Tornado, colors: Sequence[str]) -> None:
     axes.set_yticks(positions, list(chart.parameters))
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(chart.parameters) * step - 1.0, -1.2)
-    axes.set_xlabel(chart.label)
+    axes.set_xlabel(f"{chart.label}\n{LOG_AXIS}" if is_log else chart.label)

@@ -12,6 +12,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.figure_style import (
     DASHES,
     INK,
+    LOG_AXIS,
     PERCENT,
     controller_colors,
     distribution_steps,
@@ -52,10 +53,11 @@ def plot_distributions(
                 "zorder": 3.0 - i / len(labels),  # The first controller is drawn on top.
             }
             axes.step(*distribution_steps(values), where="post", **look)
-        if log_if_wide(axes, "x", list(spread.values.values())):
+        is_log = log_if_wide(axes, "x", list(spread.values.values()))
+        if is_log:
             finite = np.concatenate(list(spread.values.values()))
             axes.set_xlim(left=0.5 * float(np.quantile(finite[np.isfinite(finite)], 0.02)))
-        far = []
+        notes = [LOG_AXIS] if is_log else []
         for limit in spread.limits:
             low, high = axes.get_xlim()
             if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
@@ -63,8 +65,10 @@ def plot_distributions(
                     limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit"
                 )
             else:
-                far.append(f"limit {limit:g} beyond the {'right' if limit > high else 'left'} end")
-        axes.set_xlabel("\n".join([spread.label, *far]))
+                notes.append(
+                    f"limit {limit:g} beyond the {'right' if limit > high else 'left'} end"
+                )
+        axes.set_xlabel("\n".join(filter(None, [spread.label, "; ".join(notes)])))
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:

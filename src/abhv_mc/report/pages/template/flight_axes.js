@@ -1,6 +1,12 @@
 "use strict";
 // Flights on a canvas: axes with round ticks, marks or cells that count, limits as lines; dispersions as bars.
 const flightAxes = (() => {
+  // As many digits in each row of a column; without exponents.
+  const fixed = (value, digits = 4) => {
+    if (!Number.isFinite(value)) return "none";
+    const places = value ? digits - 1 - Math.floor(Math.log10(Math.abs(value))) : 0;
+    return value.toFixed(Math.min(Math.max(places, 0), 8)).replace("-", "\u2212");
+  };
   const text = (value, digits = 4) => (Number.isFinite(value) ? String(Number(value.toPrecision(digits))).replace("-", "\u2212") : "none");
   const labelOf = (entry) => (entry.unit ? `${entry.label} (${entry.unit})` : entry.label);
 
@@ -133,5 +139,5 @@ const flightAxes = (() => {
     for (const value of open) if (Number.isFinite(value)) pen.fillRect((wide * (value - ends[0])) / (ends[1] - ends[0] || 1) - 1, 0, 2, high);
   };
 
-  return { text, ticks, labelOf, drawScatter, drawStrip };
+  return { text, fixed, ticks, labelOf, drawScatter, drawStrip };
 })();

@@ -1,7 +1,7 @@
 // A flight that is open, and a second one laid over it: in words, beside its limits, over time, on the ground, in space.
 const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   const at = (id) => document.getElementById(id);
-  const { text, labelOf } = flightAxes;
+  const { text, fixed, labelOf } = flightAxes;
   const { view } = source;
   const { controllers } = view;
   const rows = view.requirements.length ? view.requirements
@@ -54,7 +54,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
         const value = each.values[requirement.metric] ?? NaN;
         const missed = each.missed[k] ?? false;
         const cell = row.insertCell();
-        cell.textContent = `${text(value)}${unit ? `\u00a0${unit}` : ""} `;
+        cell.textContent = `${fixed(value)}${unit ? `\u00a0${unit}` : ""} `;
         cell.append(Object.assign(document.createElement("span"), { className: missed ? "poor" : "bounds", textContent: roomWords(requirement, value, missed) }));
       }
     });

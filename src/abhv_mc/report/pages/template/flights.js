@@ -2,7 +2,7 @@
 // numbers in the page, or a server beside the flights.
 const flightsView = async (source, style) => {
   const at = (id) => document.getElementById(id);
-  const { text, labelOf } = flightAxes;
+  const { text, fixed, labelOf } = flightAxes;
   const view = source.view;
   const { columns, controllers } = view;
   for (const controller of controllers) controller.path = new Path2D(controller.mark);
@@ -101,7 +101,7 @@ const flightsView = async (source, style) => {
       head.append(button);
       line.append(head);
       if (state.open.some(([name, number]) => name === controllers[k].name && number === flight)) line.className = "current";
-      for (const words of [...(controllers.length > 1 ? [controllers[k].label] : []), outcome, ...values.map((value) => (typeof value === "string" ? value : text(value)))]) line.insertCell().textContent = words;
+      for (const words of [...(controllers.length > 1 ? [controllers[k].label] : []), outcome, ...values.map((value) => (typeof value === "string" ? value : fixed(value)))]) line.insertCell().textContent = words;
     }
     restop();
     if (focused) (body.querySelector(".current button") || body.querySelector("button"))?.focus();
