@@ -1,12 +1,13 @@
 """Validation of the designs of ``fronts.py`` with new seeds; writes studies/fronts/results.json.
 
     OPENBLAS_NUM_THREADS=1 python studies/fronts_results.py
-        [--vehicle NAME ...] [--work DIR] [--shipped]
+        [--vehicle NAME ...] [--work DIR] [--shipped | --again]
 
 From each search the best design within each of ``BUDGETS`` is selected that satisfies every limit:
 margins also at the corners of the paper's box, and no early termination or oscillation at the 128
 corners of the wide box and in ``WIDE`` new flights. Errors and usage are medians over 400 new
-flights of the paper's box with their exact 95 % intervals.
+flights of the paper's box with their exact 95 % intervals. `--again` simulates the stored designs
+instead, for example after a change of a vehicle, and keeps those that satisfy every limit.
 """
 
 import argparse
@@ -157,12 +158,23 @@ def front(judge: Judge, law: str, tried: Tried) -> list[dict[str, Any]]:
     return designs
 
 
+def front_again(judge: Judge, law: str, designs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the stored designs of a search that still satisfy every limit, simulated again."""
+    flown = [(design, judge.design(law, np.array(design["point"]))) for design in designs]
+    return [
+        {"budget": design["budget"], "point": design["point"], **judge.record(fresh)}
+        for design, fresh in flown
+        if judge.keeps(fresh)
+    ]
+
+
 def main() -> None:
     """Validate the designs and write the results."""
     parser = argparse.ArgumentParser(description="Fly the designs that fronts.py found.")
     parser.add_argument("--work", type=Path, default=ROOT / "build/fronts")
     parser.add_argument("--vehicle", nargs="+", choices=VEHICLES, default=VEHICLES)
     parser.add_argument("--shipped", action="store_true", help="no fronts: what ships only")
+    parser.add_argument("--again", action="store_true", help="only the stored designs")
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     arguments = parser.parse_args()
     if arguments.smoke:
@@ -172,11 +184,19 @@ def main() -> None:
     into = ROOT / "studies/fronts/results.json"
     for vehicle in arguments.vehicle:
         archive, judge = Archive(arguments.work, vehicle), Judge(vehicle)
+        results = json.loads(into.read_text(encoding="utf-8")) if into.exists() else {}
         record: dict[str, Any] = {
             "hours": round(archive.seconds() / 3600.0, 2),
             "candidates": {},
             "fronts": {},
         }
+        if arguments.again:
+            stored = results[vehicle]
+            record |= {name: stored[name] for name in ("hours", "candidates")}
+            record["fronts"] = {
+                search: front_again(judge, search.split()[0], designs)
+                for search, designs in stored["fronts"].items()
+            }
         record["table_1"] = {
             "errors": rounded(judge.references[0]),
             "usage": rounded(judge.references[1]),
@@ -185,12 +205,11 @@ def main() -> None:
             name: judge.record(judge.fly(read_controller(find_input(name, "control")), name))
             for name in ("tlc", "lqr", "tlc_robust_abhv", "lqr_robust_abhv")
         }
-        for law in () if arguments.shipped else LAWS:
+        for law in () if arguments.shipped or arguments.again else LAWS:
             for search in SEARCHES:
                 tried = archive.tried(law, (search,))
                 record["candidates"][f"{law} {search}"] = len(tried.points)
                 record["fronts"][f"{law} {search}"] = front(judge, law, tried)
-        results = json.loads(into.read_text(encoding="utf-8")) if into.exists() else {}
         results[vehicle] = record
         into.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         print(f"{vehicle}: {record['candidates']}, {record['hours']} h", flush=True)
