@@ -84,7 +84,7 @@ def test_verdicts_have_colours_only_on_a_terminal(monkeypatch):
 def test_compare(folder, tmp_path):
     failing = write_campaign(tmp_path / "failing", runs=40, failing=4)
     crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
-    for text in ("Bank error, rms (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
+    for text in ("Sideslip, max (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
         assert text in crossed
     (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Completed")]
     assert line.split()[3:8] == ["0", "0", "4", "36", "0.12"]

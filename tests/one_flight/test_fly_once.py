@@ -47,7 +47,7 @@ def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
     """Regression: a dispersion without effect was ignored silently."""
     short = {"base": "level", "duration": "2 s"}
     for dispersions, unfelt in (
-        ({"aero.drag.elevator": 1.5}, "'aero.drag.elevator', without"),
+        ({"aero.drag.elevator": 1.5}, "aero.drag.elevator"),
         (
             {"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0},
             "'wind.gust_start', 'failure.effector_3.st",

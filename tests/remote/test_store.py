@@ -143,7 +143,10 @@ def test_flights_are_copied_during_the_run(bucket, monkeypatch):
                 break
             landed.wait(0.05)
         assert landed.is_set()
-        with pytest.raises(InputError, match="is flying"), open_store(Path(address)).writing():
+        with (
+            pytest.raises(InputError, match="is running a campaign"),
+            open_store(Path(address)).writing(),
+        ):
             pass
         monkeypatch.setattr(module, "LEASE", -60.0)  # as if the process had ended a minute ago
         with open_store(Path(address)).writing():
@@ -168,7 +171,7 @@ def test_a_writer_without_its_lease_stops_writing(bucket, tmp_path, monkeypatch,
 
     with pytest.raises(StorageFullError, match="kept in"):
         fly_on()
-    assert "process 7 on other is flying" in capfd.readouterr().err
+    assert "process 7 on other is running a campaign" in capfd.readouterr().err
     (copy,) = (tmp_path / "staging").iterdir()
     assert (copy / "copy/late.json").exists()
     assert "late.json" not in names(store, base)
