@@ -285,7 +285,7 @@ class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
 
 
 def _propulsion_kind(value: Any) -> str:
-    keys = value if isinstance(value, dict) else vars(value)
+    keys = value if isinstance(value, dict) else getattr(value, "__dict__", {})
     return "python" if "python" in keys else str(keys.get("kind"))
 
 

@@ -242,7 +242,8 @@ class Aerodynamics(StrictModel):
 
 
 def _aerodynamics_kind(value: Any) -> str:
-    return "python" if "python" in (value if isinstance(value, dict) else vars(value)) else "terms"
+    keys = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    return "python" if "python" in keys else "terms"
 
 
 class FlightLimits(LoadLimits):
