@@ -78,7 +78,7 @@ def test_a_table_that_ends_within_the_flight_causes_a_warning(tmp_path, reposito
     assert not find_air_warnings(tmp_path / "a.csv", table, altitude)
     for factor, fragment in (
         (1e-3, "altitudes in km?"),
-        (0.5, "beyond its ends"),
+        (0.5, "the last level is used"),
         (1 / 0.3048, ""),
     ):
         warnings = find_air_warnings(tmp_path / "a.csv", table * [factor, 1.0], altitude)

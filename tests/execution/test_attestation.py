@@ -42,7 +42,7 @@ def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
     attestation, block = Attestation(CHECKED, every), flown(**changes)
     for _ in range(2):
         attestation.check(make_plan("one"), ROWS, block)
-    assert capfd.readouterr().err.count("bit for bit") == 1
+    assert capfd.readouterr().err.count("bit-identical") == 1
     wrong = replace(
         block,
         metrics=block.metrics * (1.0 + 4e-16),

@@ -216,7 +216,7 @@ def test_a_missed_margin_is_explained(flights_only, required):
         (
             "{at: [trim]}",
             "sensor.bank_interval: {distribution: discrete, values: [10 ms, 1.01 s]}",
-            "after 101 ticks",
+            "101 ticks",
         ),
     ],
 )

@@ -229,7 +229,7 @@ def test_incompatible_requests_are_rejected(reference, tmp_path):
 @pytest.mark.parametrize(
     ("entries", "line", "pattern"),
     [
-        ({"unknowns": "{atmosphere.density: {low: 1, high: 2}}"}, "unknowns", "a dispersion, too"),
+        ({"unknowns": "{atmosphere.density: {low: 1, high: 2}}"}, "unknowns", "also a dispersion"),
         ({"unknowns": "{aero.lift: {low: 1.1, high: 0.9}}"}, "unknowns", "an empty range"),
         ({"unknowns": "{aero.left: {low: 0.9, high: 1.1}}"}, "unknowns", "unknown parameter"),
         ({"unknowns": "{aero.lift: {low: 5 m, high: 1.1}}"}, "unknowns", "5 m"),
@@ -238,7 +238,7 @@ def test_incompatible_requests_are_rejected(reference, tmp_path):
         (
             {"points": "{at: {aero.lift: [1.0], aero.drag: [1.0]}, shared: 2}"},
             "points",
-            "more than the 1 points",
+            "the 1 points",
         ),
         ({"pooled": "[{seed: 5, runs: 80}]"}, "pooled", "80 pooled flights"),
     ],

@@ -53,7 +53,7 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and what i
     15.0: ("found | {'load': 10**400}", "for load, which is too large"),
     16.0: ("found | {'load': True}", "it returned true for load, which is no number (return 1"),
     17.0: ("found | {'end_time': '1_000'}", 'it returned "1_000" for end_time, which is no number'),
-    18.0: ("found | {'flight': 1}", "fly returned 'flight', a key that is reserved"),
+    18.0: ("found | {'flight': 1}", "the reserved key 'flight'"),
 }
 WRONG_HISTORIES = {  # what is done to the history
     2.0: (
@@ -65,10 +65,10 @@ WRONG_HISTORIES = {  # what is done to the history
         "the columns of its history are not lists of numbers of equal length",
     ),
     4.0: ("history['time'].reverse()", "the time of its history does not increase"),
-    5.0: ("history['altitude'].append(math.nan)", "the columns of its history are no lists"),
+    5.0: ("history['altitude'].append(math.nan)", "the columns of its history are not lists"),
     6.0: (
         "history.update(altitude=[math.nan] * n)",
-        "altitude of its history is not a finite number, and the outcome",
+        "altitude in its history is not a finite number",
     ),
     7.0: ("found.pop('history')", "it did not return history"),
     8.0: (
@@ -443,7 +443,7 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     simulator["start_limit"] = "1 s"
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
-    assert "does it flush its standard output" in capfd.readouterr().err
+    assert "does it flush standard output" in capfd.readouterr().err
 
 
 def test_a_program_without_answers_is_lost_with_its_last_error(
@@ -480,5 +480,5 @@ def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path)
     campaign = ready(dive_campaign(tmp_path))
     end_processes()
     (tmp_path / "dive.py").write_text(DIVE + "\n")
-    with pytest.raises(Exception, match="other content"):
+    with pytest.raises(Exception, match="the file has changed"):
         simulate(campaign, "v1", campaign.make_samples().draw(0, 1))
