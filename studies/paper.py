@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, wrapped
 from paper_figures import plot_axis, plot_track
-from paper_vehicle_box import FREE, MACH, make_mission, make_vehicle
+from paper_vehicle_box import BASE, FREE, MACH, make_mission, make_vehicle
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_export import ABHV
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, READING, TRAITS
-from paper_vehicle_sides import SIDES, control_powers, excesses, find_trim, measure, table
+from paper_vehicle_sides import SIDES, SPEED, control_powers, excesses, find_trim, measure, table
 from paper_vehicle_tables import (
     claim,
     figures,
@@ -147,8 +147,9 @@ lines are their commands. The shaded area contains all {flights} dispersed fligh
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-The figures alone also admit vehicles that could not be built, so each member is within the limits of this table
-(`studies/paper_vehicle_sides.py`). The free numbers of the search are factors on GHAME's tables at a length of 8.6 m,
+The figures alone also admit vehicles that could not be built, so each member satisfies the limits of this table
+(`studies/paper_vehicle_sides.py`). The limits of lift, drag and L/D cover all Mach numbers of the tables; all other
+limits apply at the Mach number of the S, 4.74, and no member was designed for flight far from it. The free numbers of the search are factors on GHAME's tables at a length of 8.6 m,
 a little more than that of an X-51 with its booster. The wing loading was chosen, because a common factor on mass,
 inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with
 GHAME's dependence on the Mach number, and deflections cause no drag. The tables begin at Mach 2.
@@ -170,8 +171,8 @@ point, and its ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 
 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced drag, this increase requires an L/D of 3 to 5, so the
 paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the members share: at Mach 4.74
 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and
-{impulse_rich:.0f} s at 1.5. The increase beyond 1 is a property of GHAME, because real fuel beyond the stoichiometric ratio
-does not burn. Slender lifting bodies reach an L/D of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D
+{impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of GHAME: the specific impulse of a real hydrogen ramjet usually
+decreases with the equivalence ratio, and fuel beyond the stoichiometric ratio does not burn. Slender lifting bodies reach an L/D of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D
 of the members is higher, as that of waveriders. The least CD of the winged cone is that of one node, Mach 8 and -1 deg, of
 its polynomial fit.
 
@@ -179,7 +180,9 @@ its polynomial fit.
 
 The figures do not determine pitch damping. The searches, also those of the [predictions](paper.md), ran without the
 limit of its radius; then Cm_q was reduced on {reduced} members to satisfy the limit and to differ between members, on
-`abhv` from -3.46 to {abhv_damping:.2f}. No end moved by more than 5 % of its axis, and none left its interval.
+`abhv` from -3.46 to {abhv_damping:.2f}. No end moved by more than 5 % of its axis, and none left its interval. The limit
+is an upper bound, which only lift at nose and tail would reach: lift that is uniform along the body has a radius of 2.5 m,
+and GHAME one of 3.1 m. The pitch damping of `abhv` is thus large, but a smaller one would change no figure.
 
 ## Control powers
 
@@ -187,15 +190,16 @@ Derivatives are per rad, at the trim.
 
 [POWERS]
 
-The deflections in the paper's figures determine the control powers of the members for a vehicle of this size; no layout
-of surfaces was used. The control powers are not consistent with one set of surfaces: the aileron of `abhv` is
-{aileron_ratio:.1f} times as powerful as GHAME's and the rudder {rudder_ratio:.0f} times, but the elevator has
-{elevator_ratio:.1f} times the lift. Aileron and elevator must therefore be different surfaces, not elevons. In a steady roll
-at 20 deg of aileron, p b/2V would be {roll_ratio:.1f} times that of GHAME, a rate that no structure would withstand. Either
-the paper's vehicle had such surfaces, or its tables were not those of an aircraft; the figures cannot decide. The flights
-use about 1 deg of aileron and 0.4 deg of rudder.
+The deflections in the paper's figures constrain the control powers of the members for a vehicle of this size; no layout
+of surfaces was used. The aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's and the rudder
+{rudder_ratio:.0f} times, but the elevator has {elevator_ratio:.1f} times the lift. The rolling moment of the aileron
+corresponds to the lift of the elevator at {aileron_arm:.1f} spans from the axis, so no elevons could have both. In a steady
+roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f} times that of GHAME, and the roll rate {roll_rate:.0f} rad/s,
+which no structure would withstand. The figures cannot decide whether the paper's vehicle had such surfaces, whether its
+tables were not those of an aircraft, or whether its size, wing loading and inertias differ from those chosen here. The
+flights use about 1 deg of aileron and 0.4 deg of rudder.
 
-The Cl_beta of the members is of the winged cone's order, which is usual for swept wings; GHAME has almost none.
+The Cl_beta of the members is of the winged cone's order, and GHAME has almost none.
 """
 
 
@@ -379,6 +383,11 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         "rudder_ratio": ratio["Cn_dr"],
         "elevator_ratio": ratio["CL_de"],
         "roll_ratio": ratio["steady roll p b/2V at 20 deg of aileron"],
+        "aileron_arm": surfaces[ABHV]["Cl_da"] / surfaces[ABHV]["CL_de"],
+        "roll_rate": surfaces[ABHV]["steady roll p b/2V at 20 deg of aileron"]
+        * 2.0
+        * SPEED
+        / BASE.constants.span,
         "reduced": REDUCED,
         "abhv_damping": class_traits[ABHV]["pitch_damping"],
     }

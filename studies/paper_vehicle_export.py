@@ -105,22 +105,22 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
     for name in (*TABLES, "capture_area_ratio"):
         body = re.sub(rf"(  {name}: {{file: )[^,}}]*", rf"\g<1>abhv/{name}.csv", body)
     head = (
-        f"A vehicle on which the paper's S comes out as its figures show it: {member['ends_in']} "
-        "of the 20 ends of Figures 4 to 11 within 2 % of their axes. The paper's tables are "
-        "unpublished; the figures do not fix a vehicle, and this is one of an ensemble "
-        "(docs/explanation/paper.md)."
+        "Vehicle with which the S manoeuvre matches the figures of the paper: "
+        f"{member['ends_in']} of the 20 ends of Figures 4 to 11 are within 2 % of their axes. The "
+        "paper's tables are not published, and the figures do not determine one vehicle; this "
+        "vehicle is one of an ensemble (docs/explanation/paper.md)."
     )
     origin = (
-        f"Identified by studies/paper_vehicle.py (member {member['name']}), written by "
-        "studies/paper_vehicle_export.py: GHAME's tables from Mach 2 up, each times a factor "
-        "or with an offset, and a drag polar, on a vehicle little longer than an X-51 with its"
-        " booster, with the wing loading of an X-43A, within the limits of "
-        "docs/explanation/paper-vehicles.md and on some of them. Deflections have no drag, "
-        "which is negligible in the S (0.4 deg of rudder), not with saturated surfaces. "
-        "The factors: "
+        f"Found by studies/paper_vehicle.py (member {member['name']}) and written by "
+        "studies/paper_vehicle_export.py. The vehicle has GHAME's tables from Mach 2 up, each with "
+        "a factor or an offset, and a drag polar. It is a little longer than an X-51 with its "
+        "booster and has the wing loading of an X-43A. docs/explanation/paper-vehicles.md gives "
+        "its limits. Deflections cause no drag, which is negligible in the S (0.4 deg of rudder), but "
+        "not with saturated surfaces. The free numbers of the search are factors on GHAME's tables "
+        "unless they are offsets; length, bank_time and sharpness belong to the manoeuvre: "
         + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
-        + ". Those of yaw_rudder and roll_rudder are ratios to sideslip's yaw and to the "
-        "aileron's roll."
+        + ". yaw_rudder is the ratio to the yaw by sideslip, and roll_rudder the ratio to the roll "
+        "by the aileron."
     )
     source = (
         "Tables and numbers: CADAC++ GHAME6 (P. H. Zipfel), after NASA's Generic "
