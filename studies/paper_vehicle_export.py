@@ -116,8 +116,8 @@ def vehicle_text(member: dict[str, Any], nodes: dict[str, Floats]) -> str:
         "a factor or an offset, and a drag polar. It is a little longer than an X-51 with its "
         "booster and has the wing loading of an X-43A. docs/explanation/paper-vehicles.md gives "
         "its limits. Deflections cause no drag, which is negligible in the S (0.4 deg of rudder), "
-        "but not with saturated surfaces. The free numbers of the search are factors on GHAME's tables "
-        "unless they are offsets; length, bank_time and sharpness belong to the manoeuvre: "
+        "but not with saturated surfaces. The free numbers of the search are factors on GHAME's "
+        "tables unless they are offsets; length, bank_time and sharpness belong to the manoeuvre: "
         + ", ".join(f"{name} {value:.4g}" for name, value in values.items())
         + ". yaw_rudder is the ratio to the yaw by sideslip, and roll_rudder the ratio to the roll "
         "by the aileron."
