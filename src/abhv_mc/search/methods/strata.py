@@ -198,7 +198,7 @@ def _list_samplers(probabilities: Floats) -> list[_Sampler]:
     if len(remainder := weights[MOST_COMBINATIONS:]):
         remainder *= (
             1.0 - weights[:MOST_COMBINATIONS].sum()
-        # The remainder includes the probability of combinations that are not listed.
+            # The remainder includes the probability of combinations that are not listed.
         ) / remainder.sum()
         samplers.append(_Sampler(None, rows[MOST_COMBINATIONS:], remainder, len(samplers)))
     return samplers
