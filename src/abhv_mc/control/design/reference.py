@@ -38,7 +38,7 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
-    """Return the reference ``[tick, column]`` with the columns REFERENCE, and its guidance trim.
+    """Return the reference ``[tick, column]`` (columns: REFERENCE) and its guidance trim.
 
     Ticks are 0..ticks, each of ``tick`` s; at the tick of a step, the value after the step is used.
     The nominal controls apply to a non-rotating Earth, as in equation (1).
@@ -102,7 +102,7 @@ def make_track(
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2
-        # The meridian radius varies slowly along the track: each iteration adds five correct digits.
+        # The meridian radius varies slowly along the track: each iteration adds five digits.
     ):
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
         on_ticks = mission.start.latitude + _simpson(
