@@ -31,7 +31,7 @@ class Failure:
     """Failure criterion: early termination, or failure to meet one requirement."""
 
     requirement: Requirement | None
-    column: int = 0  # column of the requirement's metric in the table of metrics
+    column: int = 0  # column of the requirement's metric in `metrics`
 
     @property
     def words(self) -> str:

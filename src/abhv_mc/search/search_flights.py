@@ -308,9 +308,9 @@ def open_search(
 ) -> Iterator[SearchFlights]:
     """Open the folder of a search, lock it and start the executor.
 
-    `settings` contains all settings on which the result of the search depends. If `with_margins`,
-    stability margins are computed for every flight. Raise InputError, before any file is written,
-    if the folder does not contain the beginning of the same search.
+    `settings` determines the result of the search. If `with_margins`, stability margins are
+    computed for every flight. Raise InputError, before any file is written, if the folder does not
+    contain the beginning of the same search.
     """
     with ExitStack() as stack:
         stack.enter_context(reading_once())

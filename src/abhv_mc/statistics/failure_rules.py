@@ -60,7 +60,7 @@ class Rule(Generic[K]):
     others: int
     p_value: float  # p-value, corrected for the number of candidates of the input or pair
     q_value: float  # smallest false-discovery rate at which the rule is significant
-    either: bool = False  # whether one of the conditions is enough; otherwise all must hold
+    either: bool = False  # whether one condition is enough; otherwise all must hold
 
 
 @dataclass(frozen=True)

@@ -260,7 +260,7 @@ def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) ->
 
 
 def _connected(start: int, correlation: Floats) -> set[int]:
-    """Return the columns connected to the column `start`, directly or not, by correlations."""
+    """Return the columns connected to `start` by a chain of correlations."""
     group, new = {start}, {start}
     while new:
         neighbours: Ints = np.flatnonzero((correlation[sorted(new)] != 0.0).any(axis=0))

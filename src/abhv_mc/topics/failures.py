@@ -35,7 +35,7 @@ class FailureRule(Rule[str]):
 
 @dataclass(frozen=True)
 class FailureKind:
-    """Failure mode, with the rules that describe where it occurs."""
+    """Failure mode with the rules for its occurrence."""
 
     kind: str
     flights: int

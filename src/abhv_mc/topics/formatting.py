@@ -106,7 +106,7 @@ def count_of(count: int, total: int, noun: str = "") -> str:
 
 
 def p_value(value: float) -> str:
-    """Format a p-value; small values are never printed as 0."""
+    """Format a p-value, which is never printed as 0."""
     return "< 0.0001" if value < 1e-4 else significant(value, 2)
 
 

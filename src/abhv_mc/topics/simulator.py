@@ -38,7 +38,7 @@ class SimulatorFacts:
     events: Mapping[str, Mapping[str, int]]  # counts of process events, by system and event
     notes: tuple[str, ...]  # notes on surplus output, undeclared files and the use of noise
     files: tuple[str, ...]  # files of the simulator
-    # reasons why flights failed to run, by system, most frequent first
+    # reasons for failing to run, by system, most frequent first
     reasons: Mapping[str, tuple[FailureReason, ...]]
 
 

@@ -122,7 +122,7 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     try:
         return validate(Document(path, {"points": points}, locations, {}), MassPoints).points
     except InputErrors as error:
-        # If the header is wrong, every row has an error; only the first is reported.
+        # A wrong header causes an error in every row; report only one.
         raise error.errors[0] from None
 
 

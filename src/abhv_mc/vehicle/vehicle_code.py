@@ -26,7 +26,7 @@ from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 
-N_THRUST = 7  # number of values that a propulsion function returns: force, moment, fuel flow
+N_THRUST = 7  # number of values of a propulsion function: force, moment, fuel flow
 STEP = 1e-5  # step of the central differences, rad
 _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 

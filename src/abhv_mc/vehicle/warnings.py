@@ -20,7 +20,7 @@ from abhv_mc.vehicle.evaluate import (
 from abhv_mc.vehicle.pack import nodes_of
 
 _STEP = 0.02  # step of numerical derivatives
-_SMALL_ANGLES = (-0.05, 0.2)  # range of the angle of attack in which derivatives are evaluated, rad
+_SMALL_ANGLES = (-0.05, 0.2)  # range of evaluated angles of attack, rad
 _ALTITUDE = 20_000.0  # altitude at which derivatives are evaluated, m
 _BISECTIONS = 30
 _SECOND_MINIMUM = 0.05  # minimum depth of a second drag minimum, relative to the least drag
@@ -29,7 +29,7 @@ _SECOND_MINIMUM = 0.05  # minimum depth of a second drag minimum, relative to th
 # a stable vehicle, and meaning of the opposite sign.
 _USUAL = (
     ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift decreases with the angle of attack"),
-    # No sign is expected, because instability in pitch is common.
+    # The sign is free, because instability in pitch is common.
     ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),
     ("side_force", "sideslip", 0.02, 6.0, -1, "the side force increases the sideslip"),
     ("yawing_moment", "sideslip", 0.002, 1.3, 1, "statically unstable in yaw"),

@@ -1,9 +1,9 @@
 """Nominal controls along a trajectory (Zhu and Shen 2014, eq. 12), by nested searches.
 
-The paper solves its three equations in turn. This iteration diverges beyond 45 deg of bank, because
-each pass multiplies the error by ``-tan^2 bank``. Here the first equation is solved in an outer
-search; for each trial, the second is solved for the angle of attack, with the bank from the third,
-which is explicit.
+The paper solves its three equations in turn, which diverges beyond 45 deg of bank: each pass
+multiplies the error by ``-tan^2 bank``. Here the first equation is solved in an outer search; for
+each trial, the second is solved for the angle of attack, with the bank from the third, which is
+explicit.
 """
 
 from typing import NamedTuple

@@ -137,10 +137,10 @@ def compare_results(
 ) -> Compared:
     """Compare the controllers of two campaigns on the same samples.
 
-    Requirements and metrics are those of `a`. By default, each controller that is in both campaigns
-    is compared; `controllers` names a controller of `a` and one of `b` instead. If the numbers of
-    flights differ, the common flights are compared. `margins` gives, by metric, the share by which
-    `b` may be worse. Raise InputError if the campaigns have nothing in common.
+    Requirements and metrics are those of `a`. By default, all common controllers are compared;
+    `controllers` names a controller of `a` and one of `b` instead. If the numbers of flights
+    differ, the common flights are compared. `margins` gives, by metric, the share by which `b` may
+    be worse. Raise InputError if the campaigns have nothing in common.
     """
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
@@ -245,9 +245,9 @@ def _gate(
 ) -> Gate:
     """Return the gate of `b` at its worst point of the unknowns.
 
-    The worst point is the point that rejects `b` or comes closest to it. Because `b` must be shown
-    to be not worse at every point, the risk of this test needs no correction; the tests that reject
-    `b` share their risk.
+    The worst point rejects `b` or comes closest to it. Because `b` must be shown not to be worse at
+    every point, the risk of this test needs no correction; the tests that reject `b` share their
+    risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)

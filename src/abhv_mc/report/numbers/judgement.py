@@ -183,8 +183,8 @@ def _all_of(number: int) -> str:
 def _concerned_controllers(models: Models) -> list[str]:
     """Return the controllers in question.
 
-    These are the controllers that requirements bind or that the campaign's question names; without
-    a question, all controllers.
+    These are the controllers that requirements bind or that the campaign's question names; all,
+    without a question.
     """
     campaign = models.results.campaign
     asked = campaign.compared if campaign.model.asks else tuple(models.names.controllers)
@@ -364,7 +364,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         for label, phrases in missed.items()
         if len(phrases) > _NAMED
     ]
-    if several:  # If only one of several requirements is missed, the answer already names it.
+    if several:  # The answer names up to two missed requirements but only counts more.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]

@@ -25,7 +25,8 @@ BARS = 60  # number of bars in a histogram strip
 _HISTORY_RATE = 5.0  # sampling rate of the histories, Hz
 _STRIPS = 24  # maximum number of dispersions drawn as strips
 _HEADED = 4  # number of metrics in the table if there are no requirements
-_FAR = 3.0  # maximum distance of a drawn limit from the values, as a multiple of their range
+# largest span of flights and limits, in ranges of the flights, for which limits are drawn
+_FAR = 3.0
 # The order of the scripts matters.
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
 STYLES = ("style.css", "flights.css")
@@ -59,8 +60,8 @@ def describe_flights(
 ) -> dict[str, Any]:
     """Describe a campaign's flights for the view.
 
-    ``ends`` contains the ranges of the columns in displayed units; ``channels`` are the channels
-    that have histories.
+    ``ends`` contains the ranges of the columns in displayed units; ``channels`` names the channels
+    with histories.
     """
     names, records, required = (
         results.controllers,

@@ -4,7 +4,7 @@ The logarithms of the estimates from independent repetitions of subset simulatio
 the interval is Student's for the mean logarithm, centred on the logarithm of the mean estimate. The
 estimate is rejected if the repetitions contradict each other (one does not reach the event, they
 differ by far more than their chains explain, or the interval spans decades) or if importance
-sampling disagrees. The upper end of the interval is the larger of the two methods' upper ends.
+sampling disagrees. The interval's upper end is the larger of the two methods' upper ends.
 """
 
 from dataclasses import dataclass, replace

@@ -11,7 +11,7 @@ family of densities, the density closest to that of the failures has the largest
 sample of failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of
 normals for several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance
 sampling using Gaussian mixture", Structural Safety 42, 2013). The sampled points are independent of
-the failures used for the fit.
+the fitted ones.
 """
 
 from dataclasses import dataclass

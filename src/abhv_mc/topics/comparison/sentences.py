@@ -98,9 +98,9 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:
-    """Return 'better', 'worse' or another verdict on the first controller of a pair.
+    """Return 'better', 'worse', 'mixed' or 'open' for the first controller of a pair.
 
-    A significant difference in lost flights takes precedence over the metrics.
+    A significant difference in lost flights outweighs the metrics.
     """
     if pair.losing:
         return "worse" if pair.losing == "a" else "better"

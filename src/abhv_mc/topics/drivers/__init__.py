@@ -32,7 +32,7 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-# share of the flights in the group with the lowest values, and in the group with the highest
+# share of the flights with the lowest, and with the highest, values of a parameter
 _TENTH = 0.1
 _FEWEST_OF_TENTH = 5  # minimum number of flights in such a group
 _KEPT = 12  # maximum number of parameters stored per metric
@@ -211,7 +211,7 @@ def _given_data(
 
     An effect is given by the first-order and total indices of the regression residuals. Parameters
     correlated with a driver are excluded. The flights must be random draws, because the order of
-    flights in other designs would look like an effect.
+    other designs would look like an effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
     unexplained = 1.0 - drivers.explained

@@ -1,4 +1,4 @@
-"""Report topic: survival of the flights in each failure case, and time since the failure.
+"""Survival of flights, by failure case and by time since the failure.
 
 A flight's failure case is the set of failures sampled to occur before the end of the mission, so
 each case contains the same flights for every controller. Inlet unstarts caused by the flight

@@ -200,7 +200,7 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 
 
 def _failed_words(entry: FlightMargins) -> str:
-    """Return as text how many flights failed with a small and with a sufficient gain margin.
+    """Return text on the failures with small and with sufficient gain margins.
 
     For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'. Without requirements the
     text is empty.

@@ -26,7 +26,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeastFlight:
-    """Flight that is among those with the smallest margins."""
+    """Flight among those with the smallest margins."""
 
     flight: int
     failed: bool  # whether the flight terminated early or misses a requirement
@@ -36,7 +36,7 @@ class LeastFlight:
 
 @dataclass(frozen=True)
 class FlightMargins:
-    """Margins of the flights of one controller for which margins were requested."""
+    """Margins of those flights of a controller for which they were requested."""
 
     flights: int
     unstable: int  # number of flights that are unstable at one or more points

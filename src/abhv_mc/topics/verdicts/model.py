@@ -184,9 +184,8 @@ def find_tolerance(
 
     Limit and margin are the worst over the points of the unknown parameters at which the
     requirement is ``judged``. Both are None if there are too few flights or too many lost flights.
-    The margin is a share of the limit. If the requirement has two limits, the first value is the
-    distance outside the limits (negative inside), and the margin is a share of half the distance
-    between the limits.
+    The margin is a share of the limit. With two limits, the first value is the distance outside the
+    limits (negative inside), and the margin is a share of half the distance between them.
     """
     limits = requirement.limits
     worse = limits.worse(flights.metrics[requirement.metric])
