@@ -1,1 +1,1 @@
-"""Analyses of a simulated campaign: replay, explanation and other distributions."""
+"""Analyses of a simulated campaign: replay, explanation of failures, other distributions."""

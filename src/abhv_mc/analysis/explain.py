@@ -1,4 +1,4 @@
-"""Smallest set of dispersions that makes a flight fail if all others are nominal."""
+"""Smallest set of dispersions that makes a flight fail with all others at nominal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,15 +23,15 @@ from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.plant.parameters import OURS, Parameters
 
-_MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a value is
+_MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a sampled value is
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Failure criterion: early termination, or one missed requirement."""
+    """Failure criterion: early termination, or failure to meet one requirement."""
 
     requirement: Requirement | None
-    column: int = 0  # column of the requirement's metric
+    column: int = 0  # column of the requirement's metric in `metrics`
 
     @property
     def words(self) -> str:
@@ -45,7 +45,7 @@ class Failure:
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
-        """Return the severity of each failure [flight], or -inf without a failure.
+        """Return the severity of each flight's failure [flight], -inf if it does not fail.
 
         `metrics` has shape [flight, metric].
         """
@@ -65,12 +65,13 @@ class Explanation:
     controller: str
     flight: int
     failure: Failure
-    ended: str  # how the flight ended, as text
+    ended: str  # text on how the flight ended
     samples: dict[str, float]  # all dispersions of the flight, SI units
     causes: tuple[str, ...]  # sufficient dispersions; empty if the nominal flight fails too
     others: tuple[tuple[str, ...], ...]  # other sets of the same size with which the flight fails
-    smallest: bool  # Either no smaller set fails, or (if false) no single cause can be omitted.
-    tried: int  # flights simulated for the analysis
+    # If true, no smaller set fails; if false, it is only known that no single cause can be omitted.
+    smallest: bool
+    tried: int  # number of flights simulated for the analysis
     rows: Floats  # values [flight, dispersion] of the nominal, the reduced and the original flight
     block: FlightBlock  # nominal, reduced and original flight
     known: Parameters = OURS
@@ -85,11 +86,11 @@ def explain_flight(
     every: int = 1,
     trust_code: bool = False,
 ) -> Explanation:
-    """Reduce the dispersions of a failed flight to those needed to reproduce the failure.
+    """Find the smallest set of a failed flight's dispersions that reproduces the failure.
 
-    `root` is the campaign's folder. `requirement` names the metric of the requirement to explain;
-    the default is the early termination, or else the first missed requirement. Raise InputError if
-    the flight does not exist or did not fail.
+    `root` is the campaign's folder. `requirement` is the metric of the requirement whose violation
+    is explained; the default is to explain the early termination, or else the first missed
+    requirement. Raise InputError if the flight does not exist or did not fail.
     """
     folder = CampaignFolder(root)
     campaign = open_flown(folder, [controller], trust_code)
@@ -141,7 +142,7 @@ def explain_flight(
 def with_margins(
     campaign: Experiment, controller: str, failures: Sequence[Failure]
 ) -> tuple[Experiment, bool]:
-    """Return a campaign that re-runs failures, and whether it includes margins."""
+    """Return the campaign for re-running failed flights, and whether it computes margins."""
     if not any(failure.of_margin for failure in failures):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
@@ -158,7 +159,7 @@ def smallest_sets(
     margins: bool,
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """Return the smallest sets of dispersions that make each flight fail.
+    """Return, for each flight, the smallest sets of dispersions that make it fail.
 
     `samples` has shape [failure, parameter].
     """
@@ -198,7 +199,7 @@ def find_failure(
         raise InputError(root, problem, "a flight that was simulated")
     positions = [
         i for i, name in enumerate(row.columns) if name != END_TIME.name
-    ]  # Margins follow the metrics.
+    ]  # The columns of margins follow those of the metrics.
     columns = [row.columns[i] for i in positions]
     state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
@@ -225,9 +226,9 @@ def find_failure(
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
-    """Return parameter indices, those with the most common values first."""
+    """Return parameter indices, starting with the parameters whose values are most common."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
-    # The median is infinite if most flights are without this failure.
+    # The median is infinite if the failure does not occur in most flights.
     middle = np.median(drawn, axis=0)
 
     def off(some: Floats) -> Floats:

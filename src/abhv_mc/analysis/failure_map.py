@@ -24,7 +24,7 @@ MOST_CAUSES = 3  # maximum number of dispersions in an explanation; larger sets 
 
 @dataclass(frozen=True)
 class Cause:
-    """Set of inputs with their signs, and the indices of the failures it explains."""
+    """Set of inputs, with the signs of their deviations, that explains certain failures."""
 
     inputs: tuple[int, ...]
     high: tuple[bool, ...]  # whether each input is above its nominal value
@@ -32,12 +32,12 @@ class Cause:
 
 
 def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
-    """Return causes, most failures first; unexplained failures are omitted.
+    """Return the causes, starting with the most frequent; unexplained failures are omitted.
 
-    `high` [failure, input] is the mask of inputs above nominal: values that are too large or too
-    small are different causes. A failure explained by several sets is assigned to the set that
-    explains most failures (greedy set cover), because the smallest set of a single flight is often
-    a borderline case of another cause.
+    `high` [failure, input] marks inputs above nominal: a value that is too large and one that is
+    too small are different causes. A failure explained by several sets is assigned to the set that
+    explains the most failures (greedy set cover), because the smallest set of one flight is often a
+    borderline case of another cause.
     """
     sets = {
         failure: {
@@ -63,15 +63,16 @@ def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Ca
 
 
 MOST_FLIGHTS = 50  # maximum number of analysed flights per controller
-_BUDGET = 400  # sets tried in order of size for a flight, e.g. all pairs of up to 27 dispersions
+# maximum number of sets tried per flight in order of size, e.g. all pairs of 27 dispersions
+_BUDGET = 400
 
 
 @dataclass(frozen=True)
 class Dispersed:
-    """Dispersion of a cause with its values in the flights, in SI units."""
+    """Dispersion that belongs to a cause, with its values in the flights, in SI units."""
 
     parameter: str
-    high: bool  # whether the values are above nominal in all flights; else below
+    high: bool  # whether the values in all flights are above nominal; otherwise all are below
     least: float
     median: float
     largest: float
@@ -79,7 +80,7 @@ class Dispersed:
 
 @dataclass(frozen=True)
 class FailureGroup:
-    """Flights that fail in the same way with the same set of dispersions."""
+    """Flights that fail in the same way due to the same set of dispersions."""
 
     failure: str  # kind of failure, as text
     dispersions: tuple[Dispersed, ...]
@@ -92,8 +93,8 @@ class ControllerFailures:
 
     failed: int  # number of failed flights, including those not analysed
     groups: tuple[FailureGroup, ...]  # groups by kind of failure, largest first
-    nominal: tuple[int, ...]  # flights that fail without any dispersion
-    unexplained: tuple[int, ...]  # flights without a small set that explains the failure
+    nominal: tuple[int, ...]  # flights that also fail with all dispersions at nominal
+    unexplained: tuple[int, ...]  # flights whose failure no small set explains
     tried: int  # number of flights simulated for the analysis
 
     @property
@@ -108,7 +109,7 @@ class ControllerFailures:
 
 @dataclass(frozen=True)
 class FailureMap:
-    """Failure map of a campaign, with the digest of its flights."""
+    """Failure map of a campaign, with the digest of the campaign's flights."""
 
     digest: str
     controllers: dict[str, ControllerFailures]
@@ -123,7 +124,7 @@ def map_failures(
     engine: Engine | None = None,
     trust_code: bool = False,
 ) -> FailureMap:
-    """Explain each controller's first MOST_FLIGHTS failures and group them by cause."""
+    """Explain the first MOST_FLIGHTS failures under each controller and group them by cause."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
     controllers = {}
@@ -185,7 +186,7 @@ def _group(
     *,
     explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Return groups for each kind of failure, and the indices of all grouped flights."""
+    """Return the groups for each kind of failure, and the indices of all flights in groups."""
     groups = []
     for description in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == description]
@@ -210,7 +211,7 @@ def write_map(root: Path, failure_map: FailureMap) -> Path:
 
 
 def read_map(root: Path, digest: str | None) -> FailureMap | None:
-    """Return the failure map in a folder, or None if there is none with this digest."""
+    """Return the failure map in a folder; None if the folder has none with this digest."""
     path = CampaignFolder(root).failure_map
     if not path.is_file():
         return None

@@ -21,7 +21,7 @@ from abhv_mc.statistics.placement import (
 )
 
 CONFIDENCE = 0.95
-FEWEST_FLIGHTS = 39  # minimum number of simulated flights for two-sided p-values of 5 %
+FEWEST_FLIGHTS = 39  # minimum number of simulated flights for which a two-sided p-value can be 5 %
 _MOST_TIMES = 500  # maximum number of times at which histories are compared
 _SUMMARIES = ("largest", "smallest", "mean", "last")
 
@@ -32,7 +32,7 @@ class RankedMetric:
 
     metric: str
     value: float
-    rank: int  # rank among all flights, 1 for the smallest value
+    rank: int  # rank of the test flight among all flights, 1 for the smallest value
     low: float  # 2.5 % quantile of the simulated flights
     median: float
     high: float
@@ -41,7 +41,7 @@ class RankedMetric:
 
 @dataclass(frozen=True)
 class Departure:
-    """First time at which a history leaves the simultaneous band."""
+    """First exit of a history from the simultaneous band."""
 
     channel: str
     time_s: float
@@ -49,7 +49,7 @@ class Departure:
 
 @dataclass(frozen=True)
 class PlacedFlight:
-    """Comparison of one test flight with the simulated ones."""
+    """Comparison of one test flight with the simulated flights."""
 
     name: str
     metrics: tuple[RankedMetric, ...]  # ranked metrics, smallest p-value first
@@ -75,10 +75,10 @@ class Placement:
     controller: str
     simulated: int
     noise: Mapping[str, float]  # standard deviations of the noise added to simulated channels
-    sensed: tuple[str, ...]  # channels with the errors of the campaign's sensors added
-    ignored: tuple[str, ...]  # columns of the files that the campaign does not record
+    sensed: tuple[str, ...]  # channels to which errors of the campaign's sensors were added
+    ignored: tuple[str, ...]  # columns of the test files that the campaign does not record
     flights: tuple[PlacedFlight, ...]
-    together_p_value: float | None  # joint p-value of several flights
+    together_p_value: float | None  # joint p-value of several test flights
     bands: Mapping[str, ChannelBands]
 
 
@@ -93,8 +93,8 @@ def place_flights(
     A file with a column `time` is a history: the largest, smallest, mean and last value of each
     channel are ranked, and the history is compared with the simultaneous band. Any other file has a
     row for each flight and metrics of the campaign as columns. `noise` maps channels to standard
-    deviations of measurements; by default, those of the campaign file or the errors of its sensors
-    apply. Raise InputError if flights cannot be compared.
+    deviations of measurement noise; the default is the noise in the campaign file or the errors of
+    its sensors. Raise InputError if flights cannot be compared.
     """
     results = read_flown(root)
     controller = controller or results.controllers[0]
@@ -180,13 +180,13 @@ def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
 
 
 def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
-    """Return the headings of the columns that are not compared."""
+    """Return the headings of the columns in a table that are not compared."""
     used = {column.position for name, column in table.columns.items() if name in compared}
     return [head for i, head in enumerate(table.table.heads) if i not in used]
 
 
 def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> list[str]:
-    """Return the recorded columns of the first file, which all files must have."""
+    """Return the columns of the first file that are recorded; all files must have these."""
     names = [name for name in tables[0].names if name in recorded]
     for table in tables:
         missing = [name for name in names or recorded[:1] if name not in table.names]
@@ -205,7 +205,7 @@ def _read_histories(
     controller: str,
     tables: Sequence[NumberTable],
 ) -> tuple[dict[int, Floats], Floats, Floats, list[str]]:
-    """Return simulated and test histories, times and channels.
+    """Return simulated histories, test histories, times and channels.
 
     Simulated histories are arrays [time, channel] by flight; test histories are an array [flight,
     time, channel].
@@ -287,7 +287,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return by flight the histories that were stored regardless of the outcome."""
+    """Return, by flight, the histories that were stored regardless of the outcome."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -302,7 +302,7 @@ def find_band(
 ) -> tuple[list[str], Band] | None:
     """Return the channels with histories, and their simultaneous band.
 
-    Return None without a channel or without enough random histories.
+    Return None if there is no such channel or if there are too few random histories.
     """
     if not results.campaign.independent:
         return None
@@ -355,7 +355,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight with the point at which its history first leaves the band."""
+    """Return the flight, with the point at which its history first leaves the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():

@@ -30,10 +30,10 @@ class Replay:
     block: FlightBlock  # results of the re-run flight
     samples: dict[str, float]
     metrics: dict[str, float]
-    differences: tuple[str, ...]  # differences from the stored row
-    sentence: str  # sentence on how the flight ended
+    differences: tuple[str, ...]  # differences between the results and the stored row
+    sentence: str  # sentence that states how the flight ended
     ends: Outcomes = OUTCOMES
-    channels: tuple[Signal, ...] = CHANNELS  # channels of the block's history, if any
+    channels: tuple[Signal, ...] = CHANNELS  # channels of the history in the block, if there is one
     repeatability: Repeatability | None = None  # repeatability of a user's simulator
 
     @property
@@ -60,7 +60,8 @@ def replay_flight(
     (row,) = find_rows(folder, controller, [flight])
     block = simulate(experiment, controller, row.samples, every, fly)
     values = np.append(block.metrics[0], block.end_time[0])
-    stored = row.values[0][: values.size]  # Stability margins follow the metrics.
+    # The columns of stability margins follow those of the metrics.
+    stored = row.values[0][: values.size]
     repeatability = read_manifest(folder.manifest).repeatable
     if repeatability is Repeatability.ROUNDING:
         is_other = relative_difference(values, stored) > ROUNDING

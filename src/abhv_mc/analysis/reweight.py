@@ -22,20 +22,21 @@ from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"
-_SLACK = 1e-9  # tolerance for ends equal except for rounding, as a share of the width
+_SLACK = 1e-9  # tolerance within which interval ends count as equal, as a share of the width
 
 
 @dataclass(frozen=True)
 class Change:
-    """Changed distributions of some parameters of a campaign."""
+    """Changes to the distributions of some parameters of a campaign."""
 
-    before: dict[str, dict[str, Any]]  # previous entries of the campaign file, by parameter
+    # entries of the campaign file before the change, by parameter
+    before: dict[str, dict[str, Any]]
     after: dict[str, dict[str, Any]]
     marginals: dict[str, Marginal]  # new distributions, by parameter
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Parse ``PARAMETER.KEY=VALUE`` texts into values by parameter and key."""
+    """Parse texts such as ``PARAMETER.KEY=VALUE`` into values by parameter and key."""
     settings: dict[str, dict[str, Any]] = {}
     for text in texts:
         key, sign, value = text.partition("=")
@@ -52,7 +53,7 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]]) -> Change:
-    """Return changed distributions, after checking that the flights support them.
+    """Return the changed distributions after checking that the flights support them.
 
     Raise InputError if the flights do not support the new distributions.
     """
@@ -101,9 +102,9 @@ def _has_choice(marginal: Marginal) -> bool:
 
 
 def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | None:
-    """Return what is wrong with the change and what is expected, or None.
+    """Return the problem with a change and the expected input; None if the change is valid.
 
-    The new distribution must not have probability where there are no flights.
+    The new distribution must have zero probability where no flights were simulated.
     """
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
@@ -116,7 +117,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
                 f"{name} as a mixture with a discrete choice",
                 "continuous parts, or a new campaign",
             )
-        # Each new part must lie within one part of the old distribution.
+        # Each component of the new distribution must lie within one component of the old one.
         for component in _parts(new):
             faults = [_unsupported(name, flown, component) for flown in _parts(old)]
             if all(faults):
@@ -178,7 +179,7 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
-    """Return the new distributions' probability of values that no flight represents.
+    """Return the new probability of parameter values that no flight represents.
 
     `samples` has shape [flight, parameter].
     """

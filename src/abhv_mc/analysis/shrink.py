@@ -1,8 +1,8 @@
-"""Smallest set of inputs that still causes a failure if all others are nominal.
+"""Smallest set of inputs that still causes a failure if all other inputs are nominal.
 
-Few sets are tried in order of size. Otherwise the full set is reduced until every
-member is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002), with many candidates
-at a time.
+If there are few sets, they are tried in order of size. Otherwise the full set is reduced until
+every remaining input is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002),
+testing many candidates at a time.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -17,20 +17,20 @@ from abhv_mc.array_types import Floats, Mask
 
 Sets = list[tuple[int, ...]]
 
-BUDGET = 4000  # maximum number of candidates tried in order of size
+BUDGET = 4000  # maximum number of candidate sets tried in order of size
 
 
 @dataclass(frozen=True)
 class Shrunk:
-    """Sets of inputs that cause the failure, most severe first."""
+    """Sets of inputs that cause the failure, most severe failure first."""
 
     sets: tuple[tuple[int, ...], ...]
-    # Either every smaller set was tried and passes, or (if false) no member can be omitted.
+    # If true, every smaller set was tried and passes; if false, only that no input can be omitted.
     smallest: bool
     tried: int
 
 
-# The generator yields sets and receives the severity of each.
+# The generator yields sets and receives the severity of each set.
 Shrinking = Generator[Sets, Floats, "Shrunk | None"]
 
 
@@ -42,10 +42,10 @@ def shrink(
 ) -> list[Shrunk | None]:
     """Return, for each of several failures, the smallest sets among `count` inputs.
 
-    The result is None for a failure that does not occur with all inputs. `test` takes the failure
-    index and the input mask [candidate, input] of each candidate, and returns severities, -inf
-    without failure. Candidates of all failures are tested in one call. `mildest_first` is the order
-    of removal for each failure.
+    The result is None for a failure that does not occur even with all inputs. `test` takes the
+    failure index and the input mask [candidate, input] of each candidate, and returns severities,
+    -inf without failure. The candidates for all failures are tested in one call. `mildest_first` is
+    the order in which inputs are removed, for each failure.
     """
     results: list[Shrunk | None] = [None] * len(mildest_first)
     searches = [_shrink(count, order, budget) for order in mildest_first]
@@ -91,13 +91,13 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
         spare = [i for i, bad in zip(inputs, severity, strict=True) if bad > -np.inf]
         if not spare:
             break
-        # Remove one, two, ... of the individually removable inputs jointly, mildest first.
+        # Try to remove one, two, ... of the individually removable inputs at once, mildest first.
         fewer = [tuple(k for k in inputs if k not in spare[: n + 1]) for n in range(len(spare))]
         severity = yield fewer
         tried += len(fewer)
         inputs = list(
             fewer[int(np.flatnonzero(severity > -np.inf).max())]
-        )  # The first set fails, because its input was removed alone.
+        )  # The first set is known to fail, because it lacks only one removable input.
     return Shrunk((tuple(sorted(inputs)),), len(inputs) == size, tried)
 
 

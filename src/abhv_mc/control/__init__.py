@@ -1,1 +1,1 @@
-"""Mission reference, guidance trim and controllers, with the design of their gains."""
+"""Mission reference, guidance trim, and controllers with the design of their gains."""

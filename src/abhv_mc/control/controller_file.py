@@ -1,6 +1,6 @@
-"""Model of controller files, with the gains and limits of TLC and LQR.
+"""Pydantic model of controller files, with the gains and limits of TLC and LQR.
 
-Defaults are taken from Zhu and Shen 2014.
+The defaults are those of Zhu and Shen 2014.
 """
 
 from operator import attrgetter
@@ -35,7 +35,7 @@ Inputs = TypeVar("Inputs", bound=StrictModel)
 
 
 class TimePoint(StrictModel):
-    """Bandwidth at one time of the flight."""
+    """Bandwidth at a time of the flight."""
 
     time: Annotated[Time, Field(ge=0.0)] = Field(description="time since the start of the flight")
     bandwidth: Annotated[AngularRate, Positive] = Field(
@@ -44,7 +44,7 @@ class TimePoint(StrictModel):
 
 
 class PressurePoint(StrictModel):
-    """Bandwidth at one dynamic pressure of the reference."""
+    """Bandwidth at a dynamic pressure of the reference."""
 
     dynamic_pressure: Annotated[Pressure, Positive] = Field(
         description="dynamic pressure of the reference"
@@ -55,7 +55,7 @@ class PressurePoint(StrictModel):
 
 
 class Schedule(StrictModel):
-    """Scheduled bandwidth, linear between points and constant outside."""
+    """Scheduled bandwidth, linear between the points and constant outside them."""
 
     over_time: list[TimePoint] | None = Field(
         None, min_length=2, description="points in order of increasing time"
@@ -79,7 +79,7 @@ class Schedule(StrictModel):
         return self
 
     def points(self) -> list[tuple[float, float]]:
-        """Return the points (time or dynamic pressure, bandwidth), SI."""
+        """Return pairs of time or dynamic pressure and bandwidth, in SI units."""
         if self.over_time is not None:
             return [(point.time, point.bandwidth) for point in self.over_time]
         return [
@@ -101,7 +101,7 @@ class Channel(StrictModel):
     ] = Field(description="natural frequency of the closed loop, fixed or scheduled")
 
     def bandwidths(self) -> list[float]:
-        """Return the bandwidth at all points, rad/s."""
+        """Return the bandwidths at all points of the schedule, rad/s."""
         if isinstance(self.bandwidth, Schedule):
             return [bandwidth for _, bandwidth in self.bandwidth.points()]
         return [self.bandwidth]
@@ -143,7 +143,7 @@ class Differentiators(StrictModel):
 
 
 class CommandLimits(StrictModel):
-    """Limits of the guidance commands; the vehicle file has those of surfaces and engine."""
+    """Limits of the guidance commands; limits of surfaces and engine are in the vehicle file."""
 
     angle_of_attack: AngleRange = Field(
         (-0.017453292519943295, 0.20943951023931956),
@@ -179,7 +179,7 @@ class TlcController(ControllerModel):
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 
     def warnings(self) -> list[str]:
-        """Return a sentence for each outer loop that is not slower than its inner loop."""
+        """Return a warning for each outer loop that is not slower than its inner loop."""
         warnings = []
         for outer, inner in _OUTER_AND_INNER:
             outer_bandwidth, inner_bandwidth = (
@@ -203,7 +203,7 @@ class Weights(StrictModel, Generic[States, Inputs]):
 
 
 class GuidanceStates(StrictModel):
-    """Weights of the guidance states' deviations, SI and radians."""
+    """Weights of the deviations of the guidance states, in SI units and radians."""
 
     altitude: Weight = Field(description="weight of the squared deviation of the altitude, 1/m2")
     flight_path_angle: Weight = Field(
@@ -214,7 +214,7 @@ class GuidanceStates(StrictModel):
 
 
 class GuidanceInputs(StrictModel):
-    """Weights of the guidance inputs, radians."""
+    """Weights of the guidance inputs, which are in radians."""
 
     angle_of_attack: InputWeight = Field(
         description="weight of the squared angle of attack, 1/rad2"
@@ -224,7 +224,7 @@ class GuidanceInputs(StrictModel):
 
 
 class LongitudinalStates(StrictModel):
-    """Weights of the longitudinal states' deviations, radians."""
+    """Weights of the deviations of the longitudinal states, which are in radians."""
 
     angle_of_attack: Weight = Field(
         description="weight of the squared deviation of the angle of attack, 1/rad2"
@@ -235,13 +235,13 @@ class LongitudinalStates(StrictModel):
 
 
 class LongitudinalInputs(StrictModel):
-    """Weight of the longitudinal input, degrees."""
+    """Weight of the longitudinal input, which is in degrees."""
 
     elevator: InputWeight = Field(description="weight of the squared elevator, 1/deg2")
 
 
 class LateralStates(StrictModel):
-    """Weights of the lateral states' deviations, radians."""
+    """Weights of the deviations of the lateral states, which are in radians."""
 
     bank: Weight = Field(description="weight of the squared deviation of the bank, 1/rad2")
     sideslip: Weight = Field(description="weight of the squared deviation of the sideslip, 1/rad2")
@@ -252,14 +252,14 @@ class LateralStates(StrictModel):
 
 
 class LateralInputs(StrictModel):
-    """Weights of the lateral inputs, degrees."""
+    """Weights of the lateral inputs, which are in degrees."""
 
     aileron: InputWeight = Field(description="weight of the squared aileron, 1/deg2")
     rudder: InputWeight = Field(description="weight of the squared rudder, 1/deg2")
 
 
 class LqrController(ControllerModel):
-    """Linear quadratic regulator along the reference."""
+    """Linear quadratic regulator with gains scheduled along the reference."""
 
     law: Literal["lqr"] = Field(description="the control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
@@ -291,7 +291,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
 
 
 class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]]):
-    """Controller file of any kind."""
+    """Content of a controller file of any kind."""
 
 
 def read_controller_document(path: str | Path) -> tuple[Document, Controller]:

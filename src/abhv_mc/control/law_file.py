@@ -1,4 +1,4 @@
-"""Controller files of custom control laws, and lists of their source files."""
+"""Models of controller files for custom control laws, and lists of their source files."""
 
 import contextlib
 import os
@@ -26,7 +26,7 @@ class ControllerModel(StrictModel):
     """Base class of the models of controller files."""
 
     def warnings(self) -> list[str]:
-        """Return sentences on implausible values in the file."""
+        """Return warnings about implausible values in the file."""
         return []
 
 
@@ -115,7 +115,7 @@ class CController(ControllerModel):
 
     @property
     def layout(self) -> "Layout":
-        """Name and length of each setting, in file order; 0 for a single number."""
+        """Name and length of each setting, in file order; the length of a single number is 0."""
         return [
             (name, len(value) if isinstance(value, list) else 0)
             for name, value in self.settings.items()
@@ -164,7 +164,7 @@ class FmuController(ControllerModel):
 
     @property
     def wired(self) -> dict[str, str]:
-        """Inputs whose source is not a constant."""
+        """Names and sources of inputs whose source is not a constant."""
         return {
             name: source
             for name, source in self.inputs.items()
@@ -173,12 +173,12 @@ class FmuController(ControllerModel):
 
     @property
     def constants(self) -> tuple[str, ...]:
-        """Inputs with a constant value."""
+        """Names of inputs with a constant value."""
         return tuple(name for name in self.inputs if name not in self.wired)
 
     @property
     def starts(self) -> dict[str, Any]:
-        """Start values of parameters and constant inputs, with true as 1."""
+        """Start values of parameters and constant inputs; true becomes 1."""
         values = self.params | {name: self.inputs[name] for name in self.constants}
         return {
             name: float(value) if isinstance(value, bool) else value
@@ -203,17 +203,18 @@ def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = No
 
 @contextlib.contextmanager
 def _located(*keys: str | int) -> Iterator[None]:
-    """Set the location of each Refusal raised inside the context to ``keys``."""
+    """Set ``keys`` as the location of each Refusal raised inside the context."""
     try:
         yield
     except Refusal as refusal:
         raise Refusal(refusal.found, refusal.expected, keys) from None
 
 
-Layout = list[tuple[str, int]]  # name and length of each setting, 0 for a single number
+# name and length of each setting; the length of a single number is 0
+Layout = list[tuple[str, int]]
 UserController = PythonController | CController | FmuController
 USER_LAWS = ("python", "c", "fmu")
-# keys of controller files that are paths relative to the file's folder
+# keys of controller files whose values are paths relative to the file's folder
 NAMING_KEYS = (
     "file",
     "library",
@@ -224,7 +225,7 @@ NAMING_KEYS = (
 
 
 def find_files(law: UserController) -> dict[str, Path]:
-    """Return all files of a control law by their common relative path, main file first.
+    """Return all files of a control law, main file first, by path relative to a common folder.
 
     Raise Refusal if a file is missing.
     """
@@ -245,7 +246,7 @@ def find_files(law: UserController) -> dict[str, Path]:
 def expand(
     folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
 ) -> list[Path]:
-    """Return the files that match entries of ``files``. Raise Refusal if there are none."""
+    """Return the files that match the entries in ``files``. Raise Refusal if there is none."""
     files: dict[Path, None] = {}
     for i, pattern in enumerate(patterns):
         if pattern in empty_folders:

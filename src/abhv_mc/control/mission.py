@@ -1,4 +1,4 @@
-"""Model of the mission file: start, manoeuvres, environment and end of a flight."""
+"""Pydantic model of the mission file: start, manoeuvres, environment, end of a flight."""
 
 import math
 from pathlib import Path
@@ -46,8 +46,8 @@ class Start(StrictModel):
     """Start of a flight: trimmed and, by default, straight and level.
 
     The reference starts along the flight path angle and maintains it until a manoeuvre changes it.
-    The bank applies to the vehicle only, for example the bank that the first manoeuvre needs
-    immediately.
+    The bank applies only to the vehicle; it may be, for example, the bank that the first manoeuvre
+    needs from the start.
     """
 
     altitude: Length = Field(description="geodetic altitude")
@@ -80,7 +80,7 @@ class Phase(StrictModel):
 
 
 class Climb(Phase):
-    """Smooth change of altitude and speed; rate and acceleration are zero at both ends."""
+    """Smooth change of altitude and speed, with zero rate and acceleration at both ends."""
 
     kind: Literal["climb"] = Field(description=_KIND)
     altitude_change: Length = Field(description="change of altitude, positive upwards")
@@ -110,8 +110,8 @@ class SManoeuvre(Phase):
     """Lateral displacement of the track by ``offset``, with the original heading at the end.
 
     The lateral acceleration is proportional to ``c |c|^(sharpness - 1)`` with ``c = cos(pi t /
-    length)``, ramped over ``bank_time`` at both ends. Without these two keys, ``y = offset / 2 (1 -
-    cos(pi t / length))``, and the acceleration has steps at both ends.
+    length)``, ramped over ``bank_time`` at both ends. If both keys are omitted, ``y = offset / 2 (1
+    - cos(pi t / length))`` and the acceleration has steps at both ends.
     """
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
@@ -141,12 +141,12 @@ class SManoeuvre(Phase):
         return self
 
     def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
-        """Return speed (m/s) and acceleration (m/s2) to the left at times (s) since the start."""
+        """Return the lateral speed (m/s) and acceleration (m/s2) to the left at times (s)."""
         return s_shape(since, self.offset, self.length, self.bank_time, self.sharpness)
 
 
 class WaypointTurn(StrictModel):
-    """Change of heading as one of several."""
+    """One of several changes of heading."""
 
     at: Annotated[Time, Field(ge=0.0)] = Field(
         description="time after start_time at which the change starts"
@@ -156,7 +156,7 @@ class WaypointTurn(StrictModel):
 
 
 class Waypoints(StrictModel):
-    """Several heading changes, which are added if they overlap."""
+    """Several changes of heading, which add up if they overlap."""
 
     kind: Literal["waypoints"] = Field(description=_KIND)
     turns: list[WaypointTurn] = Field(min_length=1, description="the heading changes")
@@ -207,7 +207,7 @@ class MissionLimits(LoadLimits):
 
 
 class End(StrictModel):
-    """Conditions that each complete the mission before its duration."""
+    """Conditions, each of which completes the mission before its full duration."""
 
     altitude_above: Length | None = Field(
         None, description="the mission is complete when the altitude exceeds this value"
@@ -244,13 +244,13 @@ class End(StrictModel):
     )
 
     def range_of(self, name: str) -> tuple[float, float]:
-        """Return the range of a quantity within which the flight continues."""
+        """Return the range of the quantity ``name`` within which the flight continues."""
         low, high = getattr(self, f"{name}_below", None), getattr(self, f"{name}_above", None)
         return -math.inf if low is None else low, math.inf if high is None else high
 
 
 class AirTable(StrictModel):
-    """Table over altitude, such as a sounding, with units in its header."""
+    """Table over altitude, such as a sounding, with units in the header."""
 
     file: File = Field(description="CSV file, relative to the mission file")
     columns: dict[str, str] = Field(
@@ -259,7 +259,7 @@ class AirTable(StrictModel):
 
 
 class WindTable(AirTable):
-    """Wind of the nominal flight over altitude.
+    """Wind in the nominal flight as a function of altitude.
 
     Columns are wind_north and wind_east (velocity of the air), or wind_speed and wind_direction
     (direction from which the wind blows).
@@ -267,7 +267,7 @@ class WindTable(AirTable):
 
 
 class DensityTable(AirTable):
-    """Nominal density over altitude, for which controllers are designed.
+    """Nominal density as a function of altitude, for which controllers are designed.
 
     Columns are density_factor (relative to the standard atmosphere), density, or pressure and
     temperature.
@@ -275,7 +275,7 @@ class DensityTable(AirTable):
 
 
 class EarthNumbers(StrictModel):
-    """Constants of the Earth; defaults are those of WGS-84."""
+    """Constants of the Earth model; the defaults are those of WGS-84."""
 
     equatorial_radius: Annotated[Length, Positive] = Field(
         WGS84.equatorial_radius, description="equatorial radius of the ellipsoid"
@@ -385,7 +385,7 @@ class Mission(StrictModel):
         return self
 
     def list_manoeuvres(self) -> "list[tuple[tuple[str | int, ...], float, Any]]":
-        """Return each manoeuvre's location in the file, start time (s) and model, in order."""
+        """Return the location in the file, start time (s) and model of each manoeuvre, in order."""
         if not isinstance(self.manoeuvre, Phases):
             return [(("manoeuvre",), self.start_time, self.manoeuvre)]
         begin = self.start_time
@@ -396,7 +396,7 @@ class Mission(StrictModel):
         return manoeuvres
 
     def windows(self) -> dict[str, tuple[float, float]]:
-        """Return start and end (s) of the named phases."""
+        """Return the start and end times (s) of the named phases."""
         named = [
             (begin, manoeuvre)
             for _, begin, manoeuvre in self.list_manoeuvres()
@@ -422,7 +422,7 @@ class Mission(StrictModel):
         return join_air(*self.read_air())
 
     def find_air_warnings(self, altitude: Floats) -> list[str]:
-        """Return warnings about air tables that do not cover a flight's altitudes."""
+        """Return warnings about air tables that do not cover the altitudes of a flight."""
         return [
             warning
             for key, table in zip((self.wind, self.density), self.read_air(), strict=True)

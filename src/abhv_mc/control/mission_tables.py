@@ -39,7 +39,7 @@ AIR = {
     "wind_north": SPEED,  # velocity of the air towards north
     "wind_east": SPEED,
     "wind_speed": SPEED,
-    "wind_direction": ANGLE,  # direction from which the wind blows, clockwise from north
+    "wind_direction": ANGLE,  # direction from which the wind blows, measured clockwise from north
     "density_factor": FRACTION,  # density relative to the standard atmosphere
     "density": DENSITY,
     "pressure": PRESSURE,
@@ -60,9 +60,10 @@ def read_air_table(
 ) -> Floats:
     """Return altitude and the columns of the first available choice [level, column].
 
-    Altitudes may increase or decrease in the file, and increase in the result. Wind is the velocity
-    to the north and east; density is a factor on the standard density, followed by a factor on the
-    standard temperature if the table has one. Raise InputError if the table is invalid.
+    Altitudes may increase or decrease in the file; they increase in the result. Wind is the air's
+    velocity towards north and east. Density is a factor on the standard density, followed by a
+    factor on the standard temperature if the table gives one. Raise InputError if the table is
+    invalid.
     """
     table = read_foreign_table(path)
     columns = table.find(("altitude", *AIR), heads)
@@ -121,7 +122,7 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
 
 
 def join_air(wind: Floats | None, density: Floats | None) -> Floats:
-    """Merge the wind and density tables into the nominal air at the altitudes of both.
+    """Merge the wind and density tables into the nominal air at the altitudes of both tables.
 
     The columns are those of :mod:`abhv_mc.kernel.plant.air_data`.
     """

@@ -4,7 +4,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 
-_CELLS = 4096  # integration cells over half the manoeuvre
+_CELLS = 4096  # number of integration cells over half the manoeuvre
 _SAME_TIME = 1e-9  # tolerance of ticks at the ends of the manoeuvre, s
 
 
@@ -15,9 +15,10 @@ def s_shape(
 
     Both are zero outside the manoeuvre.
 
-    Both are along ``offset`` (m). The acceleration is proportional to ``sign(c) |c|^sharpness``
-    with ``c = cos(pi t / length)``, times a smooth step of order 5 over ``bank_time`` (s) at both
-    ends. If both parameters have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
+    The motion is along ``offset`` (m). The acceleration is proportional to ``sign(c)
+    |c|^sharpness`` with ``c = cos(pi t / length)``, times a smooth step of order 5 over
+    ``bank_time`` (s) at both ends. If ``bank_time`` and ``sharpness`` have their defaults, ``y =
+    offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:
@@ -58,7 +59,7 @@ def _growth(since: Floats, length: float, bank_time: float, sharpness: float) ->
 
 
 def _between(x: Floats, h: float, values: Floats, slopes: Floats) -> Floats:
-    """Interpolate by cubics from values and slopes at nodes spaced ``h`` from 0."""
+    """Interpolate by cubics from values and slopes at nodes ``0, h, 2 h, ...``."""
     i = np.minimum((x / h).astype(np.int64), values.size - 2)
     t = x / h - i
     rise = values[i + 1] - values[i]

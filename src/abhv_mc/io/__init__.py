@@ -1,1 +1,1 @@
-"""Input and output: documents with source locations, units, errors and atomic writes."""
+"""Input and output: documents with source locations, units, errors, and atomic writes."""

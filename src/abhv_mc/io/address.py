@@ -1,7 +1,7 @@
 """Addresses of object storage such as s3://bucket/folder.
 
-A secret key in an address is stored separately when the address is read, so that no text contains
-the key.
+A secret key in an address is separated when the address is read, so that no text shown or stored
+contains the key.
 """
 
 import re
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _HIDDEN = "..."
-_KEYS: dict[str, str] = {}  # "user:key" by bucket
+_KEYS: dict[str, str] = {}  # "user:key" texts by bucket
 
 
 @dataclass(frozen=True)
 class Address:
-    """Address of object storage, whose text shows ``...`` instead of a key."""
+    """Address of object storage; as text, it shows ``...`` instead of a key."""
 
     text: str
 
@@ -25,16 +25,16 @@ class Address:
         return _KEYS[_bucket(self.text)] if f"://{_HIDDEN}@" in self.text else ""
 
     def uri(self) -> str:
-        """Return the address with its key, only for use by the object store."""
+        """Return the address with its key, to be passed only to the object store."""
         return self.text.replace(f"{_HIDDEN}@", f"{self._key()}@", 1)
 
     def explain(self, error: Exception) -> str:
-        """Return the first line of an error of the object store, without the key."""
+        """Return the first line of an error from the object store, with the key removed."""
         return str(error).splitlines()[0].replace(self._key() or _HIDDEN, _HIDDEN)
 
 
 def read_address(path: Path | str) -> Address | None:
-    """Return the address given on the command line, or None for a path.
+    """Return the address in a command-line argument; None if the argument is a path.
 
     ``Path`` collapses the double slash of an address, which this function restores.
     """

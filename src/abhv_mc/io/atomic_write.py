@@ -11,14 +11,14 @@ TEMPORARY = ".temporary"  # suffix of files that are being written
 
 @contextlib.contextmanager
 def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
-    """Yield a temporary path that is renamed to ``path`` at the end, or deleted on error.
+    """Yield a temporary path, which is renamed to ``path`` at the end or deleted on error.
 
     The temporary path is absolute, because pyarrow interprets a relative path with a colon as an
     address. If several writers write the same file, the last one to finish wins. Missing folders
-    are created; ``durable`` waits until the content is on disk. Raise OSError if writing fails.
+    are created. If ``durable``, wait until the content is on disk. Raise OSError if writing fails.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The leading dot hides the file from readers of the folder.
+    # The leading dot hides the file from code that lists the folder.
     temporary = path.parent.absolute() / f".{path.name[:100]}.{secrets.token_hex(8)}{TEMPORARY}"
     try:
         yield temporary

@@ -1,7 +1,7 @@
-"""CSV tables for other programs, without cells that spreadsheets run as formulas.
+"""CSV tables for other programs, without cells that spreadsheets would run as formulas.
 
-A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and
-requirement ids, texts and units are free text. Such text gets a leading apostrophe; numbers are
+A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and IDs,
+texts and units of requirements are free text. Such text gets a leading apostrophe; numbers are
 unchanged.
 """
 

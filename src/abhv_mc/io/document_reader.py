@@ -1,6 +1,6 @@
-"""Parser of YAML text that returns plain data with source locations.
+"""Parser for YAML text that returns plain data with source locations.
 
-Other modules use :mod:`abhv_mc.io.documents`.
+Other modules should use :mod:`abhv_mc.io.documents` instead.
 """
 
 import functools
@@ -22,7 +22,8 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-MAX_VALUES = 100_000  # limit on the values of a file, because nested aliases grow exponentially
+# maximum number of values in a file, because nested aliases grow exponentially
+MAX_VALUES = 100_000
 
 _DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"
@@ -30,7 +31,7 @@ _TAG = "tag:yaml.org,2002:"
 
 @functools.lru_cache(maxsize=64)
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
-    """Parse a file to data and locations of values and keys. Raise InputError if invalid."""
+    """Parse a file; return data and locations of values and keys. Raise InputError if invalid."""
     if len(raw) > MAX_BYTES:
         raise InputError(
             path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes"
@@ -71,7 +72,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         YAMLError,
         ValueError,
         OverflowError,
-    ) as error:  # OverflowError is due to an escape beyond Unicode.
+    ) as error:  # An OverflowError is caused by an escape beyond the range of Unicode.
         raise InputError(path, str(error).splitlines()[0], "YAML 1.2") from None
 
 
@@ -133,12 +134,12 @@ class _Builder:
             result[key] = self.build(value_node, path)
             if (
                 value_node.start_mark.index == value_node.end_mark.index
-            ):  # For an empty value the mark is in a later line.
+            ):  # For an empty value, the end mark is on a later line.
                 self.values[path] = self.keys[path]
         return result
 
     def check_shown(self, node: ScalarNode, text: str, allowed: str = "") -> None:
-        """Reject invisible characters and characters that change the direction of writing."""
+        """Reject invisible characters and characters that change the writing direction."""
         hidden = next(
             (char for char in text if char not in allowed and not is_printable(char)), None
         )

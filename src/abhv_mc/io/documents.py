@@ -49,7 +49,7 @@ Key = str | int
 
 @dataclass(frozen=True)
 class Document:
-    """Content of a file as plain data; ``keys`` lead from the root to a value."""
+    """Content of a file as plain data; argument ``keys`` is the path from the root to a value."""
 
     path: Path
     data: Plain
@@ -58,7 +58,7 @@ class Document:
 
     @property
     def entries(self) -> dict[str, Any]:
-        """Data of a file whose root is a mapping, by key."""
+        """Data of a file whose root is a mapping."""
         data: Any = self.data
         return data
 
@@ -67,13 +67,13 @@ class Document:
         return str(self.path)
 
     def position(self, *keys: Key) -> Place:
-        """Return the line and column (from 1) of the value at ``keys``, or its nearest parent."""
+        """Return line and column (from 1) of the value at ``keys``, or of its nearest parent."""
         while keys not in self.value_places:
             keys = keys[:-1]
         return self.value_places[keys]
 
     def key_position(self, *keys: Key) -> Place:
-        """Return the line and column (from 1) of the last of ``keys``, or of a list item."""
+        """Return line and column (from 1) of the last key in ``keys``, or of a list item."""
         return self.key_places.get(keys) or self.position(*keys)
 
     def error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
@@ -81,11 +81,11 @@ class Document:
         return InputError(self.path, problem, expected, *self.position(*keys))
 
     def key_error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
-        """Return the InputError for the last of ``keys``."""
+        """Return the InputError for the last key in ``keys``."""
         return InputError(self.path, problem, expected, *self.key_position(*keys))
 
     def resolve(self, text: str | Path) -> Path:
-        """Return a path in the file, resolved relative to the folder of the file."""
+        """Return the path ``text``, resolved relative to the folder of the file."""
         return self.path.parent / text
 
 
@@ -122,14 +122,14 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None  # Innermost lists and mappings are written on one line.
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.allow_unicode = False  # Some line separators are not ASCII.
+    yaml.allow_unicode = False  # Some line separators are not ASCII characters.
     yaml.width = sys.maxsize  # ruamel changes some long texts when it folds them.
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     yaml.dump(to_jsonable_python(data, fallback=of_numpy), text)
     Path(path).write_text(
         text.getvalue(), encoding="utf-8"
-    )  # Write last, so that rejected data do not change a file.
+    )  # Write only at the end, so that invalid data leave an existing file unchanged.
 
 
 def _make_scalars_strict(schema: Any) -> None:
@@ -145,9 +145,9 @@ def _make_scalars_strict(schema: Any) -> None:
 
 
 class StrictModel(BaseModel):
-    """Base class of file models: frozen, without unknown keys, only finite numbers.
+    """Base class of file models: frozen, rejects unknown keys and numbers that are not finite.
 
-    Numbers are not read from text, nor text from numbers; lists become tuples, and texts of path
+    Text is not converted to numbers, nor numbers to text; lists become tuples, and texts in path
     fields become paths. Create instances with :func:`validate`. Validators raise :class:`Refusal`.
     """
 
@@ -164,7 +164,8 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _note_keys(cls, data: Any, info: ValidationInfo) -> Any:
-        if info.context and "known_keys" in info.context:  # candidates for the intended key
+        # candidates for the key that the user intended
+        if info.context and "known_keys" in info.context:
             info.context["known_keys"][id(data)] = [
                 field.alias or name for name, field in cls.model_fields.items()
             ]
@@ -189,7 +190,7 @@ File = Annotated[Path, BeforeValidator(_resolve_file, json_schema_input_type=str
 
 
 def validate(document: Document, model: type[M]) -> M:
-    """Convert the data of a document to a ``model``. Raise InputErrors with all problems.
+    """Convert a document's data to a ``model``. Raise InputErrors with all problems.
 
     Validators can access the document as ``info.context["document"]``.
     """
@@ -206,7 +207,7 @@ def validate(document: Document, model: type[M]) -> M:
 def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
     """Return the keys of a pydantic location that exist in the data.
 
-    Locations also contain tags and types of unions, which are not part of the data.
+    Such locations also contain the tags and types of unions, which are not in the data.
     """
     best: tuple[Key, ...] = ()
     if not isinstance(data, (dict, list)):
@@ -219,7 +220,7 @@ def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
     return best
 
 
-_EXPECTED = {  # replacements for Python terms of pydantic
+_EXPECTED = {  # replacements for Python terms in pydantic messages
     "string_type": "text",
     "int_type": "a whole number",
     "float_type": "a number",
@@ -265,11 +266,11 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
 
 
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:
-    """Return the InputError for a union whose kind is unknown or missing."""
+    """Return the InputError for a union whose tag is unknown or missing."""
     name = context["discriminator"].strip("'")
     name = (
         "kind" if name.endswith("()") else name
-    )  # A discriminator function examines other keys first.
+    )  # A discriminator function may have examined other keys first.
     if "tag" in context:
         tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
         return document.error(

@@ -1,7 +1,7 @@
-"""Tables of other programs: CSV of any dialect, JSON lines, Parquet and Excel.
+"""Tables from other programs: CSV of any dialect, JSON lines, Parquet and Excel.
 
-Each cell has a source location. Tables of flights, samples, missions, vehicles and gains share the
-reader and the rules for units in column headings.
+Each cell has a source location. This reader, with its rules for units in column headings, is used
+for all tables of flights, samples, missions, vehicles and gains.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 
-if TYPE_CHECKING:  # Workers read no tables and need not import pyarrow.
+if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.
     import pyarrow as pa
 
 _NUMBER = re.compile(NUMBER)
@@ -44,14 +44,14 @@ _SUFFIXES = {
     "fps": "ft/s",
     "kg m3": "kg/m3",
     "min": "?",
-}  # 'min' is a minimum, as in altitude_min
-_CORNER = "\\"  # separates the names of the two axes of a matrix
-_BLANKS = " "  # Any number of blanks or tabs separates cells.
+}  # in column names, 'min' means minimum, as in altitude_min
+_CORNER = "\\"  # separator of the names of a matrix's two axes
+_BLANKS = " "  # separator that stands for any number of blanks or tabs
 _LONGEST_LIST = 20  # longest JSON list whose items become columns
 
 
 class Column(NamedTuple):
-    """Column of a table: index from 0, and unit from the heading or the row of units."""
+    """Column of a table: index (from 0), and unit from the heading or the row of units."""
 
     position: int
     unit: str = ""
@@ -59,22 +59,23 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class ForeignTable:
-    """Table with columns of text, or with columns as stored in Parquet."""
+    """Table whose columns contain text, or values as stored in a Parquet file."""
 
     path: Path
     heads: tuple[str, ...]
-    units: tuple[str, ...]  # row of units below the headings; empty texts if missing
+    # units in the row below the headings; empty texts if there is no such row
+    units: tuple[str, ...]
     data: "pa.Table"  # columns in the order of the headings
-    lines: Sequence[int]  # [row] line of the file, or row of Parquet, from 1
+    lines: Sequence[int]  # [row] number (from 1) of the line in the file, or of the row in Parquet
     head_line: int = 1
-    texts: Sequence[str] = ()  # [row] original lines of the file
+    texts: Sequence[str] = ()  # [row] original line of the file
     separator: str = ","
 
     def __len__(self) -> int:
         return int(self.data.num_rows)
 
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
-        """Return the InputError for a cell; row None means the heading, column None the line."""
+        """Return the InputError for a cell; row None is the heading, column None the whole line."""
         line = self.head_line if row is None else self.lines[row]
         cells: Sequence[str] = self.heads
         if row is not None:
@@ -91,9 +92,9 @@ class ForeignTable:
     ) -> dict[str, Column]:
         """Return the columns of ``names`` that exist in the table.
 
-        A heading is a name, possibly with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude {ft}'
-        or 'altitude_ft'. ``heads`` maps names to other headings. Raise InputError if two columns
-        match one name.
+        A heading is a name, optionally with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude
+        {ft}' or 'altitude_ft'. ``heads`` maps names to other headings. Raise InputError if two
+        columns match one name.
         """
         columns: dict[str, Column] = {}
         known_names = frozenset(names)
@@ -120,7 +121,7 @@ class ForeignTable:
         return None
 
     def factor(self, column: Column, unit: str) -> float:
-        """Return the factor from a column's unit to ``unit``. Raise InputError if incompatible."""
+        """Return the factor from a column's unit to ``unit``. Raise InputError if there is none."""
         if column.unit in ("", unit):
             return 1.0
         try:
@@ -174,7 +175,7 @@ class ForeignTable:
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column without dictionary encoding, with booleans as numbers and text stripped."""
+    """Return a column decoded from dictionaries, with booleans as numbers and stripped text."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -188,9 +189,9 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
 
 
 def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
-    """Return columns with decimal commas replaced by points.
+    """Return the columns with decimal commas replaced by points.
 
-    Commas are decimal if some numbers contain a comma and none contains a point.
+    Commas are taken as decimal if some numbers contain a comma and none contains a point.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -207,7 +208,7 @@ def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
 
 
 def split_head(head: str) -> tuple[str, str]:
-    """Split a heading such as 'altitude [ft]' into name and unit, which may be empty.
+    """Split a heading such as 'altitude [ft]' into a name and a unit, which may be empty.
 
     An index as in 'x[0]' is not a unit.
     """
@@ -217,7 +218,7 @@ def split_head(head: str) -> tuple[str, str]:
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the name in a heading and the unit, or empty texts.
+    """Return the name and the unit in a heading, or empty texts.
 
     ``names`` are the possible names.
     """
@@ -257,7 +258,8 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            return replace(table, texts=())  # Characters of such a table have no column.
+            # In such a table, characters cannot be located by column.
+            return replace(table, texts=())
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
         if text.lstrip()[:1] == "{":
@@ -281,7 +283,7 @@ def _sheet_text(content: bytes) -> str:
 
 
 def _read_json(path: Path, text: str) -> ForeignTable:
-    """Read one JSON object per line; nested values become columns such as 'position[0]'."""
+    """Read a file with one JSON object per line; nested values become columns 'position[0]'."""
     import pyarrow as pa
 
     rows: list[dict[str, str]] = []
@@ -309,7 +311,7 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
-    """Read a line of headings and lines of cells; skip blank lines and comments."""
+    """Read a line of headings, then lines of cells; blank lines and comments are skipped."""
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
@@ -332,7 +334,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     for line in list(lines.values())[:2]:
         if _CORNER in line:
             return _read_matrix(path, lines, _find_separator([line]))
-    if any(map(_NUMBER.fullmatch, cells)):  # Dakota and numpy write headings in a comment.
+    if any(map(_NUMBER.fullmatch, cells)):  # Dakota and numpy write the headings as a comment.
         for number, line in reversed(comments):
             if number < next(iter(lines)) and len(split_line(line, separator)) == len(cells):
                 lines = {number: line, **lines}
@@ -385,8 +387,8 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
     """Read matrices as a table with one row per cell.
 
-    The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. Blocks of a third
-    axis begin with a line such as 'altitude_m = 1000'.
+    The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. With a third axis,
+    each block begins with a line such as 'altitude_m = 1000'.
     """
     import pyarrow as pa
 
@@ -477,7 +479,7 @@ class NumberTable:
         return tuple(self.columns)
 
     def error(self, row: int, name: str, problem: str, expected: str) -> InputError:
-        """Return the InputError for the number in a row of the column ``name``."""
+        """Return the InputError for the number in one row of the column ``name``."""
         return self.table.error(row, self.columns[name].position, problem, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
@@ -490,7 +492,7 @@ class NumberTable:
 
 
 def read_numbers(path: Path, dimensions: Mapping[str, Dimension]) -> NumberTable:
-    """Read columns as finite numbers, SI and radians. Raise InputError if invalid."""
+    """Read columns as finite numbers in SI units and radians. Raise InputError if invalid."""
     table = read_foreign_table(path)
     return take_numbers(table, table.find(dimensions), dimensions)
 
@@ -498,7 +500,7 @@ def read_numbers(path: Path, dimensions: Mapping[str, Dimension]) -> NumberTable
 def take_numbers(
     table: ForeignTable, columns: Mapping[str, Column], dimensions: Mapping[str, Dimension]
 ) -> NumberTable:
-    """Convert columns to finite numbers, SI and radians. Raise InputError if invalid."""
+    """Convert columns to finite numbers in SI units and radians. Raise InputError if invalid."""
     factors = []
     for name, dimension in dimensions.items():
         if name not in columns:

@@ -1,6 +1,6 @@
 """Errors for invalid input.
 
-The module is separate from :mod:`abhv_mc.io.documents` because the command line imports it at every
+The module is separate from :mod:`abhv_mc.io.documents` because the command line imports it on every
 start.
 """
 
@@ -20,7 +20,7 @@ _SYNONYMS = {
 
 
 class InputError(Exception):
-    """Error: invalid input, with source location, value found and value expected.
+    """Error for invalid input, with source location, value found and value expected.
 
     The command line prints the error and exits with code 2.
 
@@ -63,7 +63,7 @@ class InputError(Exception):
 
 
 class InputErrors(InputError):
-    """Error with all problems of one input, sorted by file and location.
+    """Error that contains all problems of one input, sorted by file and location.
 
     Attributes
     ----------
@@ -90,9 +90,9 @@ class InputErrors(InputError):
 
 
 class Refusal(ValueError):
-    """Error raised by a check of a value that does not know the value's source location.
+    """Error raised by a check that does not know the source location of the checked value.
 
-    The caller adds the location. ``keys`` lead from the checked value to the wrong item.
+    The caller adds the location. ``keys`` is the path from the checked value to the invalid item.
     """
 
     def __init__(self, problem: str, expected: str, keys: tuple[str | int, ...] = ()) -> None:
@@ -114,7 +114,7 @@ def _sentence(problem: str, expected: str) -> str:
 
 
 def is_exhausted(error: BaseException) -> bool:
-    """Return whether the error means that files, processes or memory are exhausted."""
+    """Return whether the error means that file handles, processes or memory are exhausted."""
     kinds = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
     return isinstance(error, OSError) and error.errno in kinds
 
@@ -127,7 +127,7 @@ def printable(text: str) -> str:
 
 
 def is_printable(text: str) -> bool:
-    """Return whether a terminal displays the text unchanged, including all kinds of spaces."""
+    """Return whether a terminal displays the text unchanged; all kinds of spaces are allowed."""
     return all(char.isprintable() or unicodedata.category(char) == "Zs" for char in text)
 
 

@@ -1,7 +1,7 @@
-"""Input files of a command, each of which is read once.
+"""Cache by which a command reads each input file only once.
 
-Checks, simulation, hashing and copies therefore use the same bytes, even if a file is edited during
-the command.
+Checks, simulation, hashes and copies therefore use the same bytes, even if a file is edited while
+the command runs.
 """
 
 import functools
@@ -12,13 +12,13 @@ from typing import Any, TypeVar, cast
 
 A = TypeVar("A")
 T = TypeVar("T")
-_held: list[dict[Any, Any]] = []  # cached file contents and results of functions
+_held: list[dict[Any, Any]] = []  # cached file contents and results of decorated functions
 
 
 @contextmanager
 def reading_once() -> Iterator[None]:
     """Read each input file at most once during the context, in all modules and threads."""
-    if _held:  # a nested context
+    if _held:  # In a nested context, the outer cache is used.
         yield
         return
     _held.append({})

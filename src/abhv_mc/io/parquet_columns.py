@@ -19,7 +19,7 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
-    """Return the sorted distinct texts of a column and the index of the text [row]."""
+    """Return the sorted distinct texts in a column, and the index of each row's text [row]."""
     encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
     texts, inverse = np.unique(
         np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True

@@ -1,11 +1,11 @@
 """Quantities with units: conversion of text such as '20 km' to SI and radians.
 
 A unit is a product of symbols with integer powers ('kg m2', 'slug ft2', 'ft/s', '1/s'); '/' divides
-by the symbol after it. In files a quantity with a dimension needs a unit; on the command line some
+by the next symbol. In files a quantity with a dimension needs a unit; on the command line some
 options allow a bare number.
 
-Conversion factors are from NIST SP 811 (2008), appendix B. They are exact except those of the slug
-and the pound-force per foot.
+Conversion factors are from NIST SP 811 (2008), appendix B. They are exact, except the factors of
+the slug and the pound-force per foot.
 """
 
 import math
@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from abhv_mc.io.input_error import Refusal, describe, one_of
 
-# decimal number; \d would match digits of all scripts
+# decimal number; \d would also match digits of other scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 Exponents = tuple[int, int, int, int]  # exponents of metre, kilogram, second and radian
 
@@ -69,7 +69,7 @@ _FACTOR = re.compile(r"\s*(/?)\s*([A-Za-z]+|%)(?:\^?(-?[0-9]{1,2})(?![0-9]))?")
 
 @dataclass(frozen=True)
 class Dimension:
-    """Physical dimension: name as used in a sentence, SI unit and example."""
+    """Physical dimension: name for use in sentences, SI unit, and example."""
 
     name: str
     unit: str
@@ -111,7 +111,7 @@ _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
 
 def parse_unit(text: str) -> tuple[float, Exponents]:
-    """Return the factor to SI and the exponents of a unit. Raise Refusal if it is unknown."""
+    """Return a unit's factor to SI and its exponents. Raise Refusal if the unit is unknown."""
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)
     text = text.strip().replace("**", "^")
@@ -162,11 +162,12 @@ def si_unit_of(unit: str) -> str:
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
     """Convert text to a quantity in SI. Raise Refusal if it is invalid.
 
-    A number without unit is interpreted in ``bare_unit``.
+    A number without a unit is in ``bare_unit``.
     """
     if dimension is FRACTION:
         bare_unit = "-"
-    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # Numbers of numpy are Real.
+    # The number types of numpy are instances of Real.
+    if isinstance(text, bool) or not isinstance(text, (str, Real)):
         raise Refusal(describe(text), dimension.expected)
     match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
@@ -189,7 +190,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         raise Refusal(
             f"{describe(text)}, {actual.name if actual else 'something else'}", dimension.expected
         )
-    inverse = 1.0 / factor  # Division by 100 rounds once, multiplication by 0.01 twice.
+    inverse = 1.0 / factor  # Division by 100 rounds only once; multiplication by 0.01 rounds twice.
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
         raise Refusal(describe(text), f"a finite number ({dimension.expected})")
@@ -203,7 +204,7 @@ def parse_any(text: str | float) -> float:
 
 
 def unit_of(text: str | float) -> str:
-    """Return the unit in the text of a quantity, or '' for a plain number."""
+    """Return the unit in a quantity's text, or '' if it is a plain number."""
     match = _QUANTITY.fullmatch(str(text).strip()) if isinstance(text, str) else None
     return match.group(2).strip() if match else ""
 
@@ -237,7 +238,7 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
 
 
 def format_quantity(value: float, dimension: Dimension) -> str | float:
-    """Return text that :func:`parse_quantity` converts back to the same float.
+    """Return a text that :func:`parse_quantity` converts back to the same float.
 
     A quantity without dimension becomes a plain number.
     """

@@ -1,7 +1,7 @@
-"""Reader of XML files as nodes with line numbers, without external references.
+"""Reader of XML files, without external references, that returns nodes with line numbers.
 
 Document types are skipped. Entity declarations, entity references and inclusions are rejected. Text
-is folded so that it cannot end the comment, docstring or YAML line that contains it.
+is folded so that it cannot end the comment, docstring or YAML line into which it is written.
 """
 
 import math
@@ -14,13 +14,13 @@ from xml.parsers import expat
 from abhv_mc.io.input_error import InputError
 
 _INCLUDE = "http://www.w3.org/2001/XInclude"
-_DEEPEST = 200  # maximum depth of nested elements
-_SEPARATOR = "\n"  # separator of namespace and name, which no name contains
+_DEEPEST = 200  # maximum nesting depth of elements
+_SEPARATOR = "\n"  # separator of namespace and name, which cannot occur in a name
 _QUOTES = str.maketrans('"\\', "'/")
 
 
 def fold(text: str) -> str:
-    """Return the text on one line, without quotes and control characters."""
+    """Return the text as one line, without quotes and control characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in text.translate(_QUOTES)).split())
 
 
@@ -79,7 +79,7 @@ class Node:
 
 
 def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
-    """Return the root element and the bytes of a file. Raise InputError if invalid."""
+    """Return a file's root element and bytes. Raise InputError if the file is invalid."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -125,7 +125,8 @@ class _Reader:
         node = Node(self._path, plain, bare, *location)
         if self._open:
             self._open[-1].children.append(node)
-            self._open[-1].raw += " "  # The text 1<sep/>3 contains two numbers.
+            # A space keeps the two numbers in a text such as 1<sep/>3 apart.
+            self._open[-1].raw += " "
         else:
             self._root = node
         self._open.append(node)

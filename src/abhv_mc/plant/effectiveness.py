@@ -1,8 +1,8 @@
-"""Derivatives of the aerodynamic coefficients, for control allocation.
+"""Derivatives of the aerodynamic coefficients with respect to deflections, for allocation.
 
-A term ``table * variable`` depends on a deflection through its variable and through a table axis;
-both are linear inside a cell, so the derivatives are exact. Each term's list of slopes is computed
-once per vehicle.
+A term ``table * variable`` may depend on a deflection through the variable and through an axis of
+the table. Both dependences are linear inside a table cell, so the derivatives are exact. The list
+of slopes is made once per vehicle.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def _input_weights(vehicle: Vehicle) -> Floats:
 
 
 def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int], int], int]:
-    """Return the first slope row of each moved (group, axis), and the number of rows."""
+    """Return the first slope row of each (group, axis) that inputs move, and the row count."""
     tables = vehicle.tables
     rows: dict[tuple[int, int], int] = {}
     end = int(tables.n_rows)
@@ -38,12 +38,12 @@ def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int]
 
 
 def count_rows(vehicle: Vehicle) -> int:
-    """Return the number of rows of the vehicle's tables and their slopes."""
+    """Return the total number of rows of a vehicle's tables and of their slopes."""
     return _slope_rows(vehicle, _input_weights(vehicle))[1]
 
 
 def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
-    """Return the slopes of a vehicle that fits the lane memory (see :func:`count_rows`)."""
+    """Return the table slopes of a vehicle that fits the lane memory (:func:`count_rows`)."""
     weights = _input_weights(vehicle)
     tables, terms = vehicle.tables, vehicle.build_up
     entries: list[tuple[int, int, int, int, float]] = []

@@ -1,8 +1,8 @@
 """Dispersible parameters: units, nominal values and descriptions.
 
 To add a parameter, append its name in :mod:`abhv_mc.kernel.plant.parameter_names` (which determines
-the order), add a line to the table below and use it in the plant. Nominal values leave the flight
-unchanged.
+the order), add a line to the table below and use it in the plant. A parameter at its nominal value
+has no effect.
 """
 
 from collections.abc import Iterable, Mapping
@@ -32,14 +32,14 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
 
 @dataclass(frozen=True)
 class Parameter:
-    """Dispersible quantity."""
+    """Quantity that a campaign can disperse."""
 
     name: str
-    unit: str  # SI unit, or the unit of a user's simulator; "-" for a factor (1.0 = nominal)
+    unit: str  # SI unit, or the unit used by a custom simulator; "-" for a factor (1.0 = nominal)
     nominal: float
     doc: str
     of_user: bool = (
-        False  # whether a user defines it, as an input of a simulator or a setting of a vehicle
+        False  # whether the user defines the parameter (simulator input or vehicle setting)
     )
     seed: bool = False  # whether the parameter selects a noise realization
 
@@ -49,9 +49,9 @@ class Parameter:
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
     def read(self, value: float | str, of_nominal: bool = False) -> float:
-        """Convert a quantity to the parameter's unit. Raise Refusal if that fails.
+        """Convert a quantity to the parameter's unit. Raise Refusal if the conversion fails.
 
-        With `of_nominal`, a percentage refers to the nominal value.
+        If `of_nominal`, a percentage is relative to the nominal value.
         """
         if not self.of_user:
             return parse_in_unit(value, self.unit)
@@ -97,7 +97,7 @@ _GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down i
 
 
 def _failing(name: str, noun: str) -> tuple[Parameter, ...]:
-    """Return the failure parameters of a surface, an axis deflection or an effector."""
+    """Return the parameters for failures of a surface, axis deflection or effector."""
     return (
         Parameter(f"failure.{name}.stuck_time", "s", NEVER, f"time at which {noun} sticks"),
         Parameter(
@@ -344,7 +344,7 @@ class Parameters:
 
     @cached_property
     def has_program(self) -> bool:
-        """True if the program's own parameters are included."""
+        """True if the parameters of the built-in simulator are included."""
         return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
@@ -354,7 +354,7 @@ class Parameters:
 
 OURS = Parameters(PARAMETERS)
 
-# parameters that can make an angle oscillate without a limit cycle
+# parameters that can make an angle oscillate even if there is no limit cycle
 DISTURBANCES = (
     "wind.gust_north",
     "wind.gust_east",

@@ -1,8 +1,8 @@
-"""Trim of angle of attack, elevator and equivalence ratio with the full tables.
+"""Trim: angle of attack, elevator and equivalence ratio that balance the full tables.
 
 Forces in the plane of symmetry and the pitching moment about the centre of gravity are balanced
-exactly, without aileron, rudder or sideslip. The method is that of Zhu & Shen (2014), section 4.3,
-without its trimmed tables.
+exactly, with zero aileron, rudder and sideslip. The method follows Zhu & Shen (2014), section 4.3,
+but uses the full tables.
 """
 
 import math
@@ -23,11 +23,12 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
-GRAVITY = 9.80665  # standard gravity in load factors, m/s2
-_TOLERANCE = 1e-8  # tolerance as a share of the weight, and of weight times chord
+GRAVITY = 9.80665  # standard gravity, by which load factors are defined, m/s2
+# tolerance of forces relative to the weight, and of moments relative to weight times chord
+_TOLERANCE = 1e-8
 _STEEPEST = -1.2  # steepest flight path angle of a glide, rad
 _USUAL = math.pi / 4.0  # preferred range of the angle of attack, rad
-_STEP = 1e-13  # tolerance of the roots, rad and equivalence ratio
+_STEP = 1e-13  # tolerance of a solution, in rad or as an equivalence ratio
 
 
 class FlightPoint(NamedTuple):
@@ -41,7 +42,7 @@ class FlightPoint(NamedTuple):
     flight_path_angle: float = 0.0
     speed_rate: float = 0.0  # time derivative of the speed
     flight_path_rate: float = 0.0  # time derivative of the flight path angle
-    # air density relative to the standard atmosphere, including temperature effects
+    # air density relative to the standard atmosphere, including the effect of temperature
     density_factor: float = 1.0
     temperature_factor: float = 1.0
     # Contributions of custom dynamics: body x and z forces, N, and pitching moment, N m.
@@ -54,15 +55,15 @@ class TrimPoint(NamedTuple):
     angle_of_attack: float
     elevator: float
     equivalence_ratio: float
-    flight_path_angle: float  # required flight path angle, or that of the glide
+    flight_path_angle: float  # required flight path angle, or flight path angle of the glide
     forward: float  # force along the velocity, N
     upward: float  # force normal to the velocity in the plane of symmetry, N
     moment: float  # pitching moment about the centre of gravity, N m
     thrust: float  # thrust, N
     lift: float  # aerodynamic lift, N
     drag: float  # aerodynamic drag, N
-    c_tn: float  # lift coefficient of the inclined thrust, T sin(e) cos(alpha) / (q S)
-    load_factor: float  # force normal to the velocity, divided by the weight at sea level
+    c_tn: float  # lift coefficient due to the thrust inclination e, T sin(e) cos(alpha) / (q S)
+    load_factor: float  # force normal to the velocity divided by the weight at sea level
     fuel_flow: float  # fuel flow, kg/s
     mach: float
     dynamic_pressure: float  # dynamic pressure, Pa
@@ -74,14 +75,14 @@ def trim(
 ) -> TrimPoint:
     """Balance a flight point; the default mass (kg) is the vehicle's initial mass.
 
-    A vehicle without an engine is balanced on its glide path, whatever the flight path angle of the
-    point. If no glide path maintains the speed, lift and moment are balanced at the point's own
-    angle.
+    A vehicle without an engine is balanced on its glide path; the flight path angle of the point is
+    ignored. If no glide path maintains the speed, only lift and moment are balanced, at the point's
+    flight path angle.
 
     The Earth's rotation is included, with the Coriolis acceleration. The aerodynamic pitch rate is
-    that of the turn over the ground; the rotation of the local frame, equivalent to 0.03 deg of
-    elevator, is neglected. If the vehicle's limits allow no balance, the point is returned with its
-    ``fault`` and the nearest controls.
+    that due to the turn over the ground; the rotation of the local frame, equivalent to 0.03 deg of
+    elevator, is neglected. If no balance exists within the vehicle's limits, the result contains
+    the nearest controls and a ``fault``.
     """
     mass = vehicle.constants.mass_start if mass is None else mass
     if vehicle.constants.equivalence_ratio_max > 0.0:
@@ -118,7 +119,8 @@ def _balance(
             trial.moment / (weight * constants.chord),
         )
 
-    # Nested solutions, each for the dominant control, are robust at kinks of the tables.
+    # Nested searches, each for the control with the dominant effect, are robust to kinks of the
+    # tables.
     def eta_of(alpha: float, elevator: float) -> float:
         ends = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
@@ -151,7 +153,7 @@ def _balance(
 def _root(
     function: Callable[[float], float], low: float, high: float, step: float = _STEP
 ) -> float:
-    """Return a root between two ends, or the end with the smaller absolute value."""
+    """Return a root between two ends, or else the end with the smaller residual."""
     from scipy.optimize import brentq
 
     end_values = {low: function(low), high: function(high)}
@@ -160,7 +162,8 @@ def _root(
 
     def once(
         x: float,
-    ) -> float:  # Brent's method would evaluate the ends again: most of the work in nested loops.
+        # Brent's method would evaluate the ends again, most of the work in nested searches.
+    ) -> float:
         return end_values[x] if x in end_values else function(x)
 
     return float(brentq(once, low, high, xtol=step, rtol=1e-14))

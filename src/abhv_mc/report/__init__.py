@@ -2,5 +2,5 @@
 
 from abhv_mc.kernel.cache import cache_root
 
-# Matplotlib needs this cache folder on import if there is no home folder.
+# If there is no home folder, matplotlib needs this cache folder when it is imported.
 cache_root()

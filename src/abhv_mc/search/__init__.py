@@ -1,1 +1,1 @@
-"""Searches over a campaign's dispersions, with their executor and results folder."""
+"""Searches over a campaign's dispersions, and the results folders of searches."""

@@ -38,28 +38,28 @@ from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_dis
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
-_PILOT = 2 * LANES  # number of points simulated twice to measure the noise
-_PLACE = 1 << 22  # key of the random numbers of these points
-_UNLIKELY = 0.5  # share of noise above which an estimate below 1e-4 is unlikely
+_PILOT = 2 * LANES  # number of points that are simulated twice to measure the noise
+_PLACE = 1 << 22  # key of the random numbers for these points
+_UNLIKELY = 0.5  # noise share above which an estimate below 1e-4 is unlikely to be reached
 
 
 @dataclass(frozen=True)
 class RareFound:
-    """Rare-event estimate with its flights."""
+    """Rare-event estimate, with the flights of the search."""
 
     request: RareRequest
     controller: str
     requirement: Requirement
     metric: Metric
     estimate: RareEstimate
-    strata: tuple[Stratum, ...]  # combinations of switches; empty without switches
+    strata: tuple[Stratum, ...]  # combinations of switches; empty if the campaign has no switches
     space: Space
     flights: FlightRows
     severities: Floats  # excess over the limit, in the metric's unit [flight]
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
-    # share of noise in the variance of the severity's ranks; None without noise
+    # share of the variance of the severity ranks that is due to noise; None without noise
     noise_share: float | None
     includes_unwarned: bool  # whether the interval includes failures without warning
 
@@ -74,7 +74,7 @@ class RareFound:
 
     @property
     def unwarned(self) -> str:
-        """Second half of the estimate's sentence, on failures without warning."""
+        """Clause on failures without warning that ends the sentence with the estimate."""
         high, (_, flights) = self.estimate.unwarned_high, self.estimate.plain
         if high is None:
             return ""
@@ -162,7 +162,7 @@ class RareFound:
 
 
 def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
-    """Estimate P(failure) for one requirement. Raise InputError for an invalid request."""
+    """Estimate the probability of failing one requirement. Raise InputError if invalid."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
@@ -205,7 +205,8 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         estimate: RareEstimate
         if request.surrogate:
             strata: tuple[Stratum, ...] = ()
-            with one_blas_thread():  # One thread gives identical bits when the search is resumed.
+            # With one thread, a resumed search gives bit-identical results.
+            with one_blas_thread():
                 estimate = estimate_by_surrogate(
                     lambda points: evaluate(points, np.zeros((len(points), 0), np.bool_)),
                     plan,
@@ -264,9 +265,9 @@ def _check_smooth(space: Space, is_noisy: bool) -> None:
 
 
 def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:
-    """Return the requirement with this ID or on this metric.
+    """Return the requirement that has the ID or the metric `name`.
 
-    Raise InputError if there is none or several, or if the metric has plateaus.
+    Raise InputError if there is not exactly one, or if the metric has plateaus.
     """
     bound = [
         item for item in campaign.requirements if not item.named or controller in item.controllers

@@ -59,8 +59,9 @@ from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.user_code.trust import trust
 
-_DRAWN = 3  # number of flights whose time histories a page shows
-DRAWN_APART = 0.1  # minimum distance, as a share of the simulated range (rms over the parameters)
+_DRAWN = 3  # number of worst flights whose time histories a page shows
+# minimum distance between such flights, as a share of the simulated range (rms over parameters)
+DRAWN_APART = 0.1
 _DRAWN_STEP = 0.1  # time step of the histories, s
 
 
@@ -70,7 +71,7 @@ def read_searched(
     """Return the campaign and the controller to search. Raise InputError if invalid."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
-        trust(source)  # The user's own file may be run.
+        trust(source)  # Code in a file that the user passes directly may be run.
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
@@ -85,7 +86,7 @@ def find_metric(
 ) -> Metric:
     """Return a metric of the campaign, or raise the error that `make_error` returns.
 
-    `make_error` receives what is wrong and what was expected.
+    `make_error` receives the problem and the expected input.
     """
     metrics = campaign.metrics
     if name in MARGIN_NAMES and campaign.model.margins is None:
@@ -101,7 +102,7 @@ def find_metric(
 def binding_requirements(
     campaign: Experiment, controller: str, metric: str
 ) -> tuple[Requirement, ...]:
-    """Return the requirements on a metric that apply to the searched controller."""
+    """Return the requirements on a metric that bind the searched controller."""
     return tuple(
         item
         for item in campaign.requirements
@@ -121,7 +122,7 @@ class DrawnFlights:
 
 
 class SearchFlights:
-    """Flights of one search, simulated or read from its folder; see :func:`open_search`."""
+    """Flights of one search, simulated or read from the folder of the search."""
 
     def __init__(
         self,
@@ -133,8 +134,8 @@ class SearchFlights:
     ) -> None:
         """Prepare the flights of a search.
 
-        `campaign` has the searched controller as its only system; `margins` adds stability margins.
-        `writer` is a thread that writes a block while the next one is simulated.
+        `campaign` has the searched controller as its only system; `margins` adds stability margins
+        to every flight. `writer` is a thread that writes a block while the next one is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)
@@ -164,7 +165,7 @@ class SearchFlights:
 
     @property
     def duration(self) -> float:
-        """Duration (s) of a flight that does not terminate early; 0 if durations vary."""
+        """Duration (s) of a flight that does not terminate early; 0 if this varies."""
         return self.plan.timing.duration if self.plan.timing else 0.0
 
     def rows(self) -> FlightRows:
@@ -184,9 +185,9 @@ class SearchFlights:
         )
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
-        """Simulate or read the flights of parameter values [flight, dimension].
+        """Simulate flights with the parameter values [flight, dimension], or read stored ones.
 
-        If `common_seed`, all flights have the same seed, else each has its own.
+        If `common_seed`, all flights have the same seed; otherwise each flight has its own.
         """
         first = self.flown
         samples = self.space.complete(values, self.seed, None if common_seed else first)
@@ -201,7 +202,7 @@ class SearchFlights:
         return rows
 
     def _remember(self, first: int, samples: Floats) -> FlightRows | None:
-        """Return the stored block of these samples; None if it is missing or incomplete."""
+        """Return the stored block with these samples; None if it is missing or incomplete."""
         path = block_path(self.folder.flights, self.plan.controller, first, first + len(samples))
         with contextlib.suppress(DamagedFileError):
             ((rows, _),) = read_campaign_block(path, self.space.columns, self.files)
@@ -236,10 +237,10 @@ class SearchFlights:
         )
 
     def draw(self, severities: Floats) -> DrawnFlights | None:
-        """Re-run the nominal and the worst distinct flights with time histories.
+        """Re-run the nominal flight and the worst distinct flights with time histories.
 
-        `severities` [flight] are those of all flights, from 0 on. Return None if flights have no
-        common times.
+        `severities` [flight] contains the severities of all flights. Return None if the histories
+        have no common times.
         """
         rows = self.rows()
         numbers = rank_distinct(
@@ -307,9 +308,9 @@ def open_search(
 ) -> Iterator[SearchFlights]:
     """Open the folder of a search, lock it and start the executor.
 
-    The result of the search depends on `settings`. With `with_margins`, every flight has stability
-    margins. Raise InputError, before any file is written, if the folder does not contain the
-    beginning of the same search.
+    `settings` determines the result of the search. If `with_margins`, stability margins are
+    computed for every flight. Raise InputError, before any file is written, if the folder does not
+    contain the beginning of the same search.
     """
     with ExitStack() as stack:
         stack.enter_context(reading_once())
@@ -378,7 +379,7 @@ def _check_same(
     both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
     axes = [
         list(item.data.get("dispersions") or ()) for item in both
-    ]  # dispersions of the search, in stored order
+    ]  # dispersions of the search, in the order in which they are stored
     limits = [*describe_requirement_changes(stored.data, inputs.data)]
     if limits and before["kind"] == "rare":
         problem = f"a search with other requirements: {'; '.join(limits)}"

@@ -1,4 +1,4 @@
-"""Severity of flights: one number, continuous if possible, larger for worse flights."""
+"""Severity of a flight: one number, continuous if possible, that is larger if worse."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.statistics.estimates import Criterion
 
-# Severity of early termination, to which the missing seconds are added.
+# Severity of an early termination, to which the missing flight time (s) is added.
 ENDED_EARLY = 1e9
 # Failures are above this value, so that a metric exactly at its limit fails.
 FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
@@ -18,9 +18,10 @@ FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True)
 class Severity:
-    """Severity of flights by one metric: larger is worse, NaN if a flight failed to run."""
+    """Severity of flights by one metric: larger is worse; NaN if a flight failed to run."""
 
-    criterion: Criterion  # metric, its bad values, and the limit of a requirement
+    # metric, the direction in which it is bad, and the limits of a requirement
+    criterion: Criterion
     duration: float  # duration of a flight that does not terminate early, s
     early_is_worse: bool = True
 
@@ -54,11 +55,11 @@ def not_computed(rows: FlightRows) -> NDArray[np.bool_]:
 def rank_distinct(
     severities: Floats, samples: Floats, number: int, min_distance: float = 0.0
 ) -> list[int]:
-    """Return the flights with the largest severities, worst first, without equal samples.
+    """Return the flights with the largest severities and distinct samples, worst first.
 
-    Each flight is farther than `min_distance` from all worse ones (rms over the columns of
-    `samples` [flight, parameter], scaled by their range). An infinite value, such as the time of a
-    failure that does not occur, is one range away from finite ones.
+    Each flight is farther than `min_distance` from all worse flights (rms over the columns of
+    `samples` [flight, parameter], scaled by their range). The distance of an infinite value, such
+    as the time of a failure that does not occur, from a finite value is one range.
     """
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]

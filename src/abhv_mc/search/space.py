@@ -1,4 +1,4 @@
-"""Dispersions of a campaign as standard normal points or points of a box -1 .. 1."""
+"""Dispersions of a campaign as standard normal points, or as points of a box -1 .. 1."""
 
 from dataclasses import dataclass
 
@@ -21,19 +21,20 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import OURS, Parameters
 
 _SMALLEST = 2.0**-53
-_TRIED, _FEWEST_INSIDE = 65536, 10  # random flights tried, and minimum number inside the box
+# number of random flights tried, and minimum number of these inside the box
+_TRIED, _FEWEST_INSIDE = 65536, 10
 _SEEDS = {
     "wind.turbulence_seed": "wind.turbulence",
     "sensor.noise_seed": "_noise",
-}  # seed parameters, with the name endings of the parameters they seed
+}  # seed parameters, with the endings of the names of the parameters that use the seed
 
 
 @dataclass(frozen=True)
 class Space:
-    """Dispersed parameters as dimensions; seeds are drawn for each flight."""
+    """Dispersed parameters as dimensions of a search; seeds are drawn for each flight."""
 
     names: tuple[str, ...]  # names of the dimensions
-    seeds: tuple[str, ...]  # seed parameters, in columns after the dimensions
+    seeds: tuple[str, ...]  # seed parameters, whose columns follow the dimensions
     marginals: tuple[Marginal, ...]
     copula: Copula
     derived: Derived
@@ -58,7 +59,7 @@ class Space:
         """Convert standard normal points to SI values [flight, dimension].
 
         The points pass through the copula and the distributions. `on` [flight, switch] selects
-        which of :attr:`probabilities` occur; by default the points decide.
+        which parameters in :attr:`probabilities` occur; by default, the points determine this.
         """
         from scipy.special import ndtr
 
@@ -77,8 +78,8 @@ class Space:
     def bounds(self, box: float) -> Floats:
         """Return the lower and upper end of the box in each dimension [dimension, 2].
 
-        The ends are the range of bounded distributions, and +-`box` sigma of others. For parameters
-        that occur with a probability, they apply to the values when these occur.
+        The ends are the range of a bounded distribution, or +-`box` sigma of any other. For a
+        parameter that occurs with a probability, they apply to its values if it occurs.
         """
         from scipy.special import ndtr
 
@@ -110,10 +111,10 @@ class Space:
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
-        """Return random values [flight, dimension] of the campaign's distribution in the box.
+        """Return random values [flight, dimension] of the campaign's distributions in the box.
 
-        Values outside are redrawn; parameters that do not occur are always inside. Raise InputError
-        if almost no random flight is inside the box.
+        Values outside the box are redrawn; a parameter that does not occur is always inside. Raise
+        InputError if almost no random flight is inside the box.
         """
         absent = np.array(
             [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]
@@ -139,7 +140,7 @@ class Space:
         return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
-        """Add seed columns for flights from `first` on, or with one common seed if None."""
+        """Add seed columns for flights numbered from `first`; if None, with one common seed."""
         columns = []
         for name in self.seeds:
             drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)
@@ -148,12 +149,12 @@ class Space:
 
 
 def _when_it_comes(marginal: Marginal) -> Marginal:
-    """Return the distribution of the values when the parameter occurs."""
+    """Return the conditional distribution of a parameter's values, given that it occurs."""
     return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
 def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
-    """Return the space of a campaign's dispersions, with unknowns as uniform dispersions.
+    """Return the space of a campaign's dispersions; unknowns are uniform, if included.
 
     Raise InputError if there is nothing to search.
     """

@@ -1,4 +1,4 @@
-"""Worst value of a metric over dispersions (``abhv-mc worst``), and smallest margins.
+"""Search for the worst value of a metric (``abhv-mc worst``) and for smallest margins.
 
 ``abhv-mc margins CAMPAIGN --worst`` finds the smallest margins over dispersions and unknowns by
 linear analysis.
@@ -35,12 +35,12 @@ from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.vehicle_simulator.margin_plans import TrimMargins, trim_margins
 
-_BATCH = 512  # random flights per batch
+_BATCH = 512  # number of random flights per batch
 _MOST_COMBINATIONS = 64  # maximum number of combinations of discrete values
-_OTHER_SEEDS = 64  # flights at the worst point with other turbulence and noise
-MARGIN_EVALUATIONS = 512  # evaluations per margin
-_MARGIN_BOX = 3.0  # box of unbounded distributions, sigma
-_MOVED = 1e-6  # smallest change of a parameter, in half widths of the range
+_OTHER_SEEDS = 64  # number of flights at the worst point with other turbulence and noise
+MARGIN_EVALUATIONS = 512  # number of evaluations per margin
+_MARGIN_BOX = 3.0  # half width of the box for unbounded distributions, sigma
+_MOVED = 1e-6  # smallest change of a parameter that is reported, in half widths of its range
 
 
 @dataclass(frozen=True)
@@ -56,22 +56,22 @@ class WorstFound:
     bounds: Floats  # range of each parameter [parameter, 2]
     probabilities: dict[
         str, float
-    ]  # probabilities of occasional parameters, which occur in all flights of the search
+    ]  # probabilities of parameters that occur occasionally; in the search they always occur
     flights: FlightRows  # flights of the search, followed by random flights
     searched: int  # number of flights of the search
     worst: int  # number of the worst flight
     random_worst: int  # number of the worst random flight
-    severities: Floats  # severity of each flight [flight]
+    severities: Floats  # severities [flight]
     duration: float  # duration of a flight that does not terminate early, s
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
     requirements: tuple[Requirement, ...] = ()  # requirements on the metric
-    random: int = 0  # number of random flights; re-seeded worst flights follow them
+    random: int = 0  # number of random flights, which re-seeded copies of the worst flight follow
 
     @property
     def other_seeds(self) -> tuple[int, int, tuple[float, float, float] | None] | None:
-        """Number of re-seeded worst flights, early terminations, and range of the metric.
+        """Number of re-seeded worst flights, number terminated early, and range of the metric.
 
         The range is the smallest, median and largest value over completed flights. The result is
         None without seeds.
@@ -103,7 +103,7 @@ class WorstFound:
 
     @property
     def side(self) -> str:
-        """Direction of the search as an adjective, such as 'largest'."""
+        """Adjective for the direction of the search, such as 'largest'."""
         if self.criterion.limits is not None:
             return "farthest out"
         return {"high": "largest", "low": "smallest", "size": "largest absolute"}[
@@ -219,9 +219,10 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
 
 
 def _combine(space: Space, best: Floats) -> Iterator[Floats]:
-    """Yield the best point [1, dimension] with all combinations of discrete values, if few.
+    """Yield the best point [1, dimension] with all combinations of discrete values.
 
-    The search moves one or all parameters at a time, and discrete values have no slope.
+    Yield nothing if there are too many. The search itself moves one or all parameters at a time,
+    and discrete values have no slope.
     """
     values = {
         i: marginal.values
@@ -241,7 +242,7 @@ class WorstMargin:
 
     controller: str
     metric: str
-    nominal: float  # nominal margin in the metric's unit; 0 if unstable or without a trim
+    nominal: float  # nominal margin in the metric's unit; 0 if unstable or if there is no trim
     found: float
     parameters: dict[str, float]  # parameters at the smallest margin, SI
     moved: tuple[str, ...]  # parameters away from the middle of their range, farthest first

@@ -1,4 +1,4 @@
-"""Poles and margins of linear models, and margins of a campaign's flights over time."""
+"""Poles and margins of linear models, and margins of flights at several times."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
@@ -23,10 +23,10 @@ from abhv_mc.stability.search import frequency_grid
 from abhv_mc.stability.steady import trim_points
 
 FREQUENCIES = 200
-GROWTH = 1e-5  # growth rate below which a pole is neutral within rounding, 1/s
-_TOGETHER = 64  # flights analysed together: their states at every tick take 1 MB each
+GROWTH = 1e-5  # growth rate below which a pole counts as neutral because of rounding errors, 1/s
+_TOGETHER = 64  # number of flights analysed together; the states of each take 1 MB
 
-# values of a campaign's metrics if no perturbation destabilizes a loop
+# values of the margin metrics if no perturbation destabilizes a loop
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
 NO_SLOPES = "the vehicle or the controller has no finite derivatives there"
@@ -40,27 +40,28 @@ class Stability(NamedTuple):
     stable: Mask  # whether each system is stable
     poles: list[
         Complexes
-    ]  # poles of the closed loops, 1/s, fastest growing first; none without finite slopes
+    ]  # closed-loop poles, 1/s, fastest growing first; empty if slopes are not finite
     margins: Margins  # margins; NaN for systems that are not stable
-    cut: Ints  # [system, input] reason why an input has no loop, see linear_model
+    cut: Ints  # [system, input] reason why an input has no loop (see linear_model), else 0
     inputs: tuple[str, ...]
     apart: "Stability | None" = (
-        None  # stability of single effectors, if requested and the controller commands axes
+        # stability of loops at single effectors, if requested and if the controller commands axes
+        None
     )
 
 
 class FlightMargins(NamedTuple):
-    """Smallest margins of each flight over loops and times; 0 if a flight has none."""
+    """Smallest margins of each flight over all loops and times; 0 if there is no margin."""
 
-    # [flight, 4] smaller gain (dB), phase (deg), delay (ms) and disk margin
+    # [flight, 4] smaller gain margin (dB), phase margin (deg), delay margin (ms), disk margin
     table: Floats
-    faults: list[list[str]]  # [time][flight] reason why there is no margin; empty if there is one
+    faults: list[list[str]]  # [time][flight] reason why there is no margin; '' if there is a margin
 
 
 def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False) -> Stability:
     """Return closed-loop poles, and the margins of stable systems.
 
-    If `apart`, also return those of single effectors.
+    If `apart`, also return the poles and margins of single effectors.
     """
     if apart and linear.apart is not None:
         return analyse(linear, frequencies)._replace(apart=analyse(linear.apart, frequencies))
@@ -94,7 +95,7 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
 
 
 def closed_poles(linear: Linear, discrete: list[Complexes] | None = None) -> list[Complexes]:
-    """Return the closed-loop poles (1/s), fastest growing first, from their eigenvalues."""
+    """Return the closed-loop poles (1/s) from the discrete eigenvalues, fastest growing first."""
     span = linear.period * max(len(linear.phases), 1)
     with np.errstate(divide="ignore"):
         poles = [
@@ -105,12 +106,12 @@ def closed_poles(linear: Linear, discrete: list[Complexes] | None = None) -> lis
 
 
 def _closed_poles(linear: Linear) -> list[Complexes]:
-    """Return the closed-loop eigenvalues over the period; empty if not finite."""
+    """Return the eigenvalues of the closed loop over its period; empty if not finite."""
     poles: list[Complexes] = [np.empty(0, np.complex128)] * len(linear.A)
     for delay in np.unique(linear.delay):
         systems = np.flatnonzero(linear.delay == delay)
         loops = np.stack([closed_period(linear, int(i)) for i in systems])
-        # Models of a controller without derivatives are not finite.
+        # The model of a controller without derivatives is not finite.
         finite = np.isfinite(loops).all(axis=(1, 2))
         for i, loop_poles in zip(systems[finite], np.linalg.eigvals(loops[finite]), strict=True):
             poles[i] = loop_poles
@@ -120,7 +121,7 @@ def _closed_poles(linear: Linear) -> list[Complexes]:
 def points_at(
     plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time
 ) -> tuple[FlightPlan, Found]:
-    """Return the points of flights at a time, or at their trims, with the matching plan."""
+    """Return the points of flights at a time or at their trims, with the plan to linearize."""
     if time == "trim":
         return steady, trim_points(steady, parameters)
     return plan, flown_points(plan, parameters, time)
@@ -137,8 +138,8 @@ def margins_of_flights(
     """Return the smallest margins over `times` of flights [flight, parameter].
 
     `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. A
-    flight that is unstable, has ended or is saturated at any of the times has zero margins. Without
-    a crossing the values are 60 dB, 180 deg and 1000 ms.
+    flight that is unstable, has ended or is saturated at any of the times has zero margins. If no
+    perturbation destabilizes a loop, the values are 60 dB, 180 deg and 1000 ms.
     """
     count = len(parameters)
     least = np.tile(
@@ -181,7 +182,7 @@ _LOOP = (
 
 
 def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, float]]:
-    """Return margins by loop, and of `all`; inf if unlimited, NaN if unstable or cut."""
+    """Return the margins of each loop and of `all`; inf if unlimited, NaN if unstable or cut."""
     values = {
         name: _margins_of_loop(loop_stability, system, i)
         for name, loop_stability, i in _loops(stability)
@@ -200,7 +201,7 @@ def margin_values(stability: Stability, system: int = 0) -> dict[str, dict[str, 
 
 
 def _loops(stability: Stability) -> Iterator[tuple[str, Stability, int]]:
-    """Yield name, stability and index of each loop; loops of single effectors come last."""
+    """Yield the name, stability and index of each loop; loops of single effectors come last."""
     yield from ((name, stability, i) for i, name in enumerate(stability.inputs))
     if stability.apart is not None:
         for i, name in enumerate(stability.apart.inputs[:-1]):
@@ -220,7 +221,7 @@ def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, flo
 
 
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
-    """Return by input why an input has no loop: `stuck` or `no effect` (no fuel)."""
+    """Return, for each input without a loop, the reason: `stuck` or `no effect` (no fuel)."""
     return {
         name: REASONS[why]
         for name, loop_stability, i in _loops(stability)
@@ -233,10 +234,10 @@ def make_rows(
 ) -> list[dict[str, Any]]:
     """Return a row for each loop, and a row `all` for all loops together.
 
-    `time` (s) is None at the trim. Infinite values, and those of an unstable closed loop, are None.
-    The row of a cut loop has its `reason`, and the row `all` of an unstable system has its growing
-    poles (1/s, real and imaginary part). Rows of single effectors have `counts: False` if the
-    controller commands axes.
+    `time` (s) is None at the trim. Infinite values, and all values of an unstable closed loop, are
+    None. The row of a cut loop has its `reason`, and the row `all` of an unstable system has its
+    growing poles (1/s, real and imaginary part). Rows of single effectors have `counts: False` if
+    the controller commands axes.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
     effector_loops = [

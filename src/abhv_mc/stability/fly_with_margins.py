@@ -1,4 +1,4 @@
-"""Simulation of flights with stability margins as additional metrics."""
+"""Simulation of flights, with stability margins as additional metrics."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -14,8 +14,9 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
 if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Time
 
-AT_TRIM = -1.0  # entry of MarginPlan.margin_times that denotes the trim
-_GROUP = 32  # fixed number of flights linearized together, because it affects the last bits of sums
+AT_TRIM = -1.0  # value in MarginPlan.margin_times that denotes the trim
+# number of flights linearized together; fixed, because it affects the last bits of sums
+_GROUP = 32
 _DIGITS = 6  # significant digits of a margin; the last bits depend on the machine's libraries
 
 
@@ -24,7 +25,7 @@ class MarginPlan(FlightPlan):
     """Flight plan with margins: MARGIN_VALUES are appended to the metrics."""
 
     steady: FlightPlan  # plan of :func:`abhv_mc.stability.steady.make_steady_plan`
-    margin_times: Floats  # times of the margins, s; AT_TRIM for the trim
+    margin_times: Floats  # times at which margins are computed, s; AT_TRIM for the trim
 
 
 def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]") -> MarginPlan:
@@ -40,7 +41,7 @@ def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]")
 def fly_with_margins(
     plan: FlightPlan, parameters: Floats, record_every: Recording | int | None = None
 ) -> FlightBlock:
-    """Simulate flights; add margins if `plan` is a MarginPlan, NaN where they fail."""
+    """Simulate flights; add margins if `plan` is a MarginPlan, or NaN if computing them fails."""
     block = fly(plan, parameters, record_every)
     if not isinstance(plan, MarginPlan):
         return block
@@ -54,7 +55,7 @@ def fly_with_margins(
 
 
 def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
-    """Return the margins of a group, computed flight by flight if the group fails."""
+    """Return the margins of a group of flights; if the group fails, compute flight by flight."""
     try:
         return _find(plan, parameters)
     except Exception:
@@ -64,7 +65,7 @@ def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
 
 
 def _find(plan: MarginPlan, parameters: Floats) -> Floats:
-    """Return margins [flight, value] of a group, padded with copies of its last flight."""
+    """Return the margins [flight, value] of a group, which is padded with its last flight."""
     from abhv_mc.stability.analysis import margins_of_flights
 
     count = len(parameters)

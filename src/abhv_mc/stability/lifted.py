@@ -1,13 +1,14 @@
-"""Margins of multi-rate controllers, from responses lifted over the controller's period.
+"""Margins of multi-rate controllers from responses lifted over the controller's period.
 
 A controller that repeats after N ticks of T responds to a frequency w with all frequencies w + 2 pi
-m / (N T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant factor of an
-actuator is a multiple of the identity, so that a single loop, with the other loops closed, has N
+m / (N T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant gain factor at
+an actuator is a multiple of the identity, so that a single loop, with the other loops closed, has N
 characteristic loci instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2 and
-6). If all ticks are equal, the margins are those of a single rate.
+6). If all ticks are equal, the margins equal those of a single-rate controller.
 
 Responses are computed from the N inputs to the N commands of a period. They are related to the
-responses in harmonics by a unitary transformation, have the same loci and norms, and cost less.
+responses between harmonics by a unitary transformation, have the same loci and norms, and are
+cheaper to compute.
 """
 
 from functools import partial
@@ -31,16 +32,17 @@ from abhv_mc.stability.margins import (
 )
 from abhv_mc.stability.search import refine_peaks
 
-_SLOWEST = 1e-6  # frequency used instead of zero, where integrators have no response, rad/s
-_ROUNDING = 1e-13  # relative size below which a locus is taken as zero
+# frequency used instead of zero, where the response of integrators is infinite, rad/s
+_SLOWEST = 1e-6
+_ROUNDING = 1e-13  # relative size below which a locus counts as zero
 _NEWTON_STEPS = 12
 
 
 class _Lifted(NamedTuple):
-    """Loops of k inputs over a period, from N inputs to minus the N commands."""
+    """Lifted loops of k inputs, from the inputs in a period's N ticks to minus the commands."""
 
     loops: Loops
-    ahead: Floats  # [system, k N, k N] effect of a command on later ones in its own period
+    ahead: Floats  # [system, k N, k N] effect of a command on later commands in the same period
     ticks: int
     period: float  # duration of a tick, s
 
@@ -76,7 +78,7 @@ def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
 
 
 def fundamental_gains(linear: Linear, omega: Floats) -> Complexes:
-    """Return the gains [frequency, loop] of the first system, without harmonics."""
+    """Return the loop gains [frequency, loop] of the first system, without harmonics."""
     _, single = _lift(linear, 0)
     rows = np.arange(len(linear.inputs))
     return np.stack([_in_harmonics(single, rows[[i]], omega)[:, 0, 0] for i in rows], axis=1)
@@ -96,7 +98,7 @@ def _lift(linear: Linear, system: int) -> tuple[_Lifted, _Lifted]:
 
 
 def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: float) -> _Lifted:
-    """Return the lifted loops of systems, given A, B, C of each tick."""
+    """Return the lifted loops of systems, given A, B and C in each tick."""
     parts = []
     for ticks in systems:
         (n, k), count = ticks[0][1].shape, len(ticks)
@@ -129,7 +131,7 @@ def _harmonics(law: _Lifted, omega: Floats) -> Floats:
 
 
 def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
-    """Return loop gains between harmonics instead of ticks, by a unitary transformation."""
+    """Return the loop gains between harmonics instead of ticks, by a unitary transformation."""
     L, count = _gains(law, system, omega), law.ticks
     ticks = L.reshape(omega.size, -1, count, L.shape[-1] // count, count).swapaxes(2, 3)
     wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[
@@ -141,7 +143,7 @@ def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
 
 
 def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Floats:
-    """Return the dominant frequency of a locus' eigenvector [point], rad/s."""
+    """Return the dominant frequency in the eigenvector of a locus [point], rad/s."""
     values, vectors = np.linalg.eig(_in_harmonics(law, system, omega))
     share = np.abs(inverse(vectors) * np.swapaxes(vectors, -1, -2))
     points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
@@ -150,7 +152,7 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
 
 
 def _loci(matrices: Complexes) -> Complexes:
-    """Return the eigenvalues [..., locus]; zero if they are below the rounding error."""
+    """Return the eigenvalues [..., locus], with zero for those below the rounding error."""
     values, vectors = np.linalg.eig(matrices)
     condition = np.linalg.norm(inverse(vectors), axis=-1)
     size = np.linalg.norm(matrices, axis=(-2, -1))[..., None]
@@ -164,9 +166,9 @@ def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Fl
 
 
 def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tuple[Floats, Floats]:
-    """Return the frequencies of loci of size 1, and the delays at which they become -1.
+    """Return the frequencies at which loci have size 1, and the delays that turn them to -1.
 
-    The delays are found by Newton's method.
+    Both are found by Newton's method.
     """
 
     def left(x: Floats) -> Floats:
@@ -204,7 +206,7 @@ def _largest_scaled(
 ) -> tuple[Floats, Floats]:
     """Return the peak of the scaled norm of M = S - I/2, and its frequency.
 
-    The scaled norm is the smallest norm of D M D^-1 with one scale for each input.
+    The scaled norm is the smallest norm of D M D^-1 over diagonal D with one scale per input.
     """
     eye = np.eye(L.shape[-1])
     M = inverse(eye + L) - 0.5 * eye
@@ -234,7 +236,7 @@ def _scaled(M: Complexes, log_scales: Floats) -> Complexes:
 
 
 def _least_norm(M: Complexes, start: Floats) -> tuple[float, Floats]:
-    """Return the smallest norm of D M D^-1 and its log scales, by convex minimization."""
+    """Return the smallest norm of D M D^-1, and the log scales in D, by convex minimization."""
     from scipy.optimize import minimize
 
     def norm(x: Floats) -> tuple[float, Floats]:

@@ -11,29 +11,32 @@ REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
 
 class Linear(NamedTuple):
-    """Linear models, one per point, continuous and discrete.
+    """Continuous and discrete linear models, one per point.
 
     Discrete models are x+ = A x + B u, y = C x + D u at the control rate.
     """
 
     period: float  # control period, s
     plant_A: (
-        # [point, 10 + custom, 10 + custom] continuous plant in path coordinates and custom states
+        # [point, 10 + custom, 10 + custom] continuous plant; states: path coordinates, custom
+        # states
         Floats
     )
-    # [point, 10 + custom, actuator] effect of surface (or effector) and engine positions
+    # [point, 10 + custom, actuator] effect of the positions of surfaces (or effectors) and engine
     plant_B: Floats
-    # [point, n, n] discrete plant: path coordinates, actuators and custom states
+    # [point, n, n] discrete plant; states: path coordinates, actuators, custom states
     A: Floats
     B: Floats  # [point, n, input] effect of the commands
-    law_A: Floats  # [point, memory, memory] controller's memory, with sensor states last
+    # [point, memory, memory] dynamics of the controller's memory, with sensor states last
+    law_A: Floats
     law_B: Floats  # [point, memory, 10] effect of the measurement on the memory
-    law_C: Floats  # [point, input, memory] commands from the memory
-    law_D: Floats  # [point, input, 10] commands from the measurement
-    delay: Ints  # [point] age of the measurement, control periods
-    sense: Floats  # [point, 10, n] measurement without delay; a frozen one is a row of zeros
+    law_C: Floats  # [point, input, memory] effect of the memory on the commands
+    law_D: Floats  # [point, input, 10] effect of the measurement on the commands
+    delay: Ints  # [point] delay of the measurement, control periods
+    # [point, 10, n] measurement without delay; the row of a frozen measurement is zero
+    sense: Floats
     cut: Ints  # [point, input] STUCK or NO_EFFECT if an input has no loop, else 0
-    phases: "tuple[Linear, ...]" = ()  # one model per tick of the period of a multi-rate controller
+    phases: "tuple[Linear, ...]" = ()  # one model per tick of a multi-rate controller's period
     inputs: tuple[str, ...] = INPUTS  # names of the plant inputs commanded by the controller
     # model with one input per effector, if the controller commands axes
     apart: "Linear | None" = None

@@ -1,9 +1,9 @@
 """Linearization of the closed loop about points of flights as a sampled system.
 
-The plant is continuous in path coordinates. Surfaces and engine have their kind of actuator without
-limits, dead zones and backlash. The zero-order hold over the control period is exact. The
-controller is represented by the derivatives of its compiled tick, including its memory. The first
-dimension of arrays is the point.
+The plant is continuous in path coordinates. Surfaces and engine have actuators of their kind,
+without limits, dead zones and backlash. The zero-order hold over the control period is modelled
+exactly. The controller is represented by the derivatives of its compiled tick, including its
+memory. The first dimension of arrays is the point.
 """
 
 from collections.abc import Sequence
@@ -33,22 +33,22 @@ from abhv_mc.stability.sensor_states import add_sensors
 from abhv_mc.vehicle.actuators import surface_list
 
 _N_PATH = len(path.COORDINATES)
-# row after rates and aerodynamic sideslip in the result of plant_slopes
+# first row of the measurement in the result of plant_slopes
 _MEASURED = _N_PATH + 1
-_WHOLE = 1e-7  # largest distance to an integer of a measurement slope that is rounded
-_AT_ONCE = 1e5  # bandwidth of an ideal actuator with damping 1 (0.02 ms delay), rad/s
-_FELT = 1e-8  # slope of a rate over a control below which it is a rounding error
+_WHOLE = 1e-7  # largest distance to an integer at which a measurement slope is rounded to it
+_AT_ONCE = 1e5  # bandwidth, rad/s, that represents an ideal actuator (damping 1, 0.02 ms delay)
+_FELT = 1e-8  # slope of a rate with respect to a control below which it is a rounding error
 
 
 def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
     """Return linear models at points of flights.
 
-    The path coordinates in `held` are constant and are no states of A and B; their rates in the
+    The path coordinates in `held` are constant and are not states of A and B; their rates in the
     continuous plant are zero.
     """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
-    # Forces move path and custom states; the actuators are between them in the full state.
+    # Forces act on path coordinates and custom states, between which are the actuator states.
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
     moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
     driven = slice(_N_PATH, _N_PATH + k)
@@ -112,9 +112,10 @@ def _mixed(linear: Linear, mix: Floats) -> Linear:
 
 
 def _sensing(slope: Floats, inputs: int) -> Floats:
-    """Return the measurement matrix of the plant's states from slopes.
+    """Return the matrix that maps the plant's states to the measurement.
 
-    `slope` is [point, measured, 10 + input + custom state]; values close to an integer are rounded.
+    `slope` has shape [point, measured, 10 + input + custom state]; values close to an integer are
+    rounded.
     """
     rounded = np.round(slope)
     clean = np.where(np.abs(slope - rounded) < _WHOLE, rounded, slope)
@@ -126,7 +127,7 @@ def _sensing(slope: Floats, inputs: int) -> Floats:
 
 
 def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
-    """Return A [point, 2 k, 2 k] and B [point, 2 k, k] of actuators: position and rate.
+    """Return A [point, 2 k, 2 k] and B [point, 2 k, k] of k actuators (position and rate).
 
     `lane` [point, row] is the kernel's memory.
     """
@@ -152,7 +153,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
 def hold(
     plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats
 ) -> tuple[Floats, Floats]:
-    """Return discrete matrices of plant and actuators with commands held over a tick.
+    """Return the discrete matrices of plant and actuators, with commands held over a tick.
 
     `held_B` is the effect of positions that are held over the tick.
     """
@@ -169,7 +170,7 @@ def hold(
     together[:, 10:last, 10:last] = actuator_A
     together[:, 10:last, n : n + k] = actuator_B
     together[:, moved, n + k :] = held_B[:, :, : size - n - k]
-    # Scaling rates by the bandwidth keeps the argument of the exponential small.
+    # Scaling the rates by the bandwidth keeps the argument of the matrix exponential small.
     scale = np.ones((len(plant_A), size))
     scale[:, 11:last:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
     balanced = together * scale[:, None, :] / scale[:, :, None]
@@ -187,7 +188,7 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     sense = linear.sense[point]
     measured, p = sense.shape
     n = p + m + measured * d
-    # measurement seen by the controller, as a function of the whole state
+    # matrix that maps the whole state to the measurement seen by the controller
     seen = np.zeros((measured, n))
     if d:
         seen[:, n - measured :] = np.eye(measured)
@@ -206,12 +207,12 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
 
 
 def closed_loop(linear: Linear, point: int) -> Floats:
-    """Return the map over one control period for the states of :func:`open_loop`."""
+    """Return the closed-loop matrix over one tick, for the states of :func:`open_loop`."""
     A, B, C = open_loop(linear, point)
     return A - B @ C
 
 
 def closed_period(linear: Linear, point: int) -> Floats:
-    """Return the map over the controller's period: the product of its ticks' maps."""
+    """Return the closed-loop matrix over the controller's period, the product over its ticks."""
     maps = [closed_loop(phase, point) for phase in linear.phases or (linear,)]
     return maps[0] if len(maps) == 1 else np.linalg.multi_dot(maps[::-1])

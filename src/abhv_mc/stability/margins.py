@@ -1,12 +1,12 @@
-"""Stability margins of sampled loops from their frequency responses.
+"""Stability margins of sampled control loops from their frequency responses.
 
 The loop gain L of a system is a matrix: all loops are cut at the plant's inputs, and the controller
-commands -L v for an input v. For loop i alone, with the others closed, ``L_i = T_ii / S_ii`` with
-``S = (1 + L)^-1`` and ``T = S L``. Disk margins: Seiler, Packard and Gahinet, IEEE Control Systems
-40 (2020) 78-95, with the symmetric disk (skew 0).
+commands -L v for an input v. For loop i alone, with the other loops closed, ``L_i = T_ii / S_ii``
+with ``S = (1 + L)^-1`` and ``T = S L``. Disk margins: Seiler, Packard and Gahinet, IEEE Control
+Systems 40 (2020) 78-95, with the symmetric disk (skew 0).
 
 Responses are computed in Hessenberg form (Laub, IEEE Trans. Automatic Control 26 (1981) 407-408):
-roots of polynomials of the 18- to 36-state models are meaningless in double precision.
+in double precision, polynomial roots of models with 18 to 36 states are meaningless.
 """
 
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floa
 
 
 def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
-    """Return L [point, input, input] of `system` at `omega` (rad/s), cut at the inputs."""
+    """Return the loop gain L [point, input, input] of `system` [point] at `omega` (rad/s)."""
     points, inputs = len(omega), loops.law_D.shape[1]
     result = np.empty((points, inputs, inputs), dtype=np.complex128)
     fill_loop_gains(
@@ -81,20 +81,21 @@ _APART = 1e-14  # multiple of the identity added to a possibly singular matrix
 
 
 class Margins(NamedTuple):
-    """Margins of each loop with the others closed [system, loop], and of all [system].
+    """Margins of each loop, with the others closed, [system, loop], and of all loops [system].
 
-    The margins assume a stable system; they are infinite without a limit.
+    The margins are valid for stable systems; unlimited margins are infinite.
     """
 
-    gain_low: Floats  # largest gain factor below 1 that makes the loop neutral; 0 if there is none
+    # largest gain factor below 1 that makes the loop neutrally stable; 0 if there is none
+    gain_low: Floats
     gain_low_frequency: Floats  # frequency of the lower gain margin, rad/s
     gain_high: Floats
     gain_high_frequency: Floats
     phase: Floats  # phase margin, rad
-    # gain crossover frequency of the phase margin, rad/s; NaN without a crossover
+    # gain crossover frequency at the phase margin, rad/s; NaN if there is no crossover
     crossover: Floats
     delay: Floats  # delay margin, s
-    sensitivity: Floats  # largest |1 / (1 + L)|
+    sensitivity: Floats  # largest |1 / (1 + L)| over frequency
     disk: Floats  # 1 / largest |S - 1/2|
     all_disk: Floats  # 1 / largest mu(S - I/2)
     all_disk_frequency: Floats
@@ -110,12 +111,12 @@ class Closed(NamedTuple):
 
 # function of rows and frequencies (rad/s) that returns loci [point, locus]
 Loci = Callable[[Ints, Floats], Complexes]
-# function of rows, frequencies and loci of size 1 that returns neutral frequencies and delays
+# function of rows, frequencies and loci of size 1; returns frequencies and delay margins
 Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 
 def close(L: Complexes) -> tuple[Complexes, Closed]:
-    """Return the sensitivity [..., input, input] and the single loops of loop gains."""
+    """Return the sensitivity [..., input, input] and the single loops for loop gains L."""
     S = inverse(np.eye(L.shape[-1]) + L)
     alone = np.einsum("...ij,...ji->...i", S, L)
     own = np.einsum("...ii->...i", S)
@@ -123,9 +124,9 @@ def close(L: Complexes) -> tuple[Complexes, Closed]:
 
 
 def inverse(matrices: Complexes) -> Complexes:
-    """Return the inverses of matrices [..., n, n], shifted slightly against singularity.
+    """Return the inverses of matrices [..., n, n], shifted slightly to avoid singularity.
 
-    Loop gains are singular at a pole of the closed loop.
+    The matrix 1 + L is singular at a pole of the closed loop.
     """
     identity = np.eye(matrices.shape[-1])
     moved = matrices + _APART * identity
@@ -182,16 +183,16 @@ def eigenvalues(matrices: Complexes) -> Complexes:
 
 
 def largest(size: Quantity, grid: Floats, values: Floats) -> Floats:
-    """Return the peak of a size over frequency [row], given `values` on the grid."""
+    """Return the peak over frequency of the quantity `size` [row], given `values` on the grid."""
     return refine_peaks(size, grid, values.argmax(axis=1), values.max(axis=1))[0]
 
 
 def _crossings(
     loci: Loci, quantity: Callable[[Complexes], Floats], grid: Floats, values: Complexes
 ) -> tuple[Ints, Floats, Complexes]:
-    """Return the zero crossings of a quantity: rows, frequencies and loci.
+    """Return rows, frequencies and loci of the zero crossings of a quantity.
 
-    `values` has shape [row, frequency, locus]; crossings are followed by rank of the quantity.
+    `values` has shape [row, frequency, locus]; at each frequency, loci are sorted by the quantity.
     """
     count = values.shape[-1]
     ranked = np.moveaxis(np.sort(quantity(values), axis=-1), -1, 1).reshape(-1, grid.shape[1])
@@ -214,7 +215,7 @@ def gain_margins(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the neutral gains [row] closest to 1 from below and above, with frequencies."""
 
-    def turned(gains: Complexes) -> Floats:  # Zero gains are not loci and are sorted last.
+    def turned(gains: Complexes) -> Floats:  # Zero gains are not valid loci and are sorted last.
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))
 
     row, where, value = _crossings(loci, turned, grid, values)
@@ -236,7 +237,7 @@ def gain_margins(
     low_at, high_at = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
     order = np.argsort(
         -np.abs(np.log(np.where(crosses, k, _FARTHEST)))
-    )  # The last entry, which overwrites previous ones, is the nearest.
+    )  # The last entry, which overwrites the previous entries, is the nearest to 1.
     for i in order[crosses[order]]:
         if k[i] < 1.0:
             low[row[i]], low_at[row[i]] = k[i], where[i]
@@ -254,7 +255,7 @@ def phase_margins(
 ) -> tuple[Floats, Floats, Floats]:
     """Return phase margin (rad), its frequency (rad/s) and delay margin (s) [row].
 
-    The margins are evaluated where a locus has size 1.
+    The margins are evaluated at frequencies where a locus has size 1.
     """
     row, where, value = _crossings(loci, _log_size, grid, values)
     turn = np.angle(value) + np.pi  # angle between 0 and 2 pi
@@ -271,7 +272,7 @@ def phase_margins(
 
 
 def _log_size(gains: Complexes) -> Floats:
-    """Return the logarithm of gain sizes; a loop that is cut has zero gain."""
+    """Return the logarithm of the size of gains; the gain of a loop that is cut is zero."""
     return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
 
 

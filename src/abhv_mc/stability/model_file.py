@@ -28,13 +28,13 @@ FORMATS = (".npz", ".mat", ".json")
 
 
 def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, Any]:
-    """Return matrices and names for the first point: arrays, and lists of text.
+    """Return the matrices (arrays) and names (lists of text) of the first point's models.
 
     `plant` maps commands to the measurement; `loop` maps actuator inputs to minus the controller's
-    commands, with all loops cut; `closed` maps disturbances of the commands to truth and commands.
-    `plant_continuous` has the actuator commands as inputs. All other models are sampled with
-    `period`. If a controller repeats after several `ticks`, they belong to the point's tick, and
-    `closed_over_ticks` is the map over all ticks.
+    commands, with all loops cut; `closed` maps disturbances of the commands to true outputs and
+    commands. `plant_continuous` has the actuator commands as inputs. All other models are sampled
+    with `period`. If a controller repeats after several `ticks`, these models apply to the tick of
+    the point, and `closed_over_ticks` is the map over all ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
@@ -140,7 +140,7 @@ def stack_models(models: Sequence[dict[str, Any]], times: Sequence[float]) -> di
 def write_model(file: Path, model: dict[str, Any]) -> None:
     """Write a model in the format given by the file's suffix.
 
-    Entries of `.npz` have names such as `plant_A`. Raise InputError for another suffix.
+    Entries of a `.npz` file have names such as `plant_A`. Raise InputError for another suffix.
     """
     check_format(file)
     with atomic_write(file) as temporary, temporary.open("wb") as stream:

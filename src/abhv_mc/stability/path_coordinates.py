@@ -1,8 +1,8 @@
-"""Path coordinates of a flight, relative to the Earth, and their rates.
+"""Path coordinates of a flight relative to the Earth, and their rates.
 
 The ten coordinates are geodetic altitude, speed, flight path angle, heading, angle of attack,
-sideslip, bank and the body rates. The attitude is that of the path (heading, flight path angle,
-bank as 3-2-1 angles) rotated about its z axis by minus the sideslip and about the y axis by the
+sideslip, bank and the body rates. The attitude is the attitude of the path (3-2-1 angles: heading,
+flight path angle, bank), rotated about the z axis by minus the sideslip and about the y axis by the
 angle of attack. Units are SI and radians; the first dimension is the point.
 """
 
@@ -72,7 +72,7 @@ def _turned(quaternion: Floats, angle: Floats, axis: int) -> Floats:
 
 
 def _axes(attitude: Floats) -> Floats:
-    """Return the north, east and down rows [3, 3, point] of the body-axis matrix."""
+    """Return the rotation matrix [3, 3, point] from body axes to north, east and down."""
     a, b, c, d = attitude
     return np.array(
         [
@@ -101,7 +101,7 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     chi, d_chi = _angle(n[1], n[0], dn[1], dn[0])
     alpha, d_alpha = _angle(v[2], v[0], dv[2], dv[0])
     beta, d_beta = _angle(v[1], plane, dv[1], d_plane)
-    # Bank is the angle of the path's y and z axes to the vertical.
+    # The bank follows from the down components of the path's y and z axes.
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     (x_d, y_d, z_d), (dx_d, dy_d, dz_d) = C[2], dC[2]
     ahead, d_ahead = ca * x_d + sa * z_d, ca * dx_d + sa * dz_d + d_alpha * (ca * z_d - sa * x_d)

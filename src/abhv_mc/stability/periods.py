@@ -1,8 +1,8 @@
-"""Period of multi-rate controllers, and the controllers' derivatives over it.
+"""Period of multi-rate controllers, and derivatives of the controllers over the period.
 
-Counters, clocks and modes in the memory, which small changes of the measurement do not affect,
-continue without perturbation, because half a tick of a counter has no meaning. During a period,
-measurement, reference and gains are constant; time and the controller's memory advance.
+Counters, clocks and modes in the memory are not affected by small changes of the measurement. They
+are not perturbed, because half a tick of a counter has no meaning. During a period, measurement,
+reference and gains are constant; time and the controller's memory advance.
 """
 
 import hashlib
@@ -22,31 +22,31 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.point_slopes import Points, Slopes, law_slopes, measured_steps
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows, run_law
 
-LONGEST = 100  # longest period, ticks
-_SETTLING = 2.0  # settling time, s
+LONGEST = 100  # longest supported period, ticks
+_SETTLING = 2.0  # time before the observation, s
 _WATCHED = 2 * LONGEST  # number of observed ticks
 _SAME = 0.01  # allowed relative difference between responses one period apart
-_NOTHING = 1e-9  # largest slope or change of a command taken as zero
-_STEP = 1e-6  # step of the memory
+_NOTHING = 1e-9  # largest slope or change of a command that counts as zero
+_STEP = 1e-6  # difference step of the memory
 
 SWITCHES = "the controller switches at its equilibrium"
 
 
 class Period(NamedTuple):
-    """Number of ticks after which a controller repeats, and its carried memory."""
+    """Number of ticks after which a controller repeats, and the memory carried unperturbed."""
 
     ticks: int
     carried: Mask  # [memory] whether small changes of the measurement have no effect
-    # [memory] after the transient, one tick before a multiple of the period plus one
+    # [memory] memory after the transient, in the tick before tick m N + 1 (N: period, m: integer)
     start: Floats
-    modes: tuple[str, ...]  # names and values of constant carried memory
+    modes: tuple[str, ...]  # names and values of the carried memory that is constant
 
 
 _known: dict[str, Period] = {}
 
 
 def find_period(plan: FlightPlan) -> Period:
-    """Return the period that the plan declares, else the smallest one detected.
+    """Return the period that the plan declares, or else the smallest period detected.
 
     Raise InputError if the controller does not repeat, or contradicts its declaration.
     """
@@ -72,7 +72,7 @@ def _find_period(plan: FlightPlan) -> Period:
     sensed, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
     start = np.hstack([sensed[0, s.MEASURED : s.MEASURED + n], law_at(plan, sensed, 0)[0]])
     settling = max(round(_SETTLING / plan.timing.tick), 1)
-    # The undisturbed controller, a permanently disturbed one, and one per disturbed quantity.
+    # Controllers: undisturbed, permanently disturbed, and one for each disturbed quantity.
     steps = np.append(measured_steps(n), np.full(len(names), _STEP))
     change = np.vstack([np.zeros((2, steps.size)), np.diag(steps)])
     follow = np.maximum(np.arange(len(change)) == 1, 0).astype(np.int64)
@@ -81,7 +81,7 @@ def _find_period(plan: FlightPlan) -> Period:
     values = run_law(
         go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change=change
     )
-    # Controllers without derivatives are rejected where derivatives are needed.
+    # Controllers without derivatives are rejected later, when derivatives are needed.
     values = np.nan_to_num(values)
     memory = values[:, :, : len(names)]
     carried = (memory[:, 1] == memory[:, 0]).all(axis=0)
@@ -127,7 +127,7 @@ def _find_period(plan: FlightPlan) -> Period:
 def _repeats(N: int, responses: Floats, clocks: Floats, command: Floats) -> bool:
     """Return whether the controller's behaviour [tick, ...] repeats after `N` ticks.
 
-    Commands may drift in addition.
+    The commands may also drift.
     """
     size = np.abs(responses).max(axis=0)
     difference = np.abs(responses[N:] - responses[:-N]).max(axis=0)
@@ -151,7 +151,7 @@ def go_on(plan: FlightPlan, tick: int, ticks: int) -> FlightPlan:
 
 
 def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
-    """Return the controller's slopes in each tick of its period, from the points' tick on."""
+    """Return the controller's slopes in each tick of its period, starting at the points' tick."""
     period = find_period(plan)
     if period.ticks == 1 and not period.carried.any():
         return [law_slopes(plan, points)]
@@ -185,5 +185,5 @@ def over_period(plan: FlightPlan, points: Points) -> Slopes:
 
 
 def switching(plan: FlightPlan, law: Slopes) -> Mask:
-    """Return whether one-sided slopes of a custom controller differ [point]."""
+    """Return a mask [point] of points at which a custom controller's one-sided slopes differ."""
     return np.asarray(law.uneven.any(axis=(1, 2)) & (plan.law in USER_LAWS))

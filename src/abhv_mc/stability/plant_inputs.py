@@ -22,14 +22,14 @@ INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
 
 def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the names of the inputs, with the engine last."""
+    """Return the names of the plant's inputs, with the engine last."""
     return (*name_effectors(vehicle), INPUTS[3]) if vehicle.constants.driven else INPUTS
 
 
 def plant_states(vehicle: Vehicle) -> tuple[str, ...]:
     """Return the names of the plant's states.
 
-    They are path coordinates, position and rate of each input, and custom states.
+    The states are path coordinates, position and rate of each input, and custom states.
     """
     return (
         *path.COORDINATES,
@@ -46,16 +46,16 @@ def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def solved_states(plan: FlightPlan) -> Ints:
-    """Return the indices of the custom states that a trim solves for.
+    """Return the indices of the custom states for which a trim solves.
 
-    Custom states with an initial value are not solved for.
+    These are the custom states without an initial value.
     """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
     return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
 
 
 def custom_of(vehicle: Vehicle, lane: Floats) -> Floats:
-    """Return custom states [point, state] from the kernel's memory `lane` [point, row]."""
+    """Return the custom states [point, state] in the kernel's memory `lane` [point, row]."""
     return np.ascontiguousarray(lane[:, s.CUSTOM_STATE : s.CUSTOM_STATE + vehicle.foreign.states])
 
 
@@ -104,7 +104,7 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
 
 
 def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return the memory [flight, row] of the effector actuators, without columns if none."""
+    """Return the memory [flight, row] of the effector actuators; no columns if there are none."""
     return np.ascontiguousarray(
         saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
     )

@@ -1,8 +1,7 @@
-"""Derivatives of plant and controller at points of flights, by fourth-order differences.
+"""Derivatives of plant and controller at points of flights by fourth-order differences.
 
-Tables are linear between their nodes, so derivatives jump at nodes. Close to a node the difference
-is one-sided, on the side of the point; exactly at a node it is to the right, as in the table
-look-up.
+Tables are linear between their nodes, so derivatives jump at nodes. Near a node, the difference is
+one-sided, on the side of the point; exactly at a node, it is on the right, as in the table look-up.
 """
 
 from collections.abc import Callable
@@ -20,27 +19,27 @@ from abhv_mc.stability.probe import ask_plant, law_tick
 
 _STEPS = np.array([0.5, 0.02, *[2e-5] * 8])  # difference steps of the path coordinates
 _MOVE = 2e-5  # difference step of actuator positions
-# steps of additional measurements, in m/s, -, g, rad, m and m/s2
+# difference steps of additional measurements, in m/s, -, g, rad, m and m/s2
 _MORE_STEPS = np.array(
     [0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5, *[1e-3] * 3]
 )
-_CHANGE = 2e-5  # change of a command that a step of the memory should cause, rad
-_NO_CHANGE = 1e-14  # largest change of a command by memory that acts at a later tick only
+_CHANGE = 2e-5  # change of a command that a difference step of the memory should cause, rad
+_NO_CHANGE = 1e-14  # largest change of a command caused by memory that acts only at later ticks
 _TURNING = (path.CHI, path.BANK)  # angles measured between -180 and 180 deg
 
-# offsets in steps, their weights and the weight of the point itself
+# offsets in steps, the weights at these offsets and, if not zero, the weight of the point itself
 _CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0)
 _RIGHT = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12.0, -25.0 / 12.0)
 
-_UNEVEN = 0.01  # allowed relative difference of one-sided changes
-_ROUNDED = 1e-10  # change of a value that may be a rounding error
+_UNEVEN = 0.01  # largest relative difference of one-sided changes that counts as equal
+_ROUNDED = 1e-10  # largest change of a value that may be a rounding error
 
 # function of points [point, coordinate] and their indices that returns values and table cells
 Function = Callable[[Floats, Ints], tuple[Floats, Ints]]
 
 
 class Slopes(NamedTuple):
-    """Values at points, with their slopes."""
+    """Values of a function at points, with their slopes."""
 
     value: Floats  # values [point, value]
     slope: Floats  # slopes [point, value, coordinate]
@@ -63,7 +62,7 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     count, width = points.shape
     value, cells = function(points, np.arange(count))
     expected = np.ones((count, width), dtype=bool)
-    # Differences are central inside a cell, otherwise on the side with more of the cell.
+    # Differences are central inside a cell, otherwise on the side with more space in the cell.
     answer, near = _ask(function, points, steps, expected, np.tile(_CENTRAL[0], (count, width, 1)))
     inside = (near == cells[:, None, None, :]).all(axis=-1)
     slope = np.einsum("pcov,o->pvc", answer, _CENTRAL[1]) / steps[:, None, :]
@@ -93,7 +92,7 @@ def newton_step(J: Floats, left: Floats) -> Floats:
 def _is_uneven(change: Floats) -> Mask:
     """Return whether the one-sided slopes differ.
 
-    From one step to two, the change grows fourfold for a curve and twofold for a kink.
+    If the step is doubled, the change grows fourfold for a curve and twofold for a kink.
     """
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
@@ -130,21 +129,22 @@ class Points(NamedTuple):
     """Points of linearization, one row each, in SI units and radians."""
 
     path: Floats  # true path coordinates [point, 10]
-    controls: Floats  # positions [point, input], see abhv_mc.stability.plant_inputs
+    controls: Floats  # positions [point, input] of the inputs in abhv_mc.stability.plant_inputs
     latitude: Floats  # latitude [point]
     mass: Floats  # mass [point]
     measured: Floats  # measurement seen by the controller [point, 10]
     memory: Floats  # controller's memory before its tick [point, memory]
-    lane: Floats  # [point, row] the kernel's memory in the tick: dispersions, wind, failures
+    # [point, row] the kernel's memory in the tick, with dispersions, wind and failures
+    lane: Floats
     custom: Floats  # states of custom dynamics [point, state]
-    tick: int  # row of the reference and of the gains
+    tick: int  # index of the row in the reference and in the gains
 
 
 def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> Slopes:
     """Return path rates, sideslip, measurement and custom rates with their slopes.
 
-    Values have the shape [point, 10 + 1 + measured + custom]; slopes are taken over path
-    coordinates, controls and custom states. The sideslip is aerodynamic.
+    Values have the shape [point, 10 + 1 + measured + custom]; slopes are derivatives with respect
+    to path coordinates, controls and custom states. The sideslip is aerodynamic.
     """
     n = 10 + points.controls.shape[1]
 
@@ -153,7 +153,7 @@ def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> S
             plan, points, x[:, :10], x[:, 10:n], x[:, n:], point=point, hold_slow=hold_slow
         )
         measured = answer.measured
-        for angle in _TURNING:  # Remove the jump of angles at half a turn.
+        for angle in _TURNING:  # Remove the jump of angles at 180 deg.
             measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
         sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
         quantities = path.path_rates(states, answer.rates), sideslip, measured, answer.custom_rates
@@ -201,7 +201,7 @@ def _wrapped(angle: Floats) -> Floats:
 def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
     """Return the controller's memory and commands after its tick, with their slopes.
 
-    Slopes are taken over the measurement and the memory.
+    Slopes are derivatives with respect to the measurement and the memory.
     """
     n = points.measured.shape[1]
 
@@ -224,7 +224,7 @@ def measured_steps(count: int) -> Floats:
 
 
 def memory_steps(plan: FlightPlan, points: Points) -> Floats:
-    """Return steps [point, memory] with about equal effect on the commands."""
+    """Return difference steps [point, memory] that have about equal effects on the commands."""
     count = points.memory.shape[1]
     steps = 1e-6 * np.maximum(1.0, np.abs(points.memory))
     if count == 0:

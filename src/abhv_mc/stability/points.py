@@ -1,6 +1,6 @@
-"""Points of linearization along flights, and warnings near table nodes.
+"""Points of linearization along flights, and warnings about points near table nodes.
 
-Disturbed flights can be continued from a point to verify a linear model's prediction.
+A disturbed flight can be continued from a point to verify a linear model.
 """
 
 from typing import NamedTuple
@@ -45,13 +45,14 @@ class Found(NamedTuple):
 def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     """Return the points of flights [flight, parameter] at the tick nearest to `time` (s).
 
-    Ended flights are represented by their start and marked by a fault.
+    A flight that has ended is represented by its start and marked by a fault.
     """
     tick = min(round(time / plan.timing.tick), plan.timing.ticks)
     saved = fly_until(plan, parameters, tick)
     finite = np.isfinite(saved.rows[:, s.X : s.X + s.N_STATES]).all(axis=1)
     ended = ~finite | (saved.rows[:, Z_ROWS + ALIVE] == 0.0)
-    if ended.any():  # Finite placeholders, which are not reported, replace ended flights.
+    # Flights that have ended get finite values as placeholders, which are not reported.
+    if ended.any():
         saved.rows[ended] = fly_until(plan, parameters[ended], 0).rows
     sensed, lane = begin(plan, saved)
     now = lane[:, s.X : s.X + s.N_STATES]
@@ -75,7 +76,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
 
 
 def behind_limit(plan: FlightPlan, points: Points) -> Mask:
-    """Return whether commands [point] exceed limits of the controller or the vehicle."""
+    """Return a mask [point] of commands that exceed limits of the controller or the vehicle."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
     low, high = range_of(plan.vehicle)
     outside = (free.command < low) | (free.command > high)
@@ -83,14 +84,14 @@ def behind_limit(plan: FlightPlan, points: Points) -> Mask:
     beyond = np.asarray(outside.any(axis=1))
     if (
         plan.commanding_law in USER_LAWS
-    ):  # The controller's limits on angle of attack and bank are in its code.
+    ):  # The limits on angle of attack and bank are applied inside the controller's code.
         return beyond
     low, high, bank = plan.settings[-N_LIMITS:][:3]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
     return np.asarray(beyond | (alpha < low) | (alpha > high) | (sigma > bank))
 
 
-_NEAR = 0.02  # distance to a node that counts as near, in cell lengths
+_NEAR = 0.02  # largest distance to a node that counts as near, in cell lengths
 _DEGREES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 
 
@@ -127,7 +128,7 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
 
 
 def closed_states(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return closed-loop states [flight, n + memory] of simulated flights.
+    """Return the closed-loop states [flight, n + memory] of simulated flights.
 
     The states are path coordinates, actuators, custom states and the controller's memory.
     """
@@ -163,7 +164,7 @@ def disturb(plan: FlightPlan, saved: SavedFlights, change: Floats) -> SavedFligh
 def fly_disturbed(
     plan: FlightPlan, parameters: Floats, tick: int, change: Floats, ticks: int
 ) -> Floats:
-    """Return closed-loop states [tick, n + memory] of a flight disturbed at `tick`."""
+    """Return the closed-loop states [tick, n + memory] of a flight disturbed at `tick`."""
     saved = disturb(plan, fly_until(plan, parameters, tick), change)
     history = [closed_states(plan, saved)[0]]
     for later in range(tick + 1, min(tick + ticks, plan.timing.ticks) + 1):

@@ -1,4 +1,4 @@
-"""Evaluation of the compiled plant and controllers at single points, vectorized.
+"""Vectorized evaluation of the compiled plant and controllers at single points.
 
 Linearization differentiates these functions, so that the linear model represents the simulated
 code. Evaluation starts from the kernel's memory of a flight, which includes the vehicle's
@@ -44,7 +44,7 @@ from abhv_mc.kernel.stability.probes import (
 from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
 
-# memory rows of the built-in controllers, including any used last commands
+# memory rows of the built-in controllers, including the last commands where they are used
 _INTEGRALS = (
     *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
@@ -71,8 +71,8 @@ _MEMORY: dict[str, dict[str, int]] = {
     "lqr": {},
 }
 _LONGEST = 600.0  # maximum duration of native controller ticks, s
-_WIDE = 1e6  # limit beyond any command, for controllers linearized without limits
-# number of values seen: table variables, guidance commands and actuator commands
+_WIDE = 1e6  # limit larger than any command, for controllers linearized without limits
+# number of recorded values: table variables, guidance commands and actuator commands
 _N_SEEN = len(VARIABLES) + 7
 
 
@@ -82,7 +82,7 @@ class LawTick(NamedTuple):
     memory: Floats  # memory after the tick [point, memory]
     command: Floats  # commands [point, input]; NaN if a custom controller fails
     variables: Floats  # variables of the table look-up [point, variable]
-    guidance: Floats  # [point, 3] commanded flight path angle, angle of attack and bank
+    guidance: Floats  # commanded flight path angle, angle of attack and bank [point, 3]
 
     @property
     def guided(self) -> Floats:
@@ -95,7 +95,7 @@ class LawTick(NamedTuple):
 
 @cache
 def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
-    """Return the compiled probe, or the full one if the cache contains it."""
+    """Return the compiled probe, or the full probe if the cache contains it."""
     if not lean:
         return make(False)
     full = choose_probe(make, False)
@@ -113,7 +113,7 @@ def compile_probes(plan: FlightPlan) -> None:
 
 
 def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
-    """Return lane memories [flight, row] with the measurement and with active failures."""
+    """Return the lane memories [flight, row] with active failures, and the measurement."""
     before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
     numbers, moving = np.arange(len(before)), moving_of(plan, saved)
     if measured_count(plan) == s.N_SEEN:  # specific force at the tick, as sensors measure it
@@ -144,12 +144,12 @@ def ask_plant(
     hold_slow: bool = False,
     effectors_at: Floats | None = None,
 ) -> PlantAnswer:
-    """Evaluate the plants of `flight` [point] at `states` [point, state].
+    """Evaluate the plant of each `flight` [point] at `states` [point, state].
 
     `lane` [flight, row] is the memory of the flights. `custom` [point, state] contains custom
-    states, by default those of `lane`. With `hold_slow`, effectors slowed down by a failure and
-    held over a tick take the positions of the state's mix. `effectors_at` [point, input] gives the
-    positions of effectors with actuators.
+    states, by default those of `lane`. If `hold_slow`, effectors that a failure slows down are held
+    over a tick at the positions that the mix of the state gives. `effectors_at` [point, input]
+    gives the positions of effectors with actuators.
     """
     points = len(states)
     count = measured_count(plan)
@@ -180,7 +180,7 @@ def ask_plant(
 
 
 def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
-    """Return by name the rows of the lane memory that the controller uses.
+    """Return the rows of the lane memory that the controller uses, by name.
 
     Raise InputError if the rows of a custom controller are unknown.
     """
@@ -193,7 +193,7 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
 
 
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
-    """Run one tick after the first, without limits except those in custom code.
+    """Run one controller tick (not the first), without limits except those in custom code.
 
     `measured` has shape [point, measured] and `memory` [point, memory].
     """
@@ -225,7 +225,7 @@ def _commands(plan: FlightPlan, seen: Floats) -> Floats:
 def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     """Return the controller's memory [flight, memory] before its tick.
 
-    `sensed` is a result of :func:`begin`; at tick 0 differentiators are at rest.
+    `sensed` is a result of :func:`begin`; at tick 0, differentiators are at rest.
     """
     memory_rows = law_memory_rows(plan)
     memory = sensed[:, list(memory_rows.values())]
@@ -299,7 +299,7 @@ def _run_law(
 
 
 def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
-    """Return the plan without limits on commands; row 0 also serves as tick 1."""
+    """Return the plan without limits on commands; its row 0 also applies to tick 1."""
     constants = plan.vehicle.constants._replace(
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )

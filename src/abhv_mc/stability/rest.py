@@ -1,6 +1,6 @@
 """Equilibria of controllers that do not maintain the trim, e.g. without integrators.
 
-A custom controller has its limits in its code. At a trim that it does not maintain, it may be
+The limits of a custom controller are in its code, and at a trim that it does not maintain it may be
 saturated: NASA's F-16 controller commands full aft stick at an altitude error of two metres.
 Derivatives at a saturated point do not describe a closed loop.
 """
@@ -18,18 +18,18 @@ from abhv_mc.stability.point_slopes import Points, Slopes, newton_step, plant_sl
 
 _ITERATIONS = 40
 _AT_REST = 1e-8  # tolerance of rates, changes of memory, and commands minus controls
-_ROUNDING = 1e-8  # rounding error of the controller's slopes over the measurement
+_ROUNDING = 1e-8  # rounding error of the controller's slopes with respect to the measurement
 _LOST = 1e-3  # relative slope below which the controller counts as saturated
-_MEASURED = 11  # row of the first measurement in the result of plant_slopes
+_MEASURED = 11  # index of the first measurement in the result of plant_slopes
 
 
 def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, Mask]:
-    """Move saturated points to an equilibrium; return points and whether still saturated."""
+    """Move saturated points to an equilibrium; return points and which are still saturated."""
     free = over_period(plan, points._replace(measured=at_errors_zero))
     limited = is_off_trim = _limited(plan, points, free)
     if plan.vehicle.constants.driven and not mixes(
         plan
-    ):  # The mixing matrix does not determine the equilibrium.
+    ):  # The mixing matrix alone does not determine the equilibrium.
         command = over_period(plan, points).value[:, points.memory.shape[1] :]
         is_off_trim = limited | (np.abs(command - points.controls) > _AT_REST).any(axis=1)
     rows = np.flatnonzero(is_off_trim)
@@ -61,13 +61,13 @@ def _limited(plan: FlightPlan, points: Points, free: Slopes) -> Mask:
 
 
 def _strengths(slope: Floats) -> Floats:
-    """Return the sizes [point, input, 2] of slopes over speed, and over angles and rates."""
+    """Return the sizes [point, input, 2] of slopes over speed and over angles and rates."""
     angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 
 
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
-    """Return equilibria, except for a constant heading rate, and whether Newton converged."""
+    """Return equilibria with a constant heading rate, and where Newton's method converged."""
     m, n = points.memory.shape[1], points.measured.shape[1]
     law_measured, law_memory = (
         free.slope[:, :, :n],

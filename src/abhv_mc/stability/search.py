@@ -9,14 +9,15 @@ from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 _CROSSING_STEPS = 40
 _PEAK_STEPS = 9
 _SECTION = 0.5 * (3.0 - np.sqrt(5.0))  # golden-section ratio
-_CLOSE = 1e-12  # tolerance of zero crossings and of the logarithm of the frequency
+# tolerance of the quantity at a zero crossing, and of the logarithm of the frequency
+_CLOSE = 1e-12
 
-# function of loops and frequencies (rad/s) that returns a quantity [point]
+# function of loop indices and frequencies (rad/s) that returns a quantity [point]
 Quantity = Callable[[Ints, Floats], Floats]
 
 
 def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
-    """Return loop and interval of each sign change in `values` [loop, frequency]."""
+    """Return the loop and the interval of each sign change in `values` [loop, frequency]."""
     positive = values > 0.0
     loop, interval = np.nonzero(positive[:, 1:] != positive[:, :-1])
     return loop, interval
@@ -57,7 +58,7 @@ def refine_peaks(
 ) -> tuple[Floats, Floats]:
     """Return the maximum [loop] near grid index `start` [loop], and its frequency.
 
-    Steps are parabolic, with a golden section in every third step.
+    Steps use parabolas, with a golden section in every third step.
     """
     loops = np.arange(len(omega))
     x = np.log(omega)
@@ -94,7 +95,7 @@ def _choose(  # The first applicable case is used.
 
 
 def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
-    """Return logarithmic frequencies [system, frequency], rad/s, including those of `poles`."""
+    """Return a logarithmic grid [system, frequency], rad/s, with the frequencies of `poles`."""
     own = count // 10
     top = np.pi / period
     base = np.geomspace(1e-4, top, count - own)

@@ -1,7 +1,7 @@
 """Sensor dynamics in linear models: lags and sampled values as states, and scale factors.
 
 The order is that of :mod:`abhv_mc.kernel.flight.sensors`. A delay commutes with a lag, and shifts
-the ticks at which a delayed measurement changes.
+the ticks at which a sampled measurement changes.
 """
 
 import math
@@ -31,7 +31,7 @@ def sensor_ticks(plan: FlightPlan, parameters: Floats) -> Ints:
 
 
 def _sensors(plan: FlightPlan, points: Points) -> tuple[Floats, Floats, Ints, Ints, Ints]:
-    """Return parameters, lags, sample periods, and indices of lagged and sampled sensors.
+    """Return parameters, lags, sample periods, and the indices of lagged and sampled sensors.
 
     Lags [point, ...] are in control periods, sample periods [point, ...] in ticks.
     """
@@ -54,9 +54,9 @@ def sensor_states(plan: FlightPlan, points: Points) -> list[str]:
 
 
 def repeats_after(ticks: Ints, law: int) -> int:
-    """Return the common period of sensors [measured] and controller, in ticks.
+    """Return the common period of the sensors [measured] and the controller, in ticks.
 
-    Raise InputError if it exceeds LONGEST.
+    Raise InputError if this period exceeds LONGEST.
     """
     count = math.lcm(law, *ticks.tolist())
     if count > LONGEST:

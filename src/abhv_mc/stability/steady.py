@@ -1,4 +1,4 @@
-"""Steady flight: plans of level or turning flight, and trims of the true vehicles."""
+"""Steady flight: plans for level or turning flight, and trims of the dispersed vehicles."""
 
 from dataclasses import replace
 
@@ -41,8 +41,10 @@ from abhv_mc.user_code.design import DesignModel
 _ITERATIONS = 25
 _AT_REST = 1e-12  # largest change of the controller's memory in a tick at a trim
 _STILL = 1e-10  # step of the memory below which the iteration has converged
-_GROWS = 1e-7  # change per tick without an equilibrium: integration of 6e-4 deg of sideslip
-_RESTING = 1e5  # weight of an equilibrium relative to the controls, if they are incompatible
+# change per tick that shows the lack of an equilibrium: integration of 6e-4 deg of sideslip
+_GROWS = 1e-7
+# weight of the equilibrium relative to the weight of the controls, if they are incompatible
+_RESTING = 1e5
 _BALANCED = 1e-9  # largest rate at a trim, rad/s2 and similar units
 _UNKNOWNS = [
     path.ALPHA,
@@ -55,13 +57,13 @@ _UNKNOWNS = [
     11,
     12,
     13,
-]  # mixing matrix with the axes and the engine last
+]  # unknowns of the trim: path coordinates, then the three axes and the engine
 _LARGEST = np.array(
     [0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3]
 )  # maximum Newton step of each unknown
 _EXPECTED = slice(
     1, 11
-)  # rows of plant_slopes: all rates except altitude, and aerodynamic sideslip
+)  # rows of plant_slopes: all rates except the altitude rate, and aerodynamic sideslip
 _BEYOND = "the trim exceeds the limits of surfaces or engine"
 
 
@@ -75,9 +77,8 @@ def make_steady_plan(
 ) -> FlightPlan:
     """Return a plan of permanent steady flight at the mission's start, with its gains.
 
-    `bank` (rad) is the bank of the guidance's trim in a steady turn; 0 means straight flight at any
-    bank. `user_code` belongs to a custom controller. Raise InputError if no steady turn has this
-    bank.
+    `bank` (rad) is the bank of the guidance trim in a steady turn; 0 means straight flight.
+    `user_code` belongs to a custom controller. Raise InputError if no steady turn has this bank.
     """
     level = mission.model_copy(
         update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate}
@@ -145,17 +146,18 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     """Return the trims of the true plants for a plan of :func:`make_steady_plan`.
 
     `parameters` has shape [flight, parameter]. Steady wind and failures at the start are included.
-    Altitude, speed and heading are those of the reference, flight path angle and aerodynamic
-    sideslip are zero, and all rates except the heading rate vanish. A stuck aileron or rudder
-    leaves the sideslip free. The controller is in equilibrium with zero errors; it is a fault if
-    there is no equilibrium.
+    Altitude, speed and heading equal the reference, flight path angle and aerodynamic sideslip are
+    zero, and all rates except the heading rate vanish. A stuck aileron or rudder leaves the
+    sideslip free. The controller is in equilibrium with zero errors; if there is no equilibrium,
+    the point has a fault.
     """
     row = plan.reference[0]
     _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
     _, lane = begin(
         plan, SavedFlights(1, begun)
     )  # A measurement that fails at the start is frozen from the second tick on.
-    out = lane[:, s.ENGINE_FAILED] > 0.0  # whether the thrust of a failed engine has decayed
+    # flights with a failed engine, whose thrust is assumed to have decayed
+    out = lane[:, s.ENGINE_FAILED] > 0.0
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
     count, nothing = len(lane), np.empty((len(lane), 0))
     stuck_at, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
@@ -188,10 +190,10 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     )
     last = _EXPECTED.stop + measured_count(
         plan
-    )  # row of the measurement, followed by rates of custom states
+    )  # index of the first rate of a custom state, after the measurement
     own = solved_states(plan)
     expected = [*range(_EXPECTED.start, _EXPECTED.stop), *(last + own)]
-    # mixing matrices without stuck inputs [point, input, axis]
+    # mixing matrices [point, input, axis] with zero rows for stuck inputs
     moved = np.where(stuck[:, :, None], 0.0, mix)
     lateral = np.linalg.matrix_rank(moved[:, :, :2]) == np.linalg.matrix_rank(mix[:, :2])
     holds = np.ones((count, len(expected)), bool)
@@ -254,12 +256,12 @@ def _unsettled(controller: str, sideslip: float) -> str:
 
 
 def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:
-    """Return the equilibrium memory, whether it grows, and whether the controller switches.
+    """Return the equilibrium memory, and whether it grows and the controller switches [point].
 
-    The memory [point, memory] is constant and its commands equal the points' controls. If no memory
-    satisfies both, as for controllers without integrators, the memory is constant and the commands
-    are as close as possible. All conditions apply over the controller's period: carried memory
-    continues, and the command is the mean over the period.
+    The memory [point, memory] is constant and the commands equal the points' controls. If no memory
+    satisfies both conditions, as for controllers without integrators, the memory is constant and
+    the commands are as close to the controls as possible. All conditions apply over the
+    controller's period: carried memory continues, and the command is the mean over the period.
     """
     period, count = find_period(plan), len(law_memory_rows(plan))
     memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)

@@ -1,4 +1,4 @@
-"""Statistical functions of arrays, independent of files and controllers."""
+"""Statistical functions that operate on arrays only, without files or controllers."""
 
 from abhv_mc.statistics.binomial import (
     clopper_pearson,

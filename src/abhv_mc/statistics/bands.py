@@ -1,4 +1,4 @@
-"""Quantiles of time histories over flights."""
+"""Quantiles over flights at each time of the recorded histories."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -20,7 +20,7 @@ def _check(failures: int, runs: int, **probabilities: float) -> None:
 
 
 def consumer_risk(failures: int, runs: int, probability: float) -> float:
-    """Return the chance of at most `failures` in `runs` flights at a success `probability`."""
+    """Return P(at most `failures` failures in `runs` flights) at a success `probability`."""
     _check(failures, runs, probability=probability)
     return 1.0 if failures == runs else float(betainc(runs - failures, failures + 1, probability))
 
@@ -28,7 +28,7 @@ def consumer_risk(failures: int, runs: int, probability: float) -> float:
 def success_lower_bound(failures: int, runs: int, consumer_risk: float) -> float:
     """Return the one-sided Clopper-Pearson lower bound on the success probability.
 
-    The bound exceeds the true probability with a chance of at most `consumer_risk`.
+    The chance that the bound exceeds the true probability is at most `consumer_risk`.
     """
     _check(failures, runs, consumer_risk=consumer_risk)
     return (
@@ -49,7 +49,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=4096)
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Return the smallest number of flights that proves `probability` despite `failures`."""
+    """Return the flights needed to demonstrate `probability` with `failures` failures."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,
@@ -59,10 +59,10 @@ def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
 
 @lru_cache(maxsize=4096)
 def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int | None:
-    """Return the rank of the flight that bounds the `probability` quantile from above.
+    """Return the rank of the value that bounds the `probability` quantile from above.
 
     The rank counts from 1 in ascending order. Return None if even the largest of `runs` values is
-    no bound at this `confidence`.
+    not a bound at this `confidence`.
     """
     _check(0, runs, probability=probability, confidence=confidence)
     if runs == 0 or 1.0 - probability**runs < confidence:
@@ -90,7 +90,7 @@ def mcnemar_exact(b: int, c: int) -> float:
 
 
 def mcnemar_one_sided(only_a: int, only_b: int) -> float:
-    """Return the exact p-value of McNemar's test that `b` fails no more often than `a`."""
+    """Return McNemar's exact p-value of the hypothesis that `b` fails no more often than `a`."""
     return float(betainc(only_b, only_a + 1, 0.5)) if only_b else 1.0
 
 

@@ -1,9 +1,9 @@
-"""Standardized rank regression to identify the input drivers of an output.
+"""Standardized rank regression, which identifies the inputs that drive an output.
 
 The coefficients come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity
-Analysis in Practice", 2004; Iman & Conover 1979). Their intervals are bootstrapped; ranks are
-recomputed for each resample, because the coefficients vary with the ranks. An input is a driver if
-its coefficient is large and significant at a controlled false-discovery rate over all inputs and
+Analysis in Practice", 2004; Iman & Conover 1979). Their intervals are bootstrapped. The ranks are
+recomputed for each resample, because the coefficients depend on them. An input is a driver if its
+coefficient is large and significant at a controlled false-discovery rate over all inputs and
 outputs.
 """
 
@@ -17,31 +17,32 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
-LEAST_COEFFICIENT = 0.2  # smallest coefficient of a driver
-_FEWEST_SPARE = 10  # minimum number of flights in excess of the number of inputs
+LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver
+_FEWEST_SPARE = 10  # minimum difference between the numbers of flights and inputs
 _PARTNERS = 0.3  # rank correlation from which an input counts as related to a driver
-_TWINS = 0.9  # minimum rank correlation of inputs that a regression cannot distinguish
+_TWINS = 0.9  # rank correlation from which a regression cannot distinguish two inputs
 _RESAMPLES = 300
-# maximum number of resampled flights; standard errors scale with the square root
+# maximum number of resampled flights; standard errors are scaled by the square root of the number
 _MOST_RESAMPLED = 1000
 
 
 @dataclass(frozen=True)
 class RankDrivers:
-    """Rank coefficients [input, output]; NaN if the output is constant."""
+    """Rank regression coefficients [input, output]; NaN if the output is constant."""
 
     srrc: Floats
     srrc_low: Floats
     srrc_high: Floats
     p_value: Floats  # p-values of the hypothesis that the coefficient is zero
     found: NDArray[np.bool_]  # whether each input is a driver
-    moves_with: NDArray[np.intp]  # driver with which another input is correlated; -1 for none
+    # index of the driver with which an input is correlated; -1 for none
+    moves_with: NDArray[np.intp]
     explained: Floats  # R^2 of the rank regression, by output
-    residuals: Floats  # residuals of the ranks in their standard deviations [flight, output]
+    residuals: Floats  # residuals of the standardized ranks [flight, output]
 
 
 def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> RankDrivers | None:
-    """Return the rank coefficients of `inputs` on `outputs`, or None for too few flights.
+    """Return the rank coefficients of `inputs` for `outputs`; None if flights are too few.
 
     `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
     infinities. Constant inputs get zero coefficients.
@@ -63,8 +64,8 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     explained = np.where(moving, np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0), np.nan)
     srrc = np.where(moving, slopes, np.nan)
     half = -float(ndtri((1.0 - confidence) / 2.0)) * _standard_errors(values, slopes, inverse)
-    # With Student's t of a coefficient, the partial correlation is r = t / sqrt(t^2 + freedom).
-    # Its tail probability is P(|t| > t0) = I_{1 - r^2}(freedom / 2, 1/2).
+    # For Student's t statistic of a coefficient, the partial correlation is r = t / sqrt(t^2 +
+    # freedom). The tail probability is P(|t| > t0) = I_{1 - r^2}(freedom / 2, 1/2).
     own = srrc**2 / np.diag(inverse)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(own > 0.0, (1.0 - explained) / (1.0 - explained + own), 1.0)
@@ -91,8 +92,8 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
 def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
     """Return the bootstrap standard errors of `slopes`, resampling the flights.
 
-    All outputs share the resamples. Ranks are recomputed for each resample, and its coefficients
-    follow from those of all flights by one Newton step.
+    All outputs share the resamples. For each resample, the ranks are recomputed, and the
+    coefficients follow from the coefficients of all flights by one Newton step.
     """
     used, count = min(len(values), _MOST_RESAMPLED), len(slopes)
     columns = values[:used].T

@@ -1,7 +1,7 @@
-"""Quantiles with exact intervals, and severities by which flights are ranked.
+"""Quantiles with exact intervals, and the severities by which flights are ranked.
 
 A failed flight counts as worse than every other flight: its severity is +infinity. Therefore a
-quantile is finite only if more flights lie beyond it than failed.
+quantile is finite only if more flights lie beyond it than have failed.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from abhv_mc.statistics.binomial import clopper_pearson, quantile_upper_rank
 
 Sense = Literal["high", "low", "size"]  # which values are bad: high, low or large in absolute value
 
-SEED = 20140  # seed of all resampling, so that equal flights give equal intervals
-_SPREAD = (5.0, 95.0)  # percentiles of all flights that define the spread
+SEED = 20140  # fixed seed of all resampling, so that the same flights give the same intervals
+_SPREAD = (5.0, 95.0)  # percentiles whose difference is the spread
 LEVELS = (0.5, 0.95, 0.9973)  # quantiles shown in tables
 
 
@@ -31,12 +31,12 @@ class Interval:
     high: float
 
     def in_sense(self, sense: Sense) -> "Interval":
-        """Convert an interval of severities to an interval of the metric."""
+        """Convert an interval of the severity to an interval of the metric."""
         return Interval(-self.value, -self.high, -self.low) if sense == "low" else self
 
 
 def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats:
-    """Return values oriented so that larger is worse; failed flights and NaN are +infinity."""
+    """Return values with the sign for which larger is worse; failures and NaN are +infinity."""
     worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (
         np.abs(values) if sense == "size" else values
     )
@@ -61,10 +61,10 @@ class Criterion(NamedTuple):
         return severity(self.limits.worse(values) - self.limits.limit, "high")
 
     def scale(self, values: Floats) -> tuple[float, float]:
-        """Return the origin and the unit for expressing an excess.
+        """Return the origin and the unit in which an excess is expressed.
 
-        With limits, the origin is 0 and the unit is the size of the limits, or the 5 to 95 % span
-        of `values` [flight] if that size is 0. Without limits, both are the median excess.
+        With limits, the origin is 0 and the unit is the size of the limits or, if this is 0, the 5
+        to 95 % span of `values` [flight]. Without limits, both are the median excess.
         """
         excess = self.excess(values)
         finite = excess[np.isfinite(excess)]
@@ -82,15 +82,15 @@ def spread(values: Floats) -> float:
 def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
     """Return the flight indices, worst first.
 
-    Lost flights come first, sorted by the time `lost_at` [flight] of their end, which is infinite
-    for completed flights. Completed flights follow by their excess `beyond` a limit [flight],
-    largest first.
+    Lost flights come first, sorted by the time `lost_at` [flight] at which they ended; it is
+    infinite for completed flights. Completed flights follow by their excess `beyond` a limit
+    [flight], largest first.
     """
     return np.lexsort((-beyond, lost_at))
 
 
 def sorted_quantile(ascending: Floats, probability: float) -> float:
-    """Return the linear quantile of ascending values, which may end with infinities."""
+    """Return the linearly interpolated quantile of ascending values, which may be infinite."""
     position = (ascending.size - 1) * probability
     below = int(position)
     fraction = position - below
@@ -103,7 +103,7 @@ def sorted_quantile(ascending: Floats, probability: float) -> float:
 def quantile(values: Floats, probability: float, confidence: float = 0.95) -> Interval:
     """Return the `probability` quantile with its exact distribution-free interval.
 
-    The two-sided interval comes from order statistics.
+    The two-sided interval is given by order statistics.
     """
     return quantiles(values, (probability,), confidence)[0]
 
@@ -119,7 +119,7 @@ def quantiles(
             continue
         lower = quantile_upper_rank(
             ascending.size, 1.0 - probability, 1.0 - tail
-        )  # The rank is counted from the other end.
+        )  # Ranks of the lower end are counted from the largest value.
         upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
         ends = (
             -np.inf if lower is None else ascending[-lower],
@@ -137,14 +137,14 @@ def pair_differences(a: Floats, b: Floats) -> Floats:
 
 
 def looks(flights: int, number: int = 24, first: int = 20) -> list[int]:
-    """Return geometrically spaced numbers of flights at which to trace an estimate."""
+    """Return geometrically spaced numbers of flights at which to compute an estimate."""
     if flights <= first:
         return [flights]
     return np.unique(np.round(np.geomspace(first, flights, number)).astype(np.int64)).tolist()
 
 
 def quantile_traces(values: Floats, counts: Sequence[int]) -> list[tuple[Interval, ...]]:
-    """Return a trace for each of LEVELS: quantiles of the first n values, n in `counts`."""
+    """Return, for each of LEVELS, quantiles of the first n values for n in `counts`."""
     return list(zip(*(quantiles(values[:n], LEVELS) for n in counts), strict=True))
 
 

@@ -1,4 +1,4 @@
-"""E-values of k failures in n flights, valid at any number of flights.
+"""E-values for k failures in n flights, valid at any number of flights.
 
 Against the allowed failure probability q0 = 1 - `probability` the evidence that a requirement is
 met is a mixture of likelihood ratios,
@@ -6,9 +6,10 @@ met is a mixture of likelihood ratios,
     E_pass = integral over 0 < q < q0 of (q/q0)^k ((1-q)/(1-q0))^(n-k) q^(-3/4) q0^(-1/4) / 4 dq,
 
 and the evidence that it is missed is the same integral over q0 < q < 1 with weights proportional to
-q^(-5/4). By Ville's inequality a system that just misses (meets) the requirement brings E_pass
-(E_fail) to 1/risk at any time with at most that probability, however often the results are checked
-(Robbins 1970; Howard, Ramdas, McAuliffe & Sekhon 2021; Ramdas, Gruenwald, Vovk & Shafer 2023).
+q^(-5/4). By Ville's inequality, for a system that just misses (meets) the requirement, the
+probability that E_pass (E_fail) ever reaches 1/risk is at most risk, however often the results are
+checked (Robbins 1970; Howard, Ramdas, McAuliffe & Sekhon 2021; Ramdas, Gruenwald, Vovk & Shafer
+2023).
 """
 
 from functools import lru_cache
@@ -18,7 +19,8 @@ from scipy.special import betainc, betaincc, betaln
 
 from abhv_mc.statistics.binomial import first_where
 
-_FEWEST_TO_FAIL = 2  # minimum number of failures for a FAIL, as a single one shows no rate
+# minimum number of failures for a FAIL, because a single failure does not show a rate
+_FEWEST_TO_FAIL = 2
 _ENOUGH = 1e-300  # value of an incomplete beta function below which its logarithm is inaccurate
 
 
@@ -51,7 +53,7 @@ def log_pass_evidence(failures: int, flights: int, probability: float) -> float:
 
 
 def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
-    """Return log(E_fail); minus infinity for fewer than two failures."""
+    """Return log(E_fail), which is minus infinity for fewer than two failures."""
     if failures < _FEWEST_TO_FAIL:
         return float("-inf")
     allowed = 1.0 - probability
@@ -61,13 +63,13 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
 
 
 def log_coin_evidence(heads: int, tails: int) -> float:
-    """Return the log of the mean likelihood ratio of P(heads) > 1/2 to a fair coin."""
+    """Return the log of the mean likelihood ratio of coins with P(heads) > 1/2 to a fair coin."""
     return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 
 @lru_cache(maxsize=65536)
 def flights_to_pass(failures: int, probability: float, risk: float) -> int:
-    """Return the smallest number of flights that PASS with `failures` failures."""
+    """Return the smallest number of flights for a PASS with `failures` failures."""
     return first_where(
         failures + 1,
         lambda flights: log_pass_evidence(failures, flights, probability) >= -log(risk),
@@ -76,7 +78,7 @@ def flights_to_pass(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def flights_to_fail(failures: int, probability: float, risk: float) -> int:
-    """Return the largest number of flights that FAIL with `failures` failures; 0 if none do."""
+    """Return the largest number of flights for a FAIL with `failures` failures; 0 if none."""
 
     def holds_out(flights: int) -> bool:
         return log_fail_evidence(failures, flights, probability) < -log(risk)
@@ -88,7 +90,7 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
 
 @lru_cache(maxsize=65536)
 def most_failures(flights: int, probability: float, risk: float) -> int:
-    """Return the largest number of failures for which `flights` PASS; -1 if none does."""
+    """Return the largest number of failures for a PASS after `flights` flights; -1 if none."""
 
     def fails_to_pass(failures: int) -> bool:
         return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)

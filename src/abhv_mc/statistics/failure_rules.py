@@ -1,12 +1,12 @@
 """Regions of the inputs in which failures are significantly more frequent.
 
-Regions are half-lines, both ends, corners and differences of inputs, with thresholds at deciles of
-the samples and a few quantiles beyond. A half-line is tested by the exact hypergeometric
-distribution. A corner, or both ends of an input, counts only if each of its conditions raises the
-failure rate given the other one, so that irrelevant inputs are not combined with relevant ones. A
-difference must be more significant than both inputs and their corner. The best candidate of each
-input or pair is corrected for the number of candidates (Bonferroni); inputs and pairs together pass
-the Benjamini-Hochberg procedure.
+Regions are half-lines, both ends, corners and differences of inputs, with thresholds at the deciles
+and a few more extreme quantiles of the samples. A half-line is tested by the exact hypergeometric
+distribution. A corner, or both ends of an input, counts only if each of its two conditions raises
+the failure rate given the other condition, so that irrelevant inputs are not combined with relevant
+inputs. A difference must be more significant than each of the two inputs and their corner. The
+p-value of the best candidate of each input or pair is corrected for the number of candidates
+(Bonferroni); the Benjamini-Hochberg procedure is applied to all inputs and pairs.
 """
 
 from collections.abc import Callable, Iterable
@@ -31,9 +31,9 @@ _DECILES = [
 ]  # quantiles used as thresholds of corners
 _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
-)  # index of the decile bin that contains each bin
-_CLEAR = 2.0  # standard deviations below which both ends of an input are not tested
-_DIFFERED = 6  # number of inputs, most related to failures, whose differences are tested
+)  # index of the decile bin that contains each fine bin
+_CLEAR = 2.0  # score, in standard deviations, below which both ends of an input are not tested
+_DIFFERED = 6  # number of inputs whose differences are tested: those most related to failures
 _MOST_RULES = 20
 _CHUNK = 4096
 _NEAR = 0.05  # largest shift of a threshold from its quantile, as a share of the flights
@@ -51,28 +51,28 @@ class Condition(Generic[K]):
 
 @dataclass(frozen=True)
 class Rule(Generic[K]):
-    """Region in which failures are more frequent."""
+    """Region of the inputs in which failures are more frequent."""
 
     conditions: tuple[Condition[K], ...]
     failures_inside: int
     failures: int
     others_inside: int
     others: int
-    p_value: float  # p-value, corrected for the candidates of the input or pair
-    q_value: float  # false-discovery rate at which the rule remains significant
-    either: bool = False  # whether one of the conditions is enough
+    p_value: float  # p-value, corrected for the number of candidates of the input or pair
+    q_value: float  # smallest false-discovery rate at which the rule is significant
+    either: bool = False  # whether one condition is enough; otherwise all must hold
 
 
 @dataclass(frozen=True)
 class BinnedInputs:
-    """Inputs binned between quantiles."""
+    """Inputs sorted into bins between quantiles."""
 
     edges: Floats  # thresholds of each input [threshold, input]
     bins: NDArray[np.uint8]  # number of thresholds below each value [flight, input]
 
 
 def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
-    """Return `inputs`, each [flight], in bins, holding one input in memory at a time."""
+    """Sort `inputs`, each [flight], into bins, with one input in memory at a time."""
     edges, bins = [], []
     for values in inputs:
         # Interpolation between a number and infinity is impossible.
@@ -106,7 +106,7 @@ def find_rules(
         for k, candidate in enumerate(candidates)
         if q_values[k] <= FALSE_DISCOVERY_RATE
     ]
-    # Of rules with equal p-values, the simpler one comes first.
+    # Of rules with equal p-values, the rule with fewer conditions comes first.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
     return [_sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
 
@@ -114,7 +114,7 @@ def find_rules(
 def _rule(
     candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float
 ) -> Rule[int]:
-    # All tables have the same number of flights and failures inside.
+    # All tables have the same numbers of flights and failures inside the region.
     inside, bad = map(int, candidate.tables[0][:2])
     others = flights - failures
     return Rule(
@@ -130,7 +130,7 @@ def _rule(
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
-    """Remove the half-lines of an input if its two ends together are more significant."""
+    """Remove the half-lines of an input whose two ends together are more significant."""
     if len(candidates) < 3:
         return candidates
     below, above, both = _p_values(candidates)
@@ -145,11 +145,11 @@ def _differences(
 ) -> list["_Candidate"]:
     """Return half-lines of differences that are more significant than their inputs.
 
-    Only the inputs most related to failures are combined.
+    Only differences between the inputs most related to failures are tested.
     """
     flights, failures = failed.size, int(failed.sum())
     best: dict[frozenset[int], float] = {}
-    # A difference must be more significant than the whole corner, not only one condition.
+    # A difference must be more significant than the corner, not only than one condition of it.
     complete = [
         _Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried)
         for c in candidates
@@ -181,7 +181,7 @@ def _differences(
 
 
 def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Return counts at or below, then above each threshold, along an axis of bins."""
+    """Return counts at or below each threshold, then counts above it, along an axis of bins."""
     below = np.cumsum(histogram, axis=axis)
     total = np.take(below, [-1], axis=axis)
     below = np.delete(below, -1, axis=axis)
@@ -189,7 +189,7 @@ def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
 
 
 def _score(inside: Any, failed_inside: Any, flights: Any, failures: Any) -> Floats:
-    """Return failures above the hypergeometric mean, in standard deviations."""
+    """Return the excess of failures over the hypergeometric mean, in standard deviations."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = inside / flights
         variance = (
@@ -215,7 +215,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
-    """Return exact p-values, the larger of two tables, times the number of candidates."""
+    """Return exact p-values, the largest of a candidate's tables, times the number of trials."""
     rows = np.array(
         [table for candidate in candidates for table in candidate.tables], dtype=np.int64
     )
@@ -233,7 +233,7 @@ def _p_values(candidates: list["_Candidate"]) -> Floats:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """Best region of an input or a pair, with its counts and the reference counts."""
+    """Best region of an input or a pair, with its counts and the counts for comparison."""
 
     conditions: tuple[Condition[int], ...]
     # tables of flights inside, failures inside, all flights and all failures
@@ -254,9 +254,9 @@ def _along(
     edges: Floats,
     differences: int = 1,
 ) -> list[_Candidate]:
-    """Return the best half-lines below and above, and both ends if each is significant.
+    """Return the best half-lines below and above a threshold, and both ends if significant.
 
-    `inputs` is one input, or a pair whose difference is one of `differences` that are tried.
+    `inputs` is one input, or a pair whose difference is one of `differences` candidates.
     """
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)
@@ -321,7 +321,7 @@ def _best_corners(
     def sides(
         counts: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return counts [pair, side, side] inside both conditions, and inside each one.
+        """Return counts [pair, side, side] inside both conditions, and inside each condition.
 
         The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
         """
@@ -354,9 +354,9 @@ def _best_corners(
 def _sharpen(
     rule: Rule[int], failed: NDArray[np.bool_], column: Callable[[int], Floats]
 ) -> Rule[int]:
-    """Move each threshold of a rule of half-lines to the value at which failures begin.
+    """Move each threshold of a half-line rule to the value at which failures begin.
 
-    The p-value remains that of the quantiles, which were selected before this step.
+    The p-value still applies to the quantiles, which were selected before this step.
     """
     if len(rule.conditions) > 1 and not rule.either:
         return rule
@@ -365,7 +365,7 @@ def _sharpen(
         values = _values(condition, column)
         order = np.argsort(
             -values if condition.above else values, kind="stable"
-        )  # values sorted from the most extreme one
+        )  # values in order, the most extreme value first
         size_inside = int(np.sum(_meets(condition, values)))
         near = max(2, round(_NEAR * failed.size))
         tried = np.arange(max(1, size_inside - near), min(failed.size - 1, size_inside + near) + 1)
@@ -379,7 +379,7 @@ def _sharpen(
         count = int(tried[np.argmax(worth)])
         inside_end, outside_end = float(values[order[count - 1]]), float(values[order[count]])
         threshold = (inside_end + outside_end) / 2.0
-        if not np.isfinite(threshold):  # Times of failures that never occur are infinite.
+        if not np.isfinite(threshold):  # The time of a failure that never occurs is infinite.
             threshold = outside_end if condition.above else inside_end
         conditions.append(replace(condition, threshold=threshold))
         inside |= _meets(conditions[-1], values)
@@ -390,7 +390,7 @@ def _sharpen(
 
 
 def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Return a mask [flight] of a rule's region; `column` returns the values of an input."""
+    """Return a mask [flight] of the flights in a rule's region; `column` returns an input."""
     masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
     return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
 

@@ -1,7 +1,7 @@
 """Joint assessment of all verdicts of a campaign, for the manifest and the report.
 
-Holm's procedure (1979) bounds the chance that any PASS is false. It does not require independent
-verdicts; verdicts on the same flights are dependent.
+Holm's procedure (1979) bounds the chance that any PASS is false. It does not require the verdicts
+to be independent; those on the same flights are not.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from abhv_mc.statistics.verdicts import Verdict
 def judge_family(
     groups: Sequence[Sequence[Verdict]], independent: bool = True, family_risk: float | None = None
 ) -> list[tuple[Verdict, int]]:
-    """Return the verdict of each group of points, with the index of its worst point.
+    """Return the verdict on each group, with the index of the group's worst point.
 
     A group contains the verdicts on one requirement at all points of the unknowns. If `family_risk`
     is given, the PASS verdicts are judged jointly. If the flights are not `independent` draws
@@ -50,9 +50,9 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     """Return verdicts whose chance of any false PASS is at most `risk`.
 
-    A PASS that Holm's procedure rejects becomes NOT SHOWN; FAIL is unchanged, because it accepts no
-    system. A verdict NOT SHOWN gets Bonferroni's share as its consumer's risk: at that risk Holm's
-    procedure keeps a PASS whatever the other verdicts are.
+    A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because it
+    accepts no system. The consumer's risk of a verdict NOT SHOWN becomes Bonferroni's share: at
+    that risk Holm's procedure confirms a PASS whatever the other verdicts are.
     """
     rejected = holm([verdict.p_value for verdict in verdicts], risk)
     joint_verdicts = []

@@ -1,4 +1,4 @@
-"""Chance of PASS against the true failure rate, before a campaign is run."""
+"""Chance of PASS as a function of the true failure rate, before a campaign is run."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -12,8 +12,9 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 
 PLANNED_FAILURES = (0, 1, 2, 3)
-_NEGLIGIBLE = 1e-15  # probability below which a number of failures is neglected
-_MOST_LOOKS = 400  # maximum number of boundary points; the resulting lower bound is within 1 %
+_NEGLIGIBLE = 1e-15  # probability below which a count of failures is neglected
+# maximum number of boundary points; the lower bound they give is within 1 % of the chance
+_MOST_LOOKS = 400
 
 
 def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Floats:
@@ -33,7 +34,7 @@ def ever_chance(
     rates: Floats,
     status: Literal["PASS", "FAIL"] = "PASS",
 ) -> Floats:
-    """Return the chance that the status is reached at any flight up to `runs` [rate]."""
+    """Return the chance [rate] that the status is reached at any flight up to `runs`."""
     failures, flights = _boundary(runs, probability, risk, status)
     return np.array([_reach(failures, flights, float(rate), status == "PASS") for rate in rates])
 
@@ -41,9 +42,9 @@ def ever_chance(
 def _boundary(
     runs: int, probability: float, risk: float, status: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return numbers of failures and the flight at which each of them decides the verdict.
+    """Return numbers of failures, and for each the flight at which it decides the verdict.
 
-    The flights are the smallest number for a PASS and the largest for a FAIL.
+    This is the smallest number of flights for a PASS and the largest number for a FAIL.
     """
     passes = status == "PASS"
     if passes:
@@ -62,7 +63,7 @@ def _boundary(
     if passes:
         return failures, flights
     last_flights = np.minimum(flights, runs)
-    # More failures cannot decide at an earlier flight.
+    # Larger numbers of failures cannot decide the verdict at an earlier flight.
     fewest = int(np.argmax(flights >= runs)) + 1
     is_relevant = (flights > 0) & (np.arange(failures.size) < fewest)
     return failures[is_relevant], last_flights[is_relevant]
@@ -72,7 +73,7 @@ def _boundary(
 def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
     """Return the first of the likely numbers of failures, and their probabilities."""
     mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
-    # Ten standard deviations and thirty counts include the long tails of rare failures.
+    # Ten standard deviations plus thirty counts include the long tails of rare failures.
     low, high = (
         max(0, int(mean - 10.0 * spread - 30.0)),
         min(flights, int(mean + 10.0 * spread + 30.0)),
@@ -85,11 +86,11 @@ def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
 def _reach(
     failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool
 ) -> float:
-    """Return the chance that the failures cross the boundary at any of `flights`.
+    """Return the chance that the number of failures crosses the boundary at any of `flights`.
 
     If `low`, crossing means at most `failures`, else at least `failures`. The distribution of the
-    undecided counts is propagated from one boundary point to the next (Jennison & Turnbull, "Group
-    Sequential Methods", 2000, chapter 12).
+    counts that have not crossed is propagated from one boundary point to the next (Jennison &
+    Turnbull, "Group Sequential Methods", 2000, chapter 12).
     """
     chance, first, inside, before = 0.0, 0, np.ones(1), 0
     for count, flight in zip(failures.tolist(), flights.tolist(), strict=True):

@@ -1,8 +1,8 @@
 """Regression gate: non-inferiority of controller `b` to `a` on the same flights.
 
 Non-inferiority is shown only for the median of the pairs. Tail quantiles, lost flights and failed
-flights are tested for being worse, because a non-inferiority test of a tail quantile at 300 flights
-would pass an identical controller in only 67 of 100 campaigns. The risks were computed by
+flights are only tested for being worse, because a non-inferiority test of a tail quantile with 300
+flights would pass an identical controller in only 67 of 100 campaigns. The risks were computed by
 `benchmarks/gate.py`.
 """
 
@@ -16,20 +16,23 @@ from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_one_sided
 from abhv_mc.statistics.family import holm
 from abhv_mc.statistics.winner import worse_tails
 
-RISK = 0.05  # risk of each test, shared by the two tail quantiles and by the requirements
+# risk of each test; the two tail quantiles share one risk, and the requirements another
+RISK = 0.05
 
 
 @dataclass(frozen=True)
 class Gate:
-    """Result of a gate; `b` fails if any field from `worse_tails` on is true or not empty."""
+    """Result of a gate."""
 
     margin: float  # allowed change as a share of the value of `a`
     pairs: int
     within: int  # number of pairs in which b <= a + margin |a|
     within_low: float  # one-sided lower bound on the share of pairs within the margin
-    worse_tails: tuple[float, ...]  # quantiles of `b` significantly beyond those of a + margin |a|
+    # levels of the quantiles of `b` that are significantly beyond the quantile of a + margin |a|
+    worse_tails: tuple[float, ...]
     worst_doubled: (
-        bool  # whether b's worst completed flight exceeds a's by more than the size of a's
+        # whether b's worst completed flight is worse than a's by more than the size of a's value
+        bool
     )
     loses_more: bool
     misses_more: tuple[int, ...]  # indices of requirements that `b` misses more often
@@ -51,12 +54,12 @@ def judge_change(
     *,
     risk: float = RISK,
 ) -> Gate:
-    """Judge severities [pair] of `a` and `b`; larger is worse, +infinity is a lost flight.
+    """Judge severities [pair] of `a` and `b`: larger is worse, +infinity marks a lost flight.
 
     `lost` and each item of `missed` (a requirement) contain masks [pair] of `a` and `b`. The sign
-    test shows that `b` is at most `margin` |a| worse on most flights: for positive metrics, the
-    median ratio of the pairs is at most 1 + margin. `risk` applies to each test for being worse. A
-    flight lost under both controllers does not count against `b`.
+    test shows that on most flights `b` is worse by at most `margin` |a|: for positive metrics, the
+    median ratio b / a is at most 1 + margin. `risk` applies to each test for being worse. A flight
+    lost under both controllers does not count against `b`.
     """
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)

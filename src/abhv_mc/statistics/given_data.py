@@ -5,8 +5,8 @@ analysis: a novel generation of mighty estimators based on rank statistics", Ber
 an input determines the output, flights with neighbouring values of the input have similar outputs.
 The interaction of two inputs is the variance between the cells of a two-dimensional grid that its
 rows and columns do not explain. The total index is the first-order index plus those of the input's
-significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails can be
-included.
+significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails need no
+exclusion.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
-LEAST_SHARE = 0.1  # smallest share of the variance for an input to be named
+LEAST_SHARE = 0.1  # smallest share of the variance for which an input is named
 FEWEST_FLIGHTS = 200
 _CELL = 12  # approximate number of flights in each cell of a pair's grid
 _MOST_CELLS = 8  # maximum number of grid cells along each input
@@ -28,21 +28,24 @@ _PARTNERS = 0.3  # rank correlation from which two inputs cannot be distinguishe
 
 @dataclass(frozen=True)
 class GivenDataIndices:
-    """Shares [input, output] of each output's rank variance; NaN if the output is constant."""
+    """Shares [input, output] of each output's rank variance; NaN for a constant output."""
 
-    first: Floats  # share of the input alone
-    total: Floats  # share of the input alone and in pairs
+    first: Floats  # share due to the input alone
+    total: Floats  # share due to the input alone and in pairs
     p_value: Floats  # p-value of the hypothesis that the input has no effect
-    found: NDArray[np.bool_]  # inputs that drive the output, at FALSE_DISCOVERY_RATE over all tests
-    moves_with: NDArray[np.intp]  # driver with which another input is correlated; -1 for none
-    partner: NDArray[np.intp]  # second input of the strongest pair; -1 if pairs add nothing
+    # whether each input drives the output, at FALSE_DISCOVERY_RATE over all tests
+    found: NDArray[np.bool_]
+    # index of the driver with which an input is correlated; -1 for none
+    moves_with: NDArray[np.intp]
+    # index of the second input in the strongest pair; -1 if pairs add nothing
+    partner: NDArray[np.intp]
 
 
 def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | None:
-    """Return the Sobol indices of `inputs` on `outputs`, or None for too few flights.
+    """Return the Sobol indices of `inputs` for `outputs`; None if flights are too few.
 
     `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
-    infinities. At least FEWEST_FLIGHTS flights are needed. Constant inputs have no share.
+    infinities. At least FEWEST_FLIGHTS flights are needed. The shares of constant inputs are zero.
     """
     flights, count = inputs.shape
     if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
@@ -77,7 +80,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
 def _pairs(
     ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
 ) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """Return the share [input, output] added by pairs, the partner and its p-value."""
+    """Return the share [input, output] that pairs add, the strongest partner and its p-value."""
     flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)

@@ -11,7 +11,7 @@ from abhv_mc.statistics.estimates import Interval, pair_differences, quantile
 
 @dataclass(frozen=True)
 class PairedMetric:
-    """One metric of `a` and `b` on the same flights; differences are `a - b`.
+    """Comparison of one metric of `a` and `b` on the same flights; differences are `a - b`.
 
     Values are severities: larger values are worse.
     """
@@ -20,7 +20,7 @@ class PairedMetric:
     b_better: int
     ties: int
     median_difference: Interval  # median of the paired differences, with its exact interval
-    # factor on the number of flights for an unpaired comparison of means
+    # factor by which an unpaired comparison of means would need more flights
     pairing_gain: float | None
 
 
@@ -38,9 +38,9 @@ def compare_metric(a: Floats, b: Floats) -> PairedMetric:
 
 
 def pairing_gain(a: Floats, b: Floats) -> float | None:
-    """Return the variance ratio of an unpaired to a paired mean difference, or None.
+    """Return the variance of an unpaired mean difference divided by that of a paired one.
 
-    The ratio is undefined for fewer than three finite pairs or for identical differences.
+    The result is None for fewer than three finite pairs or for identical differences.
     """
     finite = np.isfinite(a) & np.isfinite(b)
     if finite.sum() < 3:
@@ -62,7 +62,7 @@ class PairedFailures:
 
 
 def compare_failures(a: Mask, b: Mask) -> PairedFailures:
-    """Count failures [pair] under both controllers and under only one of them."""
+    """Count the pairs in which both controllers fail and in which only one fails."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     return PairedFailures(
         int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)
@@ -74,7 +74,7 @@ class PairedUsage:
     """Tracking error and control effort of `a` relative to `b`, flight by flight."""
 
     pairs: int  # number of pairs with finite, positive values
-    error_ratio: Interval  # median of a / b with its exact interval
+    error_ratio: Interval  # median of a / b, with its exact interval
     usage_ratio: Interval
     # pairs in which `a` has the smaller error and no more control effort
     less_error_less_usage: int
@@ -84,9 +84,9 @@ class PairedUsage:
 
 
 def median_ratio(a: Floats, b: Floats) -> Interval | None:
-    """Return the median of `a / b` with its exact interval, or None for too few pairs."""
+    """Return the median of `a / b` with its exact interval; None if there are too few pairs."""
     usable = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
-    with np.errstate(over="ignore"):  # The ratio to a tiny value may overflow.
+    with np.errstate(over="ignore"):  # Division by a tiny value may overflow.
         return quantile(a[usable] / b[usable], 0.5) if usable.sum() >= 3 else None
 
 

@@ -1,10 +1,10 @@
-"""Position of test flights among simulated ones: ranks and simultaneous bands.
+"""Comparison of test flights with simulated flights by ranks and simultaneous bands.
 
 If a test flight is one more draw of the simulated distribution, it and the n simulated flights are
-exchangeable. Then ranks among all flights, and ranks of statistics of these, are exact for any n.
-The band is that of split conformal prediction with leave-one-out scores (Lei, G'Sell, Rinaldo,
-Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni, Fontana & Vantini, "Conformal prediction
-bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
+exchangeable. Then p-values from ranks among all flights, or from ranks of statistics of these
+ranks, are exact for any n. The band is that of split conformal prediction with leave-one-out scores
+(Lei, G'Sell, Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni, Fontana & Vantini,
+"Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import standard_ranks
 
-# least distance of a quantile from the median, relative to a channel's largest standard deviation
+# smallest distance of a quantile from the median, as a share of the channel's largest standard
+# deviation
 _FLOOR = 0.05
 _TAIL = 0.025  # share of flights beyond the pointwise band on each side
-_FEWEST = 10  # minimum number of simulated flights with a value at a time that is judged
-# spread, relative to a channel's size, below which differences are rounding errors
+# minimum number of simulated flights with a value at a time for which the band is computed
+_FEWEST = 10
+# spread relative to a channel's size below which differences are rounding errors
 _ROUNDING = 1e-9
 _DRAWS = 2000  # number of random sets of flights
 _RIDGE = 1e-3  # regularization relative to a column's unit variance
@@ -38,10 +40,10 @@ def rank_p_values(pool: Floats) -> Floats:
 
 
 def joint_p_value(pool: Floats) -> float:
-    """Return the p-value of the last flight over all columns.
+    """Return the joint p-value of the last flight over all columns.
 
-    The statistic is the smaller of two p-values: the smallest rank p-value of a column, and that of
-    the Mahalanobis distance, which detects unusual combinations of usual values.
+    The statistic is the smaller of two p-values: the smallest rank p-value of any column, and the
+    p-value of the Mahalanobis distance, which detects unusual combinations of usual values.
     """
     smallest = rank_p_values(pool).min(axis=1)
     distances = _distances(pool)
@@ -58,7 +60,7 @@ def _shares(values: Floats) -> Floats:
 def _distances(pool: Floats) -> Floats:
     """Return squared Mahalanobis distances [flight] of the columns' normal scores.
 
-    Equal columns are counted once.
+    Identical columns are counted once.
     """
     from scipy.special import ndtri
     from scipy.stats import rankdata
@@ -96,12 +98,13 @@ class Band:
     """Simultaneous band that contains a new history at all times with `confidence`.
 
     A spread is the distance from the median to the 2.5 or 97.5 % quantile of the flights at a time:
-    the band is the pointwise one, widened by one factor about the median.
+    the band is the pointwise band, widened about the median by a single factor.
     """
 
     middle: Floats  # centre of the band [time, channel]
     spread: Floats  # [side, time, channel], below and above; NaN if too few flights have a value
-    factor: float  # distance of the edges from the middle in spreads; infinite with too few flights
+    # distance of the edges from the middle, in spreads; infinite if flights are too few
+    factor: float
     scores: Floats  # largest deviation of each simulated flight from all other flights, in spreads
 
     @property
@@ -111,12 +114,12 @@ class Band:
         return self.middle - below, self.middle + above
 
     def deviations(self, history: Floats) -> Floats:
-        """Return the deviations [time, channel] of a history in spreads; 0 for missing values."""
+        """Return a history's deviations [time, channel] in spreads; 0 for missing values."""
         deviations = history - self.middle
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
     def p_value(self, history: Floats) -> float:
-        """Return the share of all flights that deviate at least as much as ``history``."""
+        """Return the share of flights, including ``history``, that deviate at least as much."""
         largest = self.deviations(history).max()
         return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 
@@ -152,7 +155,7 @@ class _Quantiles:
         self.count = np.isfinite(values).sum(axis=0)
 
     def at(self, share: float) -> tuple[Floats, Floats]:
-        """Return the quantile [column], and that of all other flights [flight, column].
+        """Return the quantile [column], and the quantile without each flight [flight, column].
 
         NaN with too few values.
         """

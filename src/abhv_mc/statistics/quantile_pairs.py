@@ -1,9 +1,9 @@
-"""Paired differences of quantiles of two controllers, with confidence intervals.
+"""Differences between two controllers' quantiles on the same flights, with intervals.
 
 The number of flights below a quantile is binomial for any distribution of the values, so that order
-statistics bound the quantile; if a count leaves no value, the bound is infinite. The counts of two
-controllers are correlated if the same flights lie beyond both quantiles: they are drawn jointly, as
-normal scores with the correlation of the indicator 'beyond the quantile'.
+statistics bound the quantile; if there is no value at the count, the bound is infinite. The counts
+of two controllers are correlated if the same flights lie beyond both quantiles: they are drawn
+jointly, as normal scores with the correlation of the two indicators of being beyond the quantile.
 """
 
 from functools import lru_cache
@@ -17,7 +17,7 @@ from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
 _PER_TAIL = 50  # minimum number of draws beyond each end of an interval
-_CAUTION = 1.0  # flights subtracted from the observed overlap of two tails
+_CAUTION = 1.0  # number of flights subtracted from the observed overlap of two tails
 
 
 @lru_cache(maxsize=16)
@@ -29,7 +29,7 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=64)
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
-    """Return the lowest relevant count below the quantile, and the scores of all counts."""
+    """Return the lowest relevant count below the quantile, and the normal score of each count."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
     return low, np.asarray(
         ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
@@ -48,7 +48,7 @@ def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.in
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
-    """Return a conservative correlation between being beyond one and the other quantile."""
+    """Return a conservative correlation between the indicators of being beyond each quantile."""
     beyond_a, beyond_b = a > high_a, b > high_b
     if probability < 0.5:
         beyond_a, beyond_b = a < high_a, b < high_b
@@ -61,11 +61,11 @@ def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
     """Return the minimum number of flights that bounds a difference of two quantiles.
 
     No flight may be lost. The bound on the worse side is a value of the first controller above its
-    quantile; if all flights lie below the quantile there is none. The chance of this must be within
+    quantile; there is none if all flights lie below the quantile. The chance of this must be within
     one tail of the confidence for the scores used.
     """
     tail, draws = _draws(confidence)
-    # The bound is infinite if more than `rank` scores mean that all flights lie below.
+    # The bound is infinite if for more than `rank` scores all flights lie below the quantile.
     rank = int(tail * draws)
     score = float(np.partition(_scores(draws)[0], draws - 1 - rank)[draws - 1 - rank])
     extreme = max(probability, 1.0 - probability)
@@ -84,9 +84,10 @@ def _draws(confidence: float) -> tuple[float, int]:
 def quantile_difference(
     a: Floats, b: Floats, probability: float, confidence: float = 0.95
 ) -> Interval:
-    """Return the `probability` quantile of `a` [pair] minus that of `b`, with its interval.
+    """Return the `probability` quantile of `a` minus the quantile of `b`, with its interval.
 
-    +infinity marks a lost flight; if both quantiles are lost flights, the value is NaN.
+    `a` and `b` have shape [pair]; +infinity marks a lost flight. If both quantiles are lost
+    flights, the value is NaN.
     """
     return quantile_differences(a, b, (probability,), confidence)[0]
 
@@ -94,7 +95,7 @@ def quantile_difference(
 def quantile_differences(
     a: Floats, b: Floats, probabilities: tuple[float, ...], confidence: float = 0.95
 ) -> list[Interval]:
-    """Return differences of several quantiles, as :func:`quantile_difference` does for one.
+    """Return the differences between several quantiles; see :func:`quantile_difference`.
 
     Raise ValueError if `a` and `b` are empty or differ in shape.
     """
@@ -103,7 +104,7 @@ def quantile_differences(
             f"paired samples must have the same size, at least 1, found {a.size} and {b.size}"
         )
     sorted_a, sorted_b = np.sort(a), np.sort(b)
-    # Ranks before the first and after the last value are unbounded.
+    # Bounds at ranks before the first or after the last value are infinite.
     padded_a, padded_b = (
         np.concatenate([[-np.inf], values, [np.inf]]) for values in (sorted_a, sorted_b)
     )

@@ -7,7 +7,7 @@ from abhv_mc.array_types import Floats, Mask
 
 
 def average_ranks(values: Floats) -> Floats:
-    """Return ranks from 1 along the first axis [flight] or [flight, column]; ties averaged."""
+    """Return ranks from 1 along the first axis of `values`, with ties averaged."""
     columns = values.reshape(len(values), -1).T
     ranks = np.empty(columns.shape)
     for column, row in zip(columns, ranks, strict=True):
@@ -34,7 +34,7 @@ def false_discovery(p_values: Floats) -> Floats:
 
 
 def discoveries(p_values: Floats, rate: float) -> Mask:
-    """Return a mask of discoveries at a false-discovery `rate`; NaN marks untested cases."""
+    """Return a mask of the discoveries at a false-discovery `rate`; NaN marks untested cases."""
     is_discovery = np.zeros(p_values.shape, dtype=np.bool_)
     is_test = np.isfinite(p_values)
     is_discovery[is_test] = false_discovery(p_values[is_test]) <= rate
@@ -44,12 +44,12 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
 def split_partners(
     is_driver: Mask, size: Floats, together: Floats, partners: float, twins: float
 ) -> NDArray[np.intp]:
-    """Return the driver that each input moves with [input, output]; -1 for none.
+    """Return the driver [input, output] to which each input is related; -1 for none.
 
-    `together` [input, input] is the similarity of two inputs, zero on the diagonal. An input moves
-    with a driver if their similarity is at least `partners`. Of inputs with a similarity of at
-    least `twins`, which a regression cannot distinguish, only the one with the largest `size` stays
-    in `is_driver` [input, output], which is modified in place.
+    `together` [input, input] is the similarity of two inputs, zero on the diagonal. An input is
+    related to a driver if their similarity is at least `partners`. Of inputs with a similarity of
+    at least `twins`, which a regression cannot distinguish, only the one with the largest `size`
+    stays in `is_driver` [input, output], which is modified in place.
     """
     moves_with = np.full(is_driver.shape, -1, dtype=np.intp)
     for column in range(is_driver.shape[1]):

@@ -1,9 +1,10 @@
-"""Importance weighting: estimates for distributions other than the simulated ones.
+"""Importance weighting: estimates for distributions other than those simulated.
 
 Each flight is weighted by the ratio of the densities, divided by the sum of all ratios (Owen,
 "Monte Carlo theory, methods and examples", 2013, chapter 9). Intervals are computed as for
-unweighted flights, with the effective number of flights (Kish's, or less if the weights of the
-estimated quantity vary more); the end on the bad side uses the effective number of the bad flights.
+unweighted flights, with the effective number of flights (Kish's number, or fewer if the weights of
+the counted flights vary more); the interval end on the bad side uses the effective number of the
+bad flights.
 """
 
 from collections.abc import Sequence
@@ -17,8 +18,9 @@ from scipy.special import betainc, betaincinv
 from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import Interval
 
-_GAP = 3.0  # multiples of 1/flights; 95 % of the exponentially distributed gaps are narrower
-_UP = 1.0 + 1e-9  # upper ratio of shares that are equal except for rounding
+# gap as a multiple of 1/flights; 95 % of the exponentially distributed gaps are narrower
+_GAP = 3.0
+_UP = 1.0 + 1e-9  # largest ratio of two shares that counts as rounding error
 
 
 def effective_size(weights: Floats) -> float:
@@ -31,15 +33,16 @@ def effective_size(weights: Floats) -> float:
 class Unseen:
     """Probability, under the new distributions, of values that no flight represents."""
 
-    # largest such probability of any one parameter
+    # largest such probability for a single parameter
     single: float
-    joint: float  # probability for any parameter, except near the outermost flights
+    # probability that any parameter has such a value, except near the outermost flights
+    joint: float
 
 
 def unseen_of_range(
     beyond: tuple[float, float], weights: tuple[float, float], flights: int
 ) -> tuple[float, float]:
-    """Return the probability `beyond` the extreme flights, and its unrepresented part.
+    """Return the probability `beyond` the extreme flights, and the part that is unrepresented.
 
     `beyond` contains the probabilities below the lowest and above the highest flight of one
     parameter; `weights` are the density ratios at these two flights. Each flight represents an
@@ -55,7 +58,7 @@ def unseen_of_range(
 
 
 def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tuple[float, float]:
-    """Return the probability of discrete `values` that no flight has, as both items of a pair."""
+    """Return the probability of discrete `values` that no flight has, twice as a pair."""
     missing = float(np.sum(probabilities[~np.isin(values, flown)]))
     return missing, missing
 
@@ -70,7 +73,7 @@ def join_unseen(pairs: Sequence[tuple[float, float]]) -> Unseen:
 def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
     """Return the effective number of flights for estimating a share.
 
-    The number follows from the ratio of the binomial to the weighted variance.
+    The number follows from the ratio of the binomial variance to the weighted variance.
     """
     spread = float(np.sum((weights * (flags - share)) ** 2))
     if share <= 0.0 or share >= 1.0 or spread == 0.0:
@@ -89,14 +92,14 @@ def _low_end(share: float, flights: float, tail: float) -> float:
 def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
     """Return the upper Clopper-Pearson bound from the effective number of counted flights.
 
-    `counted` contains their normalized weights [flight]. One more flight with the weight `heaviest`
-    may count (Fay & Feuer 1997), because heavy flights are rarely sampled.
+    `counted` contains the normalized weights [flight] of the counted flights. One more flight with
+    the weight `heaviest` is counted (Fay & Feuer 1997), because heavy flights are rarely sampled.
     """
     total, squares = float(counted.sum()) + heaviest, float(np.sum(counted**2)) + heaviest**2
     events, mean_share = (
         total**2 / squares,
         squares / total,
-    )  # effective number of flights, and the share represented by each
+    )  # effective number of flights, and the share that each of them represents
     failures = 1.0 / mean_share - events + 1.0
     return 1.0 if failures <= 0.0 else float(betaincinv(events, failures, 1.0 - tail))
 
@@ -104,7 +107,7 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
 def weighted_share(
     flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
 ) -> Interval:
-    """Return the weighted share of flights that have `flags`, with its interval.
+    """Return the weighted share of the flights for which `flags` is true, with its interval.
 
     The upper end includes `unseen`, the probability that no flight represents.
     """
@@ -132,12 +135,12 @@ def weighted_quantile(
     order = np.argsort(values[has_weight], kind="stable")
     ascending, mass = values[has_weight][order], weights[has_weight][order]
     parts = mass / mass.sum()
-    cumulative = np.cumsum(parts)  # cumulative share at or below each value
+    cumulative = np.cumsum(parts)  # cumulative share of the flights at or below each value
     value = _between(ascending, cumulative - parts, probability)
     n = _effective_at(ascending <= value, probability, mass)
     tail = (1.0 - confidence) / 2.0
     low = -np.inf
-    # As with order statistics, too few flights give no bound on the quantile.
+    # As with order statistics, the quantile has no bound if flights are too few.
     if (1.0 - probability) ** n <= tail:
         below = 1.0  # If too few flights lie below the quantile, all of them count.
         if 1.0 - probability**n > tail:
@@ -152,7 +155,7 @@ def weighted_quantile(
 
 
 def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float) -> float:
-    """Return the smallest value exceeded by at most an `allowed` share, or infinity."""
+    """Return the smallest value that at most an `allowed` share exceeds, or infinity."""
 
     def enough(first: int) -> bool:
         beyond = parts[first:]
@@ -171,7 +174,7 @@ def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float
 
 
 def _between(ascending: Floats, start: Floats, probability: float) -> float:
-    """Return the quantile by linear interpolation at shares rescaled to 0..1."""
+    """Return the quantile, interpolated linearly over shares rescaled to 0..1."""
     if ascending.size == 1 or start[-1] == 0.0:
         return float(ascending[-1])
     rescaled = start / start[-1]

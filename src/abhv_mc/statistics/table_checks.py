@@ -1,16 +1,16 @@
 """Tests of whether the rows of a table are independent draws of stated distributions.
 
 A table rounds its values, so each value stands for an interval of its distribution function, and
-each test uses the point of the interval most favourable to the table. All tests together reject a
-table of independent draws with a probability of about 1e-6.
+each test uses the point of the interval that is most favourable to the table. The probability that
+any test rejects a table of independent draws is about 1e-6.
 
-Sources: Kolmogorov-Smirnov in its exact form (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
-columns too far from their distribution, and closer to it than chance allows; the sum of squared
-normal scores, which is chi-squared for draws; exact binomials for values of positive probability
-(Clopper & Pearson, Biometrika 26, 1934); rank correlations by Fisher's z with the variance of
-Bonett & Wright (Psychometrika 65, 2000) about their mean in a Gaussian copula (Moran, Biometrika
-35, 1948); the Poisson law of coincidences for equal rows (Arratia, Goldstein & Gordon, Ann. Probab.
-17, 1989).
+Sources: the exact Kolmogorov-Smirnov test (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
+columns too far from their distribution or closer to it than chance allows; the sum of squared
+normal scores, which is chi-squared for independent draws; exact binomial tests for values of
+positive probability (Clopper & Pearson, Biometrika 26, 1934); Fisher's z for rank correlations,
+with the variance of Bonett & Wright (Psychometrika 65, 2000) about their mean in a Gaussian copula
+(Moran, Biometrika 35, 1948); the Poisson distribution of coincidences for equal rows (Arratia,
+Goldstein & Gordon, Ann. Probab. 17, 1989).
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ class Column:
 
     values: Floats  # values [row]
     half_step: Floats  # largest rounding error of each value [row]
-    low: Floats  # F just below the smallest value that is rounded to the row's value [row]
-    high: Floats  # F at the largest value that is rounded to the row's value [row]
+    low: Floats  # F just below the smallest value that rounds to the row's value [row]
+    high: Floats  # F at the largest value that rounds to the row's value [row]
     atoms: Floats  # values of positive probability [atom]
     shares: Floats  # probabilities of the atoms [atom]
 
@@ -47,7 +47,7 @@ class Column:
 
     @property
     def continuous_rows(self) -> Mask:
-        """Mask [row] of the values that are not atoms."""
+        """Mask [row] of the rows whose values are not atoms."""
         near = np.full(len(self.values), self.is_discrete)
         for atom in self.atoms:
             near |= self._is_at(atom)
@@ -57,7 +57,7 @@ class Column:
         return np.asarray(np.abs(self.values - atom) <= self.half_step)
 
     def count_atom(self, k: int) -> tuple[int, float]:
-        """Return the number of rows at an atom, and its rounding interval's probability."""
+        """Return the number of rows at an atom, and the probability of its rounding interval."""
         rows = self._is_at(self.atoms[k])
         count = int(rows.sum())
         return count, float(self.high[rows].max() - self.low[rows].min()) if count else 0.0
@@ -84,7 +84,7 @@ class PairCorrelation:
 
 @dataclass(frozen=True)
 class EqualRows:
-    """Equal rows that are more frequent than rounding explains."""
+    """Pairs of equal rows that are more frequent than rounding explains."""
 
     pairs: int
     explained: float  # number of pairs that rounding explains
@@ -95,7 +95,7 @@ class EqualRows:
 class TableFindings:
     """Contradictions between a table and the claim that its rows are independent draws."""
 
-    too_far: tuple[int, ...]  # columns that contradict their distributions
+    too_far: tuple[int, ...]  # columns that deviate too much from their distributions
     levels: tuple[Level, ...]
     correlations: tuple[PairCorrelation, ...]
     equal: EqualRows | None
@@ -107,8 +107,9 @@ class TableFindings:
 def half_steps(values: Floats) -> Floats:
     """Return the largest rounding error of each value of a column [row].
 
-    It is half the finest decimal step among values of the same power of ten, which covers a fixed
-    number of decimals and of significant digits; zeros have the finest step of the column.
+    It is half the finest decimal step among values of the same power of ten, which allows for
+    rounding to a fixed number of decimals or of significant digits. Zeros get the finest step of
+    the column.
     """
     size = np.abs(values)
     used = size > 0.0
@@ -133,9 +134,9 @@ def check_table(
 ) -> TableFindings:
     """Test the claim that the rows of a table are independent draws.
 
-    `correlation` [column, column] is that of the normal variables of the Gaussian copula. The tests
-    of columns and pairs share `risk` (Bonferroni); the test of equal rows uses the whole `risk`
-    again.
+    `correlation` [column, column] is the correlation matrix of the Gaussian copula. The tests of
+    columns and pairs share `risk` (Bonferroni); the test for equal rows uses the full `risk` in
+    addition.
     """
     smooth = [j for j, column in enumerate(columns) if not column.is_discrete]
     levels = [(j, k) for j, column in enumerate(columns) for k in range(column.atoms.size)]
@@ -204,13 +205,14 @@ def _check_level(columns: Sequence[Column], j: int, k: int, *, risk: float) -> L
 def _check_correlations(
     columns: Sequence[Column], correlation: Floats, pairs: Sequence[tuple[int, int]], risk: float
 ) -> list[PairCorrelation]:
-    """Compare rank correlations with the stated ones; ties may be in any order."""
+    """Compare rank correlations with the stated correlations; ties may be in any order."""
     # Evenly spaced rows are used, because a table may be sorted.
     values = [v[:: -(-v.size // _MOST_CORRELATED)] for v in (column.values for column in columns)]
     contradictions = []
     for i, j in pairs:
         n, normal = len(values[i]), float(correlation[i, j])
-        # Mean rank correlation of n pairs of normal variables (Moran 1948), and its limit.
+        # Mean rank correlation of n pairs of normal variables (Moran 1948), and its limit for large
+        # n.
         mean = np.arcsin(normal) + (n - 2) * np.arcsin(0.5 * normal)
         mean, stated = 6.0 / np.pi * mean / (n + 1), 6.0 / np.pi * np.arcsin(0.5 * normal)
         least, most = (_rank_correlation(values[i], sign * values[j]) * sign for sign in (-1, 1))
@@ -223,7 +225,7 @@ def _check_correlations(
 
 
 def _rank_correlation(x: Floats, y: Floats) -> float:
-    """Return Spearman's correlation, the largest for any order of tied values."""
+    """Return the largest Spearman correlation over all orders of tied values."""
     n, ranks = len(x), np.empty((2, len(x)))
     for rank, keys in zip(ranks, ((y, x), (x, y)), strict=True):
         rank[np.lexsort(keys)] = np.arange(n)
@@ -233,8 +235,8 @@ def _rank_correlation(x: Floats, y: Floats) -> float:
 def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) -> EqualRows | None:
     """Compare the number of equal rows with the number that rounding explains.
 
-    Only rows that are not at an atom in every column are counted. The probability that two rows are
-    rounded to the same values is the product over the columns; of correlated columns only the
+    Rows that are at an atom in every column are not counted. The probability that two rows round to
+    the same values is the product of the columns' probabilities; of correlated columns, only the
     smallest probability is a factor.
     """
     rows = np.flatnonzero(np.logical_or.reduce([column.continuous_rows for column in columns]))
@@ -258,7 +260,7 @@ def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) ->
 
 
 def _connected(start: int, correlation: Floats) -> set[int]:
-    """Return the columns connected with a column by correlations."""
+    """Return the columns connected to `start` by a chain of correlations."""
     group, new = {start}, {start}
     while new:
         neighbours: Ints = np.flatnonzero((correlation[sorted(new)] != 0.0).any(axis=0))

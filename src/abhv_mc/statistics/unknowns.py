@@ -1,8 +1,9 @@
 """Points of the unknown parameters at which requirements are judged.
 
-An unknown has the same value in every flight of a programme, and only its bounds are known.
-Dispersions are drawn for each flight; unknowns are judged at points of a box, with coordinates from
--1 (lower bound) to 1 (upper bound). All points use the same samples of the dispersions.
+An unknown has the same value in every flight of a programme, but only its bounds are known. While
+dispersions are drawn for each flight, requirements are judged at points of the box of unknowns,
+with coordinates from -1 (lower bound) to 1 (upper bound). All points use the same samples of the
+dispersions.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,16 +18,17 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.verdicts import Status, Verdict
 
 SEARCH_FLIGHTS = 256  # maximum number of search flights per point
-FEWEST_SEARCHED = 32  # number of search flights per point in small campaigns
+FEWEST_SEARCHED = 32  # minimum number of search flights per point, for small campaigns
 SEARCH_QUANTILE = 0.95  # quantile of the severities by which points are ranked
 MOST_UNKNOWNS = 64
 _HALTON = 32
-# search steps per requirement, near the worst point and near the worst one that is no corner
+# search steps per requirement: near the worst point, and near the worst point that is not a corner
 _STEPS = 64
-_FIRST_STEP, _SHRINK = 0.5, 0.95  # initial step in half-boxes, and its factor after each miss
-# largest numbers of unknowns for judging and for trying all corners
+# initial step, in half widths of the box, and its factor after each miss
+_FIRST_STEP, _SHRINK = 0.5, 0.95
+# largest number of unknowns for which all corners are judged, and for which all are tried
 _ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7
-_SHOWING = 2  # failures for about an even chance that a search finds the point
+_SHOWING = 2  # expected failures at which a search finds the point with about an even chance
 
 
 class Trial(NamedTuple):
@@ -38,14 +40,14 @@ class Trial(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Points tried for one controller, without repetition, and their results."""
+    """Distinct points tried for one controller, with their results."""
 
     points: Floats  # coordinates [point, unknown]
     trial: Trial
 
 
 class MostFailures(NamedTuple):
-    """Judged point at which a search observed the most failures of a requirement."""
+    """Judged point at which a search observed the most failures to meet a requirement."""
 
     search: int  # index of the controller
     requirement: int
@@ -54,7 +56,7 @@ class MostFailures(NamedTuple):
 
 
 class JudgedPoints(NamedTuple):
-    """Points at which requirements are judged, the first `shared` for all requirements."""
+    """Points at which requirements are judged; the first `shared` apply to all requirements."""
 
     points: Floats  # coordinates [point, unknown]
     shared: int
@@ -65,8 +67,8 @@ def corners(unknowns: int) -> Floats:
     """Return all corners [2**unknowns, unknown], or 128 of them beyond seven unknowns.
 
     The 128 corners are a design of resolution IV: each further column is a product of an odd number
-    of the first seven columns, so that no interaction of two unknowns is confounded with a main
-    effect, and each corner's opposite is included (Box, Hunter & Hunter 2005, chapter 6).
+    of the first seven columns, so that no main effect is confounded with an interaction of two
+    unknowns, and the opposite of each corner is included (Box, Hunter & Hunter 2005, chapter 6).
     """
     full = np.array(list(product((-1.0, 1.0), repeat=min(unknowns, _ALL_CORNERS_TRIED))))
     if unknowns <= _ALL_CORNERS_TRIED:
@@ -83,11 +85,11 @@ def corners(unknowns: int) -> Floats:
 def search_worst(
     evaluate: Callable[[Floats], Trial], unknowns: int, draw: np.random.Generator
 ) -> Search:
-    """Search for the values of the unknowns that are worst for each requirement.
+    """Search for the values of the unknowns that are the worst for each requirement.
 
     ``evaluate`` simulates the flights at points [point, unknown]. Corners, centre and Halton points
-    are tried first. For each requirement, two chains of Gaussian steps follow, from the worst point
-    of all and from the worst that is not a corner.
+    are tried first. Then two chains of Gaussian steps are run for each requirement, from the worst
+    point and from the worst point that is not a corner.
     """
     from scipy.stats import qmc
 
@@ -97,7 +99,8 @@ def search_worst(
     first = evaluate(tried)
     points, trials = [tried], [first]
     inner = first.severity[len(ends) :].argmax(axis=0) + len(ends)
-    columns = np.tile(np.arange(first.severity.shape[1]), 2)  # requirement of each chain
+    # index of the requirement that each chain searches
+    columns = np.tile(np.arange(first.severity.shape[1]), 2)
     best = np.concatenate([first.severity.argmax(axis=0), inner])
     center, worst = tried[best], first.severity[best, columns]
     size = np.full(len(best), _FIRST_STEP)
@@ -125,7 +128,7 @@ def search_size(runs: int) -> int:
 
 
 def search_flights(unknowns: int, requirements: int, runs: int) -> int:
-    """Return the number of flights in the search of one controller."""
+    """Return the number of flights in the search for one controller."""
     return search_size(runs) * (len(corners(unknowns)) + 1 + _HALTON + requirements * _STEPS)
 
 
@@ -148,12 +151,12 @@ def choose_points(
 ) -> JudgedPoints:
     """Choose the points at which requirements are judged, from each controller's search.
 
-    For up to four unknowns these are all corners, the centre and the worst point of each controller
-    and requirement. Beyond four, each worst corner and its opposite replace the corners. Each
-    requirement is also judged at the point with the most failures in a search, unless a judged
-    point had as many, because the quantile that ranks points ignores failures of less than 5 % of
-    the flights. Without any failure, the point of the flight nearest to the limit is used.
-    `extra_points` [point, unknown] are added.
+    For up to four unknowns, these are all corners, the centre and the worst point for each
+    controller and requirement. For more unknowns, only the worst corners and their opposites are
+    used instead of all corners. Each requirement is also judged at the point with the most failures
+    in a search, unless a judged point had as many failures, because the quantile that ranks points
+    ignores failures in less than 5 % of the flights. Without any failure, the point of the flight
+    nearest to the limit is used. `extra_points` [point, unknown] are added.
     """
     ends, rows = corners(unknowns), [*standing_points(unknowns)]
     for points, trial in searches:
@@ -195,7 +198,7 @@ def _key(point: Floats) -> tuple[float, ...]:
 def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
     """Return the excess failure factor that a search detects with about an even chance.
 
-    At this factor two failures are expected; `benchmarks/unknowns.py` simulates a single corner.
+    At this factor, two failures are expected; `benchmarks/unknowns.py` simulates one bad corner.
     """
     return _SHOWING / (flights * (1.0 - probability))
 
@@ -203,10 +206,11 @@ def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
 def judge_points(verdicts: Sequence[Verdict]) -> tuple[Verdict, int]:
     """Return the verdict over all points, and the index of the point furthest from a PASS.
 
-    The verdict has the counts of that point. PASS requires a PASS at every point: this is an
-    intersection-union test, whose risk is that of one point (Berger 1982). FAIL requires that the
-    mean of the points' E_fail reaches 1 / producer_risk: if every point meets the requirement, each
-    E_fail is an e-value at any number of flights, and so is their mean (Vovk & Wang 2021).
+    The verdict contains the counts at that point. PASS requires a PASS at every point: this is an
+    intersection-union test, whose risk is the risk at a single point (Berger 1982). FAIL requires
+    that the mean of the points' E_fail reaches 1 / producer_risk: if every point meets the
+    requirement, each E_fail is an e-value at any number of flights, and so is their mean (Vovk &
+    Wang 2021).
     """
     if len(verdicts) == 1:
         return verdicts[0], 0

@@ -13,13 +13,14 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _DRAWS = 4000
-FEWEST_BEYOND = 5  # minimum expected flights beyond a quantile for an interval of its difference
+# minimum expected number of flights beyond a quantile for an interval of the difference
+FEWEST_BEYOND = 5
 
 
 def share_difference(
     failures_a: int, flights_a: int, failures_b: int, flights_b: int, confidence: float = 0.95
 ) -> Interval:
-    """Return the failure share of `b` minus that of `a`, with Newcombe's interval."""
+    """Return the failure share in `b` minus the share in `a`, with Newcombe's interval."""
     a, low_a, high_a = _wilson(failures_a, flights_a, confidence)
     b, low_b, high_b = _wilson(failures_b, flights_b, confidence)
     low = b - a - sqrt((b - low_b) ** 2 + (high_a - a) ** 2)
@@ -27,7 +28,7 @@ def share_difference(
 
 
 def _wilson(failures: int, flights: int, confidence: float) -> tuple[float, float, float]:
-    """Return a share with Wilson's score interval."""
+    """Return the share of failures, with Wilson's score interval."""
     z = float(ndtri(0.5 + 0.5 * confidence))
     share = failures / flights
     middle = (share + z * z / (2.0 * flights)) / (1.0 + z * z / flights)
@@ -39,10 +40,10 @@ def _wilson(failures: int, flights: int, confidence: float) -> tuple[float, floa
 def quantile_difference(
     a: Floats, b: Floats, probability: float, confidence: float = 0.95
 ) -> Interval | None:
-    """Return a quantile of `b` minus that of `a` (severities), with its interval.
+    """Return a quantile of the severities `b` minus the quantile of `a`, with its interval.
 
     Return None if too few flights lie beyond the quantile for a bootstrap, or if the quantile is a
-    lost flight. Ranks of the resampled quantiles are drawn from their beta distribution, which is
+    lost flight. The shares at the resampled quantiles are drawn from a beta distribution, which is
     equivalent to a bootstrap.
     """
     if min(a.size, b.size) * min(probability, 1.0 - probability) < FEWEST_BEYOND:

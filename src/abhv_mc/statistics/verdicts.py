@@ -19,9 +19,9 @@ from abhv_mc.statistics.evidence import (
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
 UNSEARCHED = "the worst values of the unknowns were not searched for; use a new folder"
-MOST_TIMES = 10  # largest recommended extension, as a multiple of the present flights
-_LIKELY = 0.5  # minimum chance of PASS of a recommended extension
-_TRIED = 40  # allowed numbers of failures for which an extension is examined
+MOST_TIMES = 10  # largest recommended number of flights, as a multiple of the present number
+_LIKELY = 0.5  # minimum chance of PASS after a recommended extension
+_TRIED = 40  # number of allowed failure counts for which an extension is examined
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class Verdict:
     consumer_risk: float  # risk of a PASS for a system that just misses the requirement
     producer_risk: float  # risk of a FAIL for a system that just meets the requirement
     E_pass: float  # evidence for a PASS, which needs at least 1 / consumer_risk
-    # evidence for a FAIL, which needs at least 1 / producer_risk; 0 below two failures
+    # evidence for a FAIL, which needs at least 1 / producer_risk; 0 for fewer than two failures
     E_fail: float
-    uncomputed: int = 0  # flights that failed to run: failures for a PASS, successes for a FAIL
+    uncomputed: int = 0  # flights that failed to run; they count against both a PASS and a FAIL
     note: str = ""  # reason for the status if the counts do not determine it
 
     @property
     def p_value(self) -> float:
-        """P-value of the hypothesis that the requirement is missed, at any number of flights."""
+        """P-value for missing the requirement, valid at any number of flights."""
         return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
 
 
@@ -56,11 +56,11 @@ def judge(
 ) -> Verdict:
     """Return PASS, FAIL or NOT SHOWN for `failures` in `flights` independent flights.
 
-    If a system just misses the required success `probability`, its chance of a PASS is at most
-    `consumer_risk`; if it just meets it, its chance of a FAIL is at most `producer_risk` (default:
-    the consumer's risk). Both hold at any number of flights. The `uncomputed` flights are not among
-    the failures: a PASS must hold if they count as failures, a FAIL if they count as successes.
-    Raise ValueError if a count or a probability is out of range.
+    A system that just misses the required success `probability` has a chance of a PASS of at most
+    `consumer_risk`; a system that just meets it has a chance of a FAIL of at most `producer_risk`
+    (default: the consumer's risk). Both bounds hold at any number of flights. The `uncomputed`
+    flights are not among the failures: a PASS must hold if they count as failures, a FAIL if they
+    count as successes. Raise ValueError if a count or a probability is out of range.
     """
     producer_risk = consumer_risk if producer_risk is None else producer_risk
     if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
@@ -131,8 +131,8 @@ def predict_pass(verdict: Verdict, flights: int) -> float:
 def advise(verdicts: Sequence[Verdict]) -> Extension | None:
     """Return the smallest number of flights at which all verdicts are likely to be PASS.
 
-    Return None if no number up to MOST_TIMES the flights suffices. The chances are multiplied as if
-    the failure rates were independent.
+    Return None if even MOST_TIMES the present number of flights is not enough. The chances are
+    multiplied as if the failure rates were independent.
     """
     flights = max(verdict.flights for verdict in verdicts)
     rules = {(verdict.probability, verdict.consumer_risk) for verdict in verdicts}
@@ -158,10 +158,10 @@ def tolerance_limit(
     """Return the severity below which a share `probability` of all flights lies.
 
     The limit is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest
-    number of failures for which this number of flights passes. Return None if even no failure
-    would pass. The limit holds with a confidence of 1 - `consumer_risk` at any number of flights; a
-    requirement passes if the limit lies within its bound. Lost and uncomputed flights count as
-    +infinity.
+    number of failures that gives a PASS with these flights. Return None if not even zero failures
+    would give a PASS. The limit holds with a confidence of 1 - `consumer_risk` at any number of
+    flights; the verdict is PASS if the limit lies within the bound of the requirement. Lost and
+    uncomputed flights count as +infinity.
     """
     rank = most_failures(worse.size + uncomputed, probability, consumer_risk) - uncomputed
     if rank + uncomputed < 0:

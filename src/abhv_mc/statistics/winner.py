@@ -1,9 +1,9 @@
 """Comparison of two controllers in one metric on the same flights.
 
-The winner has the smaller value on more than half of the flights that differ, is not significantly
-worse in the tails and does not lose more flights. The majority is tested by a mean likelihood ratio
-against a fair coin, valid at any number of flights. All comparisons of a campaign share the risk of
-a false winner (Bonferroni).
+The winner has the smaller value on most of the flights that differ, is not significantly worse in
+the tails, and does not lose significantly more flights. The majority is tested by a mean likelihood
+ratio against a fair coin, which is valid at any number of flights. All comparisons of a campaign
+share the risk of a false winner (Bonferroni).
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,19 @@ from abhv_mc.statistics.quantile_pairs import quantile_difference
 Side = Literal["a", "b", ""]
 
 RISK = 0.05  # risk of naming any winner in a campaign without differences
-TAILS = (0.95, 0.9973)  # quantiles in which a winner must not be worse
+TAILS = (0.95, 0.9973)  # levels of the quantiles in which a winner must not be worse
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Comparison of one metric of `a` and `b` on the same flights."""
+    """Result of comparing `a` and `b` in one metric on the same flights."""
 
-    closer: Side  # controller with smaller values on most differing flights; '' if not shown
-    worse: tuple[float, ...] = ()  # quantiles in which `closer` is significantly worse
-    uncompared: tuple[float, ...] = ()  # quantiles for which there are too few flights
+    # controller with the smaller value on most of the flights that differ; '' if not significant
+    closer: Side
+    # levels of the quantiles in which `closer` is significantly worse
+    worse: tuple[float, ...] = ()
+    # levels of the quantiles for which there are too few flights
+    uncompared: tuple[float, ...] = ()
     loses_more: bool = False  # whether `closer` significantly loses more flights
 
     @property
@@ -45,15 +48,15 @@ def decide(
 ) -> Decision:
     """Compare severities [pair]; larger is worse and +infinity marks a lost flight.
 
-    `lost_a` and `lost_b` [pair] mark the lost flights, whatever their metric; `comparisons` is the
-    number of metrics times the number of rivals judged together.
+    `lost_a` and `lost_b` [pair] mark all lost flights, even those with a finite metric;
+    `comparisons` is the number of metrics times the number of rivals that are judged together.
     """
     confidence = 1.0 - risk / comparisons
     difference = pair_differences(a, b)
     better, worse = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
     if log_coin_evidence(max(better, worse), min(better, worse)) < log(
         2.0 * comparisons / risk
-    ):  # Either controller may win.
+    ):  # The risk is halved because either controller may win.
         return Decision("")
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
@@ -67,8 +70,8 @@ def decide(
 def agree(decisions: Sequence[Decision]) -> Decision:
     """Return the decision that holds at every point of the unknowns.
 
-    If the points disagree, neither controller is closer. A winner must win at each point, so that
-    several points need no smaller risk per test.
+    If the points disagree, `closer` is empty. A winner must win at each point, so that the risk per
+    test need not be reduced for several points.
     """
     sides = {decision.closer for decision in decisions}
     if len(sides) > 1:
@@ -87,12 +90,12 @@ def worse_tails(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the quantiles in which `a` is worse, and those that cannot be compared.
 
-    A quantile that cannot be compared is replaced by the outermost one that the flights bound.
+    A quantile that cannot be compared is replaced by the outermost quantile that the flights bound.
     `confidence` is two-sided: a quantile is falsely called worse with a chance of at most (1 -
     confidence) / 2.
     """
     worse, uncompared = [], []
-    # The flights bound no quantile beyond the outermost one.
+    # highest quantile level for which the flights give a bound
     outermost = float(((1.0 - confidence) / 4.0) ** (1.0 / a.size))
     for level in TAILS:
         difference = quantile_difference(a, b, level, confidence)

@@ -1,6 +1,6 @@
-"""Report topics, one package each, with numbers, figures, sentences and a section.
+"""Report topics: each package makes the numbers, figures and section of one topic.
 
-The public names support custom topics.
+Custom topics use the public names of this package.
 """
 
 from importlib import import_module
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from abhv_mc.kernel.cache import cache_root
 
-cache_root()  # Matplotlib needs this cache folder on import if there is no home folder.
+cache_root()  # If there is no home folder, matplotlib needs this cache folder when it is imported.
 
 if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign
@@ -41,7 +41,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, imported on first use because topics import this package."""
+    """Return a public object, imported on first use because topics import this package."""
     if name not in __all__:
         raise AttributeError(f"module 'abhv_mc.topics' has no attribute '{name}'")
     return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.section")), name)

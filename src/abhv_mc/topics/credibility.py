@@ -1,4 +1,4 @@
-"""Credibility assessment of a campaign's results by the factors of NASA-STD-7009."""
+"""Credibility assessment of a campaign's results by the factors in NASA-STD-7009."""
 
 from collections.abc import Iterator
 

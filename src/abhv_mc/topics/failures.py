@@ -1,4 +1,4 @@
-"""Failure analysis: the failure map, and rules in one or two dispersed parameters."""
+"""Failure analysis: the failure map, and failure rules on one or two dispersed parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,15 +27,15 @@ from abhv_mc.topics.topic import Topic
 
 @dataclass(frozen=True, kw_only=True)
 class FailureRule(Rule[str]):
-    """Region of the dispersions with an increased failure rate."""
+    """Region of the dispersed parameters in which the failure rate is increased."""
 
-    where: str  # description in words
-    rule: str  # description with shares of the flights
+    where: str  # description of the region
+    rule: str  # description of the region with shares of the flights
 
 
 @dataclass(frozen=True)
 class FailureKind:
-    """Failure mode with its rules."""
+    """Failure mode with the rules for its occurrence."""
 
     kind: str
     flights: int
@@ -49,10 +49,10 @@ class Failures:
 
     controllers: Mapping[str, tuple[FailureKind, ...]]
     map: Mapping[str, ControllerFailures] | None = (
-        None  # failure map by controller; None if not computed from these flights
+        None  # failure map of each controller; None if not computed from these flights
     )
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
-    fewest_failures: int = FEWEST_FAILURES  # minimum number of failures for a rule
+    fewest_failures: int = FEWEST_FAILURES  # minimum number of failures needed for a rule
 
 
 def compute_failures(results: FlownCampaign) -> Failures:
@@ -142,8 +142,8 @@ def _difference_words(
 ) -> str:
     """Describe how two inputs deviate in a rule's region, with medians of the failures.
 
-    Return 'density and drag deviating in opposite directions (e.g. density -7 %, drag +9 %)' if
-    this holds for each failure, else 'density far below drag, each in its own range'.
+    Return text such as 'density and drag deviating in opposite directions (e.g. density -7 %, drag
+    +9 %)' if this is true of every failure, else 'density far below drag, each in its own range'.
     """
     condition = rule.conditions[0]
     inputs = condition.parameter, condition.minus or 0
@@ -169,7 +169,7 @@ def _difference_words(
 
 
 TITLE = "Failure analysis"
-_LISTED = 2  # maximum number of rules per failure mode
+_LISTED = 2  # maximum number of rules listed per failure mode
 
 
 def failure_section(failures: Failures, names: Names) -> Section:
@@ -239,7 +239,7 @@ def _map_group(controller: str, failure_map: ControllerFailures, names: Names) -
 
 
 def _typical(dispersion: Dispersed, names: Names) -> str:
-    """Return a typical value with its range, such as '-35 % (-40 % to -31 %)'."""
+    """Return a dispersion's typical value and range, such as '-35 % (-40 % to -31 %)'."""
     values = dispersion.least, dispersion.median, dispersion.largest
     low, middle, high = (
         shown_value(dispersion.parameter, value, names.campaign.parameters) for value in values
@@ -248,7 +248,7 @@ def _typical(dispersion: Dispersed, names: Names) -> str:
 
 
 def _rest(failure_map: ControllerFailures) -> str:
-    """Return counts of failures that belong to no group.
+    """Return text that counts the failures outside all groups.
 
     For example, '3 of 50 not explained by any tested set'.
     """
@@ -263,7 +263,7 @@ def _rest(failure_map: ControllerFailures) -> str:
 
 
 def _rules_section(failures: Failures, names: Names) -> Section:
-    """Return the section on failure modes and rules, most failures first."""
+    """Return the section on failure modes and their rules, most frequent mode first."""
     items: list[Item] = []
     ranked = sorted(
         failures.controllers.items(), key=lambda entry: -sum(kind.failures for kind in entry[1])

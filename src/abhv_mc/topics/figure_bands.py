@@ -1,4 +1,4 @@
-"""Figures of envelopes: a column per controller, or a sheet of channels."""
+"""Envelope figures: one column per controller, or one panel per channel."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.folder.histories import MOST_MEDIAN
 from abhv_mc.topics.figure_style import DASHES, INK, new_panels, put_legend, styled
 
-# Bands, widest first: lower and upper quantile, opacity and legend text.
+# Bands from widest to narrowest: lower and upper quantile, opacity and legend text.
 BANDS = (
     ("min", "max", 0.18, "all flights"),
     ("q0.135", "q99.865", 0.30, "0.135–99.865 %"),
@@ -28,20 +28,21 @@ SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 MEDIANS = ("q50", MOST_MEDIAN)
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
-_INSET = (0.3, 0.66, 0.69, 0.34)  # inset in axes coordinates: left, lower edge, width, height
-_SHOWN = 3.0  # seconds shown on either side of the largest move
+# position of the inset in axes coordinates: left edge, lower edge, width, height
+_INSET = (0.3, 0.66, 0.69, 0.34)
+_SHOWN = 3.0  # time shown in the inset before and after the largest change, s
 
 
 @dataclass(frozen=True)
 class EnvelopePanel:
-    """Panel of one channel and one controller; every curve is a pair (x, y)."""
+    """Panel with one channel under one controller."""
 
     x: Floats  # time in s, or another abscissa
     bands: Mapping[
         str, Floats
-    ]  # bands [time]: min, q0.135, q5, q50, q95, q99.865, max; q50_most with unknowns
+    ]  # bands [time]: min, q0.135, q5, q50, q95, q99.865, max, also q50_most if there are unknowns
     reference: tuple[Floats, Floats] | None = None
-    flights: Sequence[tuple[Floats, Floats]] = ()  # single flights (x, y), worst first
+    flights: Sequence[tuple[Floats, Floats]] = ()  # curves (x, y) of single flights, worst first
     levels: Sequence[float] = ()  # limits of requirements
 
 
@@ -49,13 +50,13 @@ class EnvelopePanel:
 class EnvelopeRow:
     """Panels that share their axes, one per controller."""
 
-    label: str  # label of the y axis, with its unit
+    label: str  # label of the y axis, including the unit
     panels: Sequence[EnvelopePanel]
-    inset: bool = False  # whether a sheet enlarges its largest move
+    inset: bool = False  # whether an inset enlarges the largest change
 
 
 def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
-    """Draw a controller's bands; the worst flight is in front, other flights are thin."""
+    """Draw one panel, with the worst flight in front and thin lines for the other flights."""
     faint = 0.5 if panel.flights else 1.0
     for low, high, opacity, _ in [band for band in BANDS if band[0] in panel.bands]:
         area = panel.bands[low], panel.bands[high]
@@ -75,7 +76,7 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
 def _legend(
     figure: Figure, rows: Sequence[EnvelopeRow], band_names: Sequence[str], lines: Sequence[Line2D]
 ) -> None:
-    """Add a legend of the drawn bands, lines and reference."""
+    """Add a legend for the bands, lines and reference that are drawn."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
     handles: list[Patch | Line2D] = [
@@ -93,7 +94,7 @@ def _legend(
 def plot_envelopes(
     rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]
 ) -> Figure:
-    """Plot rows of panels, a column per controller; rows share the y axis."""
+    """Plot rows of panels, one column per controller; the panels of a row share the y axis."""
     count = len(rows) * len(titles)
     figure, grid = new_panels(
         count, len(titles), 0.8, between=(0.2, 0.3), lettered=False, sharex="row", sharey="row"
@@ -109,7 +110,7 @@ def plot_envelopes(
             if r == len(rows) - 1:
                 axes.set_xlabel("time (s)")
         flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
-        if flown.size:  # Every flight may have terminated early.
+        if flown.size:  # No value is finite if every flight has terminated early.
             grid[r, 0].set_xlim(float(flown.min()), float(flown.max()) or 1.0)
         _set_y_limits(grid[r, 0], row)
     if any(panel.flights for row in rows for panel in row.panels):
@@ -134,7 +135,7 @@ def plot_envelopes(
 def plot_sheet(
     rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
-    """Plot a panel per channel with all controllers: full range, 5 to 95 %, median."""
+    """Plot one panel per channel with each controller's full range, 5 to 95 % band and median."""
     figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24, lettered=False)
     looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
     for k, (axes, row) in enumerate(zip(grid.flat, rows, strict=False)):
@@ -173,7 +174,7 @@ def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> 
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
-    """Draw the seconds around the largest move in an inset above the curves."""
+    """Add an inset above the curves that enlarges the time around the largest change."""
     peaks = []
     for panel in row.panels:
         middle = np.nanmedian(panel.bands["q50"])
@@ -196,7 +197,7 @@ def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) 
 
 
 def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
-    """Set y limits from the values in the x range, with a margin and non-zero height."""
+    """Set the y limits to the values within the x range, plus a margin."""
     low, high = np.inf, -np.inf
     left, right = axes.get_xlim()
     for panel in row.panels:
@@ -214,17 +215,17 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
 
 
 def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
-    """Subtract the reference [time], if there is one, from a channel; ``x`` in s."""
+    """Return a channel minus its reference [time], if there is one; ``x`` is the time, s."""
     return y if reference is None else y - np.interp(x, time, reference)
 
 
 def bands_off(
     x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None
 ) -> dict[str, Floats]:
-    """Subtract the reference [time], if there is one, from a channel's bands.
+    """Return a channel's bands minus its reference [time], if there is one.
 
-    Minimum and maximum cover all control ticks between two samples. They are omitted for a moving
-    reference, because its change would appear as an error.
+    The minimum and maximum cover all control ticks between two samples. Both are omitted if the
+    reference varies, because its change between samples would appear as an error.
     """
     moves = reference is not None and float(np.ptp(reference)) > 0.0
     drawn_bands = {

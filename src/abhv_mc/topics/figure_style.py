@@ -1,7 +1,8 @@
 """Common style of figures: sizes, colours for colour-blind readers, small files.
 
 The background is transparent. Colours have a contrast of at least 3 on white, text of at least 12.
-Dark pages invert the lightness of figures (``style.css``), with the same contrasts or better.
+Dark pages invert the lightness of figures (``style.css``), which preserves or increases the
+contrasts.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +27,9 @@ P = ParamSpec("P")
 
 WIDTH = 7.2  # width of two journal columns, inches
 DPI = 200
-_MOST_STEPS = 2000  # maximum number of steps of a distribution curve
-_COLORS = 128  # colours in a PNG palette: a third of the bytes without visible difference
+_MOST_STEPS = 2000  # maximum number of steps drawn in a distribution curve
+# number of colours in a PNG palette, which reduces files to a third without visible difference
+_COLORS = 128
 SMALLEST = 8.0  # size of all text, pt; figures are printed at the drawn width
 
 # Okabe and Ito's palette (jfly.uni-koeln.de/color), in the order of the controllers.
@@ -44,7 +46,7 @@ CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
-PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of tick labels, as in the text
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels, as in the text
 GRID = "#80808050"
 
 _RC: dict[Any, Any] = {
@@ -53,7 +55,7 @@ _RC: dict[Any, Any] = {
     "font.size": SMALLEST,
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # A fixed title position needs no search.
+    "axes.titley": 1.0,  # A fixed title position saves matplotlib a search for one.
     "axes.labelsize": SMALLEST,
     "axes.edgecolor": INK,
     "axes.linewidth": 0.6,
@@ -82,7 +84,7 @@ _RC: dict[Any, Any] = {
 
 
 def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Return the plot function with the common style, independent of global settings."""
+    """Decorate a plot function to use the common style, independent of global settings."""
 
     @wraps(plot)
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -93,7 +95,7 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """Return an empty figure, sizes in inches, with a layout that avoids overlaps."""
+    """Return an empty figure, whose layout avoids overlaps; sizes are in inches."""
     # The layout depends on the text size, which depends on the resolution: use the final one.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
@@ -110,12 +112,12 @@ def new_panels(
     lettered: bool = True,
     **shared: Any,
 ) -> tuple[Figure, Any]:
-    """Return a figure with axes [row, column] for ``count`` panels; spare ones are hidden.
+    """Return a figure with axes [row, column] for ``count`` panels; surplus axes are hidden.
 
     Sizes are in inches. ``row_height`` is the height of the axes, ``top`` the space for titles, and
-    ``between`` the space beside and below axes. The layout is fixed, because measuring text takes
-    as long as drawing. If ``lettered``, panels are marked with letters. ``shared`` is passed to
-    :meth:`Figure.subplots`.
+    ``between`` the space to the side of and below each axes. The layout is fixed, because measuring
+    text would take as long as drawing the figure. If ``lettered``, panels are marked with letters.
+    ``shared`` is passed to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     left, bottom, right = 0.68, 0.72, 0.12
@@ -171,7 +173,7 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
 
 
 def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Add a one-line legend at the lower edge, denser if there are many entries."""
+    """Add a one-line legend at the lower edge, with less spacing if there are many entries."""
     letters = sum(map(len, labels)) + 6 * len(labels)
     figure.legend(
         handles,
@@ -185,21 +187,21 @@ def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) ->
 
 
 def controller_colors(names: Sequence[str]) -> dict[str, str]:
-    """Return each controller's colour, by its position in the campaign."""
+    """Return a colour for each controller, chosen by its position in the campaign."""
     return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}
 
 
 def pad_if_flat(axes: Axes) -> None:
-    """Widen the y limits of a constant curve, so that it does not look like noise."""
+    """Widen the y limits of a constant curve, whose rounding errors would look like noise."""
     low, high = axes.get_ylim()
     if high - low < 1e-9:
         axes.set_ylim((low + high) / 2.0 - 1.0, (low + high) / 2.0 + 1.0)
 
 
 def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
-    """Return the finite values in ascending order and the cumulative share of each.
+    """Return the finite values in ascending order, and the cumulative share at each value.
 
-    Points are thinned to the visible resolution.
+    At most _MOST_STEPS of the points are returned.
     """
     ascending = np.sort(values)
     share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
@@ -240,11 +242,11 @@ def write_svg(figure: Figure, path: Path) -> None:
     write_bytes(path, file.getvalue())
 
 
-LOG_AXIS = "log axis"  # stated in the label of such an axis
+LOG_AXIS = "log axis"  # text added to the label of a logarithmic axis
 
 
 def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -> bool:
-    """Make an axis logarithmic if all but the smallest values span a factor above 20."""
+    """Make an axis logarithmic if all but the smallest values span more than a factor of 20."""
     finite = np.concatenate([v[np.isfinite(v)] for v in values])
     if not finite.size or finite.min() <= 0.0:
         return False

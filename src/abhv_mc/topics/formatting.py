@@ -1,4 +1,4 @@
-"""Formatting of numbers to their Monte Carlo precision, and of dispersed parameters."""
+"""Formatting of numbers to the precision of Monte Carlo estimates, and of parameters."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def _decimals(error: float) -> int:
-    """Return the decimals that show an error's first digit, or two digits if it is 1."""
+    """Return the number of decimals that show an error's first digit; two digits if it is 1."""
     magnitude = math.floor(math.log10(error))
     return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
 
@@ -34,30 +34,30 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def ends_of(interval: Interval) -> tuple[float | None, float | None, float | None]:
-    """Return value, lower and upper end of an interval; None if missing or open."""
+    """Return the value, lower end and upper end of an interval; None if missing or open."""
     ends = interval.value, interval.low, interval.high
     value, low, high = (end if math.isfinite(end) else None for end in ends)
     return value, low, high
 
 
 def _places(interval: Interval) -> int | None:
-    """Return the number of decimals for an interval, from half its width.
+    """Return the number of decimals for printing an interval, from half its width.
 
-    An interval open on one side uses its other side. The largest number has between one and four
-    significant digits.
+    If one end is open, the distance of the other end from the value is used. The largest number
+    gets one to four significant digits.
     """
     value, *bounds_of = ends_of(interval)
     ends = [end for end in bounds_of if end is not None]
     if value is None or not ends:
         return None
-    # Rounding may swap the ends.
+    # Due to rounding, the ends may be in reverse order.
     error = abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)
     if not error:
         return None
     largest = max(map(abs, (value, *ends)))
     leading = -math.floor(math.log10(largest)) if largest else 0
     decimals = min(max(_decimals(error), leading), leading + 3)
-    # An end that is not zero should not be printed as zero.
+    # A nonzero end should not be printed as zero.
     return decimals + any(end and round(end, decimals) == 0.0 for end in ends)
 
 
@@ -69,7 +69,7 @@ def estimate(interval: Interval) -> str:
 
 
 def bounds(interval: Interval) -> str:
-    """Format the ends of an interval to the digits of its value; open ends are named."""
+    """Format the ends of an interval to as many decimals as its value; open ends are named."""
     decimals, (value, low, high) = _places(interval), ends_of(interval)
     if value is None or (low is None and high is None):
         return ""
@@ -85,7 +85,7 @@ def bounds(interval: Interval) -> str:
 def percent(share: float | None, digits: int = 3) -> str:
     """Format a share as a percentage.
 
-    Near 0 and 100 % the distance from that end has `digits` significant digits.
+    The distance from the nearer of 0 and 100 % is given to `digits` significant digits.
     """
     if share is None:
         return "\N{EM DASH}"
@@ -100,13 +100,13 @@ def percent(share: float | None, digits: int = 3) -> str:
 
 
 def count_of(count: int, total: int, noun: str = "") -> str:
-    """Format a count, such as '3 of 1000 flights', with grouped digits."""
+    """Format a count such as '3 of 1000 flights', with grouped digits."""
     text = f"{count:,} of {total:,}".replace(",", THIN)
     return f"{text} {noun}".rstrip()
 
 
 def p_value(value: float) -> str:
-    """Format a p-value, never as 0."""
+    """Format a p-value, which is never printed as 0."""
     return "< 0.0001" if value < 1e-4 else significant(value, 2)
 
 
@@ -117,7 +117,7 @@ def joined(items: Sequence[str]) -> str:
     )
 
 
-# parameter groups omitted from names in sentences
+# prefixes of parameter names that sentences omit
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")
 _FAILURE_KINDS = {
     "stuck_time": "sticking time",
@@ -134,7 +134,7 @@ def is_factor(name: str, parameters: Parameters = OURS) -> bool:
 
 
 def shown_value(name: str, value: float | None, parameters: Parameters = OURS) -> str:
-    """Format a value: '+8.1 %' for a factor of 1.081, '0.3 deg' for radians.
+    """Format a parameter's value: '+8.1 %' for a factor of 1.081, '0.3 deg' for radians.
 
     A failure that does not occur (inf or None) is shown as 'never'.
     """
@@ -165,7 +165,7 @@ def axis_unit(name: str, parameters: Parameters = OURS) -> tuple[str, float]:
 def spoken_name(name: str) -> str:
     """Return a parameter's name for a sentence, such as 'lift' for 'aero.lift'.
 
-    Components of coefficients become, for example, 'yawing moment due to sideslip'.
+    The name of a term of a coefficient becomes, e.g., 'yawing moment due to sideslip'.
     """
     group, _, suffix = name.partition(".")
     if not suffix:

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-DRAWN = "drawn"  # metadata key of fields that serve figures only and are not in JSON
+DRAWN = "drawn"  # metadata key of fields that are used only for figures and omitted from JSON
 
 
 def json_data(value: Any) -> Any:
     """Return a value as JSON data; infinite and missing numbers become None.
 
-    Fields marked ``DRAWN`` are left out.
+    Fields marked ``DRAWN`` are omitted.
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {

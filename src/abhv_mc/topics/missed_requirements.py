@@ -1,4 +1,4 @@
-"""Flights that count as failures, by failure mode."""
+"""Flights that count as failures, grouped by failure mode."""
 
 from collections.abc import Mapping
 
@@ -15,9 +15,9 @@ EARLY = "ended early"
 
 
 def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
-    """Return a mask [flight] of the failures to meet a requirement.
+    """Return a mask [flight] of the flights that fail to meet a requirement.
 
-    Early terminations count unless the requirement takes them as measured.
+    Early terminations count as failures unless the requirement judges their measured values.
     """
     values, early = flights.metrics[requirement.metric], flights.failed
     return requirement.limits.failures(values, early & requirement.early_is_failure)
@@ -26,7 +26,7 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
 def failed_anyhow(
     flights: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> NDArray[np.bool_]:
-    """Return a mask [flight] of early terminations and missed requirements."""
+    """Return a mask [flight] of flights that terminate early or miss a requirement."""
     failed = flights.failed.copy()
     for item in requirements:
         failed |= requirement_failures(flights, item)
@@ -44,7 +44,7 @@ def limit_words(metric: Metric, limits: Bounds) -> str:
 
 
 def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Return each failure mode that occurred, with its mask [flight]."""
+    """Return each failure mode that occurred, with a mask [flight] of its flights."""
     early = results.flights[controller].failed
     kinds = [(EARLY, early)]
     kinds += [

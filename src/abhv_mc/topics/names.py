@@ -21,7 +21,7 @@ def controller_label(name: str) -> str:
 
 
 def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Return printed names of a campaign's controllers; the paper's LQR is marked."""
+    """Return the printed names of a campaign's controllers; the LQR of the paper is marked."""
     paper = _controller_text(shipped_files("control")["lqr"])
     flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
     return {
@@ -32,13 +32,13 @@ def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def _controller_text(path: Path) -> bytes:
-    """Return a controller file's content without the schema line that `new` writes."""
+    """Return a controller file's content without the schema line written by `abhv-mc new`."""
     return re.sub(rb"\A# yaml-language-server:.*\n", b"", path.read_bytes())
 
 
 @dataclass(frozen=True)
 class Names:
-    """Printed names of a campaign's controllers and metrics, with its folder and results."""
+    """Printed names of a campaign's controllers and metrics, with the campaign's results."""
 
     controllers: Mapping[str, str]  # controller -> label, in the campaign's order
     metrics: Mapping[str, Metric]  # metric records by name
@@ -53,7 +53,7 @@ class Names:
         return self.controllers.get(controller, controller)
 
     def subject(self, controller: str) -> str:
-        """Return a controller's name for a sentence; lower-case names are quoted."""
+        """Return a controller's name for use in a sentence; lower-case names are quoted."""
         label = self.label(controller)
         return (
             f"\N{LEFT DOUBLE QUOTATION MARK}{label}\N{RIGHT DOUBLE QUOTATION MARK}"
@@ -63,7 +63,7 @@ class Names:
 
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
-    """Return a campaign's names, with its folder relative to that of ``page`` if given."""
+    """Return a campaign's names; its folder is relative to the folder of ``page``, if given."""
     labels, campaign = full_labels(results.folder, results.controllers), results.campaign
     target = results.folder
     if page is not None:

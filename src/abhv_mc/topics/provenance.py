@@ -1,4 +1,4 @@
-"""Reproducibility: campaign, program, machine, digests and hashes."""
+"""Provenance of results: campaign, program, machine, digests and hashes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ class Provenance:
     controllers: tuple[str, ...]
     labels: Mapping[str, str]
     stops_when_proven: bool
-    pooled_seeds: tuple[int, ...]  # seeds of the merged campaigns
+    pooled_seeds: tuple[int, ...]  # seeds of the campaigns merged into this one
     independent_flights: bool
     digests: Mapping[str, str]  # digests by controller
 
 
 def compute_provenance(results: FlownCampaign) -> Provenance:
-    """Return the provenance from the campaign file and the manifest."""
+    """Return the provenance that the campaign file and the manifest record."""
     campaign, manifest = results.campaign, results.manifest
     return Provenance(
         **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},

@@ -1,4 +1,4 @@
-"""Registry of report topics: built in, from installed packages or from a notebook."""
+"""Registry of report topics: built in, from installed packages, or defined in a notebook."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -37,21 +37,21 @@ def register(topic: Topic[Any]) -> None:
 
 
 def all_topics(users: Sequence[Topic[Any]] | None = None) -> tuple[Topic[Any], ...]:
-    """Return all topics in page order; confidence and provenance come last.
+    """Return all topics in the order of the page, with confidence and provenance last.
 
-    ``users`` are custom topics, by default all installed and registered ones.
+    ``users`` contains custom topics, by default all that are installed or registered.
     """
     *first, confidence, provenance = BUILT_IN
     return (*first, *(user_topics() if users is None else users), confidence, provenance)
 
 
 def make_figures(models: Models) -> dict[str, Iterator[Drawn]]:
-    """Return iterators of figures by topic, for figures with data in the campaign."""
+    """Return, by topic, iterators over the figures for which the campaign has data."""
     return {topic.name: models.figures(topic) for topic in all_topics(models.users)}
 
 
 def find_topic(name: str) -> Topic[Any]:
-    """Return the topic with a given name. Raise InputError if it is unknown."""
+    """Return the topic with the given name. Raise InputError if the name is unknown."""
     topics = {topic.name: topic for topic in all_topics()}
     if name not in topics:
         raise InputError("topic", describe(name), one_of(topics, name))

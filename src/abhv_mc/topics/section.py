@@ -1,6 +1,6 @@
-"""Report sections as data, drawn on a page, in a terminal or in a notebook.
+"""Report sections as data, to be shown on a page, in a terminal or in a notebook.
 
-Text between backticks is literal: a command, a file name or a key.
+Text between backticks is literal, such as a command, a file name or a key.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ class Cell:
     head: bool = False  # whether the cell is a row header
     verdict: bool = False  # whether the cell is a verdict: PASS, FAIL, NOT SHOWN or ESTIMATE
     flight: tuple[str, int] | None = (
-        None  # controller and flight number that the page shows on a click
+        None  # controller and number of the flight that a click on the cell shows
     )
     hint: str = ""  # tooltip
 
@@ -43,22 +43,22 @@ Row: TypeAlias = tuple[Cell, ...]
 
 
 def grouped(rows: Sequence[Row], *heads: Cell) -> tuple[Row, ...]:
-    """Return the rows with head cells that span all of them."""
+    """Return the rows, preceded by header cells that span all rows."""
     return ((*(replace(head, rows=len(rows)) for head in heads), *rows[0]), *rows[1:])
 
 
 @dataclass(frozen=True)
 class Table:
-    """Table of groups of rows; cells may span several rows of a group."""
+    """Table whose rows form groups; a cell may span several rows of a group."""
 
     title: str
     heads: tuple[str, ...]
     groups: tuple[tuple[Row, ...], ...]
-    caption: str = ""  # text above the table if the title is not enough
+    caption: str = ""  # text above the table in addition to the title
     numbers: bool = True  # whether most cells are numbers
 
     def plain_rows(self) -> list[list[str]]:
-        """Return every cell as text, repeated over the rows and columns that it spans."""
+        """Return all cells as text, each repeated in the rows and columns that it spans."""
         rows: list[list[str]] = []
         for group in self.groups:
             lines = [[""] * len(self.heads) for _ in group]
@@ -73,7 +73,7 @@ class Table:
     def without_constant(self) -> "Table":
         """Return the table with its constant columns moved to the caption.
 
-        Single rows and row headers stay.
+        A table with a single row, and row headers, are unchanged.
         """
         (rows,) = self.groups
         texts = {column: {row[column].text for row in rows} for column in range(len(self.heads))}
@@ -101,7 +101,7 @@ class Table:
         )
 
     def without_idle(self) -> "Table":
-        """Return the table without columns that are empty or zero throughout."""
+        """Return the table without columns whose cells are all empty or zero."""
         placed = [_places(group) for group in self.groups]
         used_columns = {
             column
@@ -135,7 +135,7 @@ class Table:
 
 
 def _places(group: tuple[Row, ...]) -> list[list[tuple[int, Cell]]]:
-    """Return each row's cells with their columns, allowing for cells that span rows."""
+    """Return each row's cells with their column numbers, allowing for cells that span rows."""
     rows: list[list[tuple[int, Cell]]] = []
     below: dict[int, int] = {}  # column -> number of further rows covered by a spanning cell
     for row in group:
@@ -160,7 +160,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Lead:
-    """Summary of a report, its first item and its only bold text."""
+    """Summary of a report: the first item of the page and the only bold text."""
 
     answer: str
     because: tuple[str, ...] = ()
@@ -175,7 +175,7 @@ class Lead:
 
 @dataclass(frozen=True)
 class Bullets:
-    """Sentences, one per line."""
+    """List of sentences, one per line."""
 
     sentences: tuple[str, ...]
 
@@ -192,14 +192,14 @@ class FigureText:
 
 @dataclass(frozen=True)
 class Picture:
-    """Reference to a figure by name; empty if the figure was not made."""
+    """Reference to a figure by name; shown as nothing if the figure was not made."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Widget:
-    """Interactive element of a page, by the name of its template."""
+    """Interactive element of a page, identified by the name of its template."""
 
     name: str
 

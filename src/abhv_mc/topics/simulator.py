@@ -1,4 +1,4 @@
-"""Repeatability of a user's simulator, and reasons why flights failed to run."""
+"""Report topic: repeatability of a user's simulator, and why flights failed to run."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
 from abhv_mc.topics.topic import Topic
 
-_SHOWN = 20  # maximum number of reasons per system
+_SHOWN = 20  # maximum number of reasons listed per system
 _NO_REASON = "no reason is stored"
 _EVENTS = {
     "restarts": "process restarted after a crash, a time-out or an invalid answer",
@@ -23,7 +23,7 @@ _PREFIX = "inputs/simulator/"
 
 @dataclass(frozen=True)
 class FailureReason:
-    """Reason why flights failed to run."""
+    """Reason why one or more flights failed to run."""
 
     reason: str
     flights: int
@@ -36,13 +36,14 @@ class SimulatorFacts:
 
     repeatable: str | None
     events: Mapping[str, Mapping[str, int]]  # counts of process events, by system and event
-    notes: tuple[str, ...]  # notes on surplus output, undeclared files and noise
+    notes: tuple[str, ...]  # notes on surplus output, undeclared files and the use of noise
     files: tuple[str, ...]  # files of the simulator
-    reasons: Mapping[str, tuple[FailureReason, ...]]  # reasons by system, most frequent first
+    # reasons for failing to run, by system, most frequent first
+    reasons: Mapping[str, tuple[FailureReason, ...]]
 
 
 def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
-    """Return a simulator's facts from the manifest and the flights."""
+    """Return the facts about a simulator that the manifest and the flights contain."""
     manifest, can = results.manifest, results.campaign.simulator.capabilities
     reasons = {}
     for name, flights in results.flights.items():

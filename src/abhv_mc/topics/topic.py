@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 M = TypeVar("M")
-Drawn: TypeAlias = "tuple[FigureText, Figure]"  # figure with its texts
+Drawn: TypeAlias = "tuple[FigureText, Figure]"  # texts of a figure, and the figure
 
 
 def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
-    """Return a function that draws the figures of a package's ``figures`` module.
+    """Return a function that makes the figures defined in a package's ``figures`` module.
 
     The module and matplotlib are imported on the first call.
     """
@@ -38,12 +38,12 @@ def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
 class Topic(Generic[M]):
     """Report topic whose ``compute`` returns a model, a frozen dataclass of numbers.
 
-    Sections, sentences and figures are made from the model and :class:`Names`, which also gives
+    The section, sentences and figures are made from the model and :class:`Names`, which also gives
     access to the campaign and its results. A field with ``metadata={DRAWN: True}``
-    (:mod:`abhv_mc.topics.json_data`) serves figures only and is not in JSON.
+    (:mod:`abhv_mc.topics.json_data`) is used only for figures and omitted from JSON.
     """
 
-    # name in report.json, in `abhv-mc show NAME DIR` and in the results
+    # name of the topic in report.json, in `abhv-mc show NAME DIR` and in the results
     name: str
     model: type[M]
     compute: Callable[[FlownCampaign], M]
@@ -57,7 +57,7 @@ class Models:
     """Models of a campaign's topics, each computed on first use."""
 
     def __init__(self, results: FlownCampaign, page: Path | None = None) -> None:
-        """Set up the models; commands show the results folder relative to ``page``."""
+        """Set up the models; in commands, the results folder is relative to ``page``."""
         self.results = results
         self._page = page
         self._held: dict[str, Any] = {}
@@ -75,7 +75,7 @@ class Models:
 
     @cached_property
     def users(self) -> tuple["Topic[Any]", ...]:
-        """Custom topics that work for this campaign; failures are reported on stderr."""
+        """Custom topics that succeed for this campaign; failures are reported on stderr."""
         return tuple(topic for topic in user_topics() if self._can_be_made(topic))
 
     def _can_be_made(self, topic: Topic[Any]) -> bool:
@@ -105,9 +105,9 @@ REGISTERED: dict[str, Topic[Any]] = {}  # custom topics registered in this proce
 
 
 def user_topics() -> tuple[Topic[Any], ...]:
-    """Return the importable custom topics of installed packages and notebooks.
+    """Return the custom topics of installed packages and notebooks that can be imported.
 
-    Raise InputError for an entry point that is no topic.
+    Raise InputError for an entry point that is not a topic.
     """
     topics: dict[str, Topic[Any]] = {}
     for entry in find_entry_points(TOPICS).values():
@@ -125,7 +125,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
 
 
 def _tell_failure(name: str) -> None:
-    """Report on stderr that a custom topic failed and is left out."""
+    """Report on stderr that a custom topic failed and is omitted."""
     print(
         f"the topic {name} is left out:\n{traceback.format_exc()}",
         end="",

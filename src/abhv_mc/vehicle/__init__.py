@@ -1,1 +1,1 @@
-"""Vehicle files and their tables, packed for compiled code."""
+"""Reading of vehicle files and their tables, and packing for compiled code."""

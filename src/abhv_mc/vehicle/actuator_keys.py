@@ -1,4 +1,4 @@
-"""Keys of the engines and control surfaces in a vehicle file."""
+"""Pydantic models of the engine and control surface keys in a vehicle file."""
 
 import math
 from collections.abc import Collection
@@ -20,7 +20,7 @@ from abhv_mc.io.units import (
 from abhv_mc.kernel.plant.vehicle import MAX_ENGINES, Inlet
 from abhv_mc.vehicle.shared_keys import AngleRange, Positive, Range, Rising
 
-# Propulsion rows of FIXED_TABLE_ROWS, with the keys that name their tables.
+# Propulsion entries of FIXED_TABLE_ROWS, and the keys that name the tables for them.
 PROPULSION_TABLES = {
     "capture_area_ratio": "capture_area_ratio",
     "specific_impulse": "specific_impulse",
@@ -39,7 +39,7 @@ _DEAD_ZONE = (
 )
 _BACKLASH = "total play between the actuator and the surface"
 
-# Required keys of the dynamics for each kind of actuator; other keys are rejected.
+# Dynamics keys that each kind of actuator requires; other keys are rejected.
 DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
     "second_order": ("bandwidth", "damping", "rate_limit"),
     "first_order": ("bandwidth", "rate_limit"),
@@ -62,14 +62,14 @@ class Actuator(StrictModel):
     )
 
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
-        """Return the kind of actuator or None. Raise Refusal if 'kind' contradicts 'ideal'."""
+        """Return the kind of actuator, or None. Raise Refusal if 'kind' contradicts 'ideal'."""
         if self.ideal and kind not in (None, "ideal"):
             raise Refusal(f"'ideal: true' with 'kind: {kind}'", "only one of them", ("ideal",))
         return "ideal" if self.ideal else kind
 
 
 def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None:
-    """Raise Refusal if the keys do not match the kind of actuator."""
+    """Raise Refusal if the dynamics keys do not match the kind of actuator."""
     needed = DYNAMICS[kind]
     if set(keys) != set(needed):
         problem = f"{what} of the kind {kind} with {' and '.join(sorted(keys)) or 'no dynamics'}"
@@ -117,7 +117,7 @@ class SurfaceActuator(Actuator):
 
 
 class PythonFunction(StrictModel):
-    """Custom function of a vehicle, compiled separately from the flight."""
+    """Custom function of a vehicle, which is compiled separately from the simulator."""
 
     python: File = Field(description="Python file, relative to the vehicle file")
     settings: dict[str, Any] = Field(
@@ -126,7 +126,7 @@ class PythonFunction(StrictModel):
 
 
 class ThrustLine(StrictModel):
-    """Line of thrust, relative to the moment reference."""
+    """Thrust line relative to the moment reference."""
 
     inclination: Angle = Field(default=0.0, description="angle of the thrust, upward")
     offset: Length = Field(
@@ -166,7 +166,7 @@ class Unstart(StrictModel):
         return self
 
     def inlet(self) -> Inlet:
-        """Return the unstart condition as numbers for the kernel."""
+        """Return the unstart conditions as numbers for the kernel."""
         return Inlet(
             1.0,
             *self.angle_of_attack,
@@ -179,7 +179,7 @@ class Unstart(StrictModel):
 
 
 class Relight(StrictModel):
-    """Recovery of an engine after a failure; thrust loss follows the lag of the throttle."""
+    """Recovery of an engine after a failure; the loss of thrust follows the throttle's lag."""
 
     delay: Annotated[Time, Field(ge=0.0)] = Field(
         0.0, description="time from the failure until the thrust begins to recover"
@@ -190,7 +190,7 @@ class Relight(StrictModel):
 
 
 class Engine(StrictModel):
-    """One of several engines that may fail separately."""
+    """Engine of a vehicle with several engines that may fail separately."""
 
     share: Annotated[Fraction, Positive] | None = Field(
         None, description="share of the total thrust; default: equal shares"
@@ -201,7 +201,7 @@ class Engine(StrictModel):
 
 
 def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
-    """Return the share and position (x, y, z) of each engine."""
+    """Return the thrust share and position (x, y, z) of each engine."""
     return [
         (engine.share or 1.0 / len(engines), engine.x, engine.y, engine.z)
         for engine in engines.values()
@@ -308,7 +308,7 @@ AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
 class Surfaces(SurfaceActuator):
-    """Actuators of the three axis deflections, which are identical."""
+    """Actuator settings shared by the three axis deflections."""
 
     limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
@@ -323,7 +323,7 @@ class Surfaces(SurfaceActuator):
 
 
 class Effector(SurfaceActuator):
-    """Control surface: deflection per axis command, and optionally an actuator."""
+    """Control surface with its deflection per axis command and, optionally, its own actuator."""
 
     aileron: float = Field(0.0, description="deflection per aileron command")
     rudder: float = Field(0.0, description="deflection per rudder command")
@@ -353,7 +353,7 @@ class Effector(SurfaceActuator):
         return self
 
     def complete(self, surfaces: Surfaces) -> tuple[ActuatorKind, dict[str, float]]:
-        """Return the kind and dynamics, which by default are those of the surfaces.
+        """Return the actuator's kind and dynamics, with missing values taken from ``surfaces``.
 
         Raise Refusal if values are missing.
         """

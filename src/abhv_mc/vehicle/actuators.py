@@ -1,4 +1,4 @@
-"""Effectors and actuators of a vehicle: packing from the vehicle file, and queries."""
+"""Packing of a vehicle's effectors and actuators from the vehicle file, and queries."""
 
 from collections.abc import Mapping
 
@@ -36,9 +36,9 @@ _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effe
 def pack_effectors(
     effectors: Mapping[str, Effector], named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """Return the mix of effectors in the file, all effectors, and the names in the file.
+    """Return the mix of the file's effectors, the table of all effectors, and the names.
 
-    Names are arrays of character codes. Axes used by the aerodynamics are also effectors.
+    Names are arrays of character codes. An axis used by the aerodynamics is also an effector.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
@@ -60,7 +60,7 @@ def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
     """Return the array of actuators [actuator, column]: axes, engine, then effectors.
 
     ``effectors`` is the number of effectors. Omitted keys of effectors, and axes among the
-    effectors, have the values of the surfaces.
+    effectors, get the values of the key ``surfaces``.
     """
     surfaces, engine = content.surfaces, content.propulsion
     limit = surfaces.limit if surfaces else 0.0
@@ -84,7 +84,7 @@ def _make_row(
     kind: ActuatorKind | None,
     dynamics: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
-    """Return a row of the array of actuators; missing keys have neutral values."""
+    """Return one row of the array of actuators; missing keys get neutral values."""
     row = {"low": limits[0], "high": limits[1], "rate_limit": 0.0, "bandwidth": 1.0, "damping": 1.0}
     names = (*DYNAMICS["second_order"], *SLACK)
     row |= dict.fromkeys(SLACK, 0.0)
@@ -103,7 +103,7 @@ def has_slack(vehicle: Vehicle) -> bool:
 
 
 def slack_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a warning about dead zones and backlash, which margins neglect, if any.
+    """Return a warning if there are dead zones or backlash, which margins neglect.
 
     The warning is a sentence without a full stop.
     """
@@ -123,11 +123,11 @@ def slack_warnings(vehicle: Vehicle) -> list[str]:
 
 
 def _axis_shares(mix: Floats) -> Floats:
-    """Return the projection of deflections onto each axis [axis, effector, effector].
+    """Return matrices [axis, effector, effector] that project deflections onto each axis.
 
-    Effectors are grouped into sets of equal |mix|, in the order of the file: each effector joins
-    the first set in which its row of the mix is linearly independent, or starts a new set. In a
-    single set, pairs with different limits would count as commands of other axes.
+    Effectors with equal |mix| are grouped into sets in the order of the file: each effector joins
+    the first set in which its row of the mix is linearly independent, or starts a new set. With a
+    single set, deflections of pairs with different limits would count as commands on other axes.
     """
     sets: list[list[int]] = []
     for e, row in enumerate(mix):
@@ -149,7 +149,7 @@ def _axis_shares(mix: Floats) -> Floats:
 
 
 def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the names of a vehicle's effectors, including axes that are effectors."""
+    """Return the names of a vehicle's effectors, including axes that count as effectors."""
     names = ["".join(map(chr, row[row > 0])) for row in vehicle.effector_names]
     return tuple(
         names[i - _FIRST] if i >= _FIRST else VARIABLES[i] for i in vehicle.effectors.variable
@@ -157,18 +157,18 @@ def name_effectors(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def surface_list(vehicle: Vehicle) -> Ints:
-    """Return the indices of active actuators: surfaces, then the engine."""
+    """Return the indices of the active actuators: first surfaces, then the engine."""
     first = FIRST_EFFECTOR + np.arange(len(vehicle.effectors.mix))
     return np.append(first if vehicle.constants.driven else np.arange(AXES), ENGINE)
 
 
 def surface_mix(vehicle: Vehicle) -> Floats:
-    """Return the deflection per axis deflection [surface, 3] of surfaces with actuators."""
+    """Return the deflections [surface, 3] of actuated surfaces per unit of axis deflection."""
     return vehicle.effectors.mix if vehicle.constants.driven else np.eye(AXES)
 
 
 def drive(vehicle: Vehicle, driven: bool = True) -> Vehicle:
-    """Return the vehicle with actuators at the effectors, or at the three axes."""
+    """Return the vehicle with actuators at the effectors if ``driven``, else at the axes."""
     return vehicle._replace(constants=vehicle.constants._replace(driven=float(driven)))
 
 
@@ -178,7 +178,7 @@ def axis_limits(vehicle: Vehicle) -> Floats:
 
 
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
-    """Return the deflection range (rad) of a single axis that its effectors can follow."""
+    """Return the range (rad) of an axis deflection that the effectors of the axis can reach."""
     low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
     if vehicle.constants.driven:
         actuators = vehicle.actuators[FIRST_EFFECTOR:]

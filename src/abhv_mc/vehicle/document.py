@@ -1,4 +1,4 @@
-"""Pydantic model of the vehicle file, with checks that need no other file."""
+"""Pydantic model of the vehicle file, with the checks that need no other file."""
 
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
@@ -37,11 +37,11 @@ REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V),
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
-_Size = Field(ge=1e-6)  # minimum size, SI
+_Size = Field(ge=1e-6)  # minimum of a reference length or area, SI
 
 
 class Reference(StrictModel):
-    """Reference area and lengths of the coefficients."""
+    """Reference area and reference lengths of the aerodynamic coefficients."""
 
     area: Annotated[Area, _Size] = Field(description="reference area of all coefficients")
     span: Annotated[Length, _Size] = Field(
@@ -54,7 +54,7 @@ class Reference(StrictModel):
 
 
 class MassPoint(StrictModel):
-    """Mass properties at one mass; the centre of gravity is relative to the moment reference."""
+    """Mass properties at one mass; centre of gravity is relative to the moment reference."""
 
     mass: Annotated[Mass, Positive] = Field(description="mass at which the properties apply")
     inertia_xx: Annotated[Inertia, Positive] = Field(
@@ -94,7 +94,7 @@ class MassPoint(StrictModel):
 
 
 class MassPoints(StrictModel):
-    """Mass properties over mass, linear between the points and constant outside."""
+    """Mass properties as functions of mass, linear between the points and constant outside."""
 
     points: tuple[MassPoint, ...] = Field(
         (), description="mass properties in order of increasing mass"
@@ -113,7 +113,7 @@ class MassPoints(StrictModel):
 
 
 class MassModel(MassPoints):
-    """Initial mass of a flight, and mass properties as functions of mass."""
+    """Mass model: initial mass of a flight, and mass properties as functions of mass."""
 
     start: Annotated[Mass, Positive] = Field(
         description="initial mass of a flight, within the range of the points"
@@ -145,7 +145,7 @@ class MassModel(MassPoints):
 
 
 class TableEntry(StrictModel):
-    """Table from a CSV file, or a constant."""
+    """Table read from a CSV file, or a constant."""
 
     file: File | None = Field(
         default=None, description="CSV file with one column per axis and the column 'value'"
@@ -177,7 +177,7 @@ class TableEntry(StrictModel):
 
 
 class Term(StrictModel):
-    """Term of a coefficient: a table, optionally times a variable."""
+    """Term of a coefficient: a table, optionally multiplied by a variable."""
 
     table: str = Field(description="name of a table")
     times: str | None = Field(
@@ -247,7 +247,7 @@ def _aerodynamics_kind(value: Any) -> str:
 
 
 class FlightLimits(LoadLimits):
-    """Limits of the vehicle that end a flight."""
+    """Limits of the vehicle; exceeding one ends the flight."""
 
     angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
     sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
@@ -256,7 +256,7 @@ class FlightLimits(LoadLimits):
         description="maximum magnitude of custom states, written as state.NAME",
     )
 
-    # The keys state.NAME of the file are stored in one field.
+    # Keys of the form state.NAME are stored in one field.
     model_config = ConfigDict(json_schema_extra={"patternProperties": {r"^state\.": {}}})
 
     @model_validator(mode="before")
@@ -272,7 +272,7 @@ class FlightLimits(LoadLimits):
 
 
 class VehicleDocument(StrictModel):
-    """Content of a vehicle file: constants, tables and build-up of coefficients."""
+    """Content of a vehicle file: constants, tables, and build-up of the coefficients."""
 
     name: str = Field(description="name of the vehicle")
     description: str = Field(
@@ -311,7 +311,7 @@ class VehicleDocument(StrictModel):
     )
 
     def state_limits(self) -> dict[str, float]:
-        """Return the limits of custom states by name. Raise Refusal if one is invalid."""
+        """Return the limits of the custom states by name. Raise Refusal if a limit is invalid."""
         states = self.dynamics.states if self.dynamics else {}
         limits = {}
         for name, value in (self.limits.states if self.limits else {}).items():
@@ -329,7 +329,7 @@ class VehicleDocument(StrictModel):
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Return each use of a table as (table, quantity, key in the file).
 
-        The quantity is that of the propulsion, or the variable ``times`` of a term.
+        The quantity is the propulsion quantity of the table, or the variable ``times`` of the term.
         """
         uses: list[tuple[str, str | None, tuple[str | int, ...]]] = []
         for quantity, key in PROPULSION_TABLES.items():
@@ -375,7 +375,7 @@ class VehicleDocument(StrictModel):
         for table in self.tables:
             if (
                 table not in used and self.propulsion is not None
-            ):  # Files of gliders may contain engine tables.
+            ):  # The file of a glider may contain engine tables that are not used.
                 raise Refusal(
                     f"the unused table '{table}'",
                     "only tables that a coefficient or the propulsion uses",
@@ -389,7 +389,7 @@ class VehicleDocument(StrictModel):
         if quantity in _ANGLE_FACTORS or quantity in self.effectors:
             expected = (ANGLE,)
         elif quantity in REDUCED_RATES:
-            expected = (ANGLE, FRACTION)  # slopes per radian
+            expected = (ANGLE, FRACTION)  # The tables are slopes per radian.
         else:
             expected = (
                 {"specific_impulse": TIME, "thrust_area": AREA}.get(quantity or "", FRACTION),

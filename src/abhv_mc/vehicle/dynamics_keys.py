@@ -1,4 +1,4 @@
-"""Keys of custom dynamics in vehicle files."""
+"""Pydantic models of the keys for custom dynamics in vehicle files."""
 
 import keyword
 from typing import Annotated
@@ -13,7 +13,7 @@ Number = float | str
 
 
 class CustomState(StrictModel):
-    """Custom state with its unit, and an initial value if it has no equilibrium."""
+    """Custom state with its unit and, if it has no equilibrium, an initial value."""
 
     unit: str = Field(description="SI unit, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
@@ -33,7 +33,7 @@ def _state(value: object) -> object:
 
 
 class Dynamics(StrictModel):
-    """Custom states that exert forces and moments on the vehicle and affect its sensors."""
+    """Custom dynamics, whose states exert forces and moments and affect the sensors."""
 
     file: File = Field(
         description=(

@@ -1,7 +1,7 @@
-"""Table look-up and coefficient build-up in numpy, outside compiled code.
+"""Table look-up and coefficient build-up with numpy, outside compiled code.
 
-The two look-ups sum over the corners of a cell in different orders: trims depend on the order of
-one look-up to the last digit, controller designs on that of the other.
+The two look-ups sum over the corners of a cell in different orders. Both are needed: the last
+digits of trims depend on the order in one of them, those of controller designs on the other.
 """
 
 from typing import Any
@@ -65,9 +65,9 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 
 
 def table_rows(tables: Tables, variables: Numbers) -> Numbers:
-    """Interpolate all tables at possibly complex variables.
+    """Interpolate all tables at variables that may be complex.
 
-    A complex step gives the exact slope within a cell.
+    A complex step gives the exact slope within a table cell.
     """
     low, weight = [], []
     for variable, start, length in zip(
@@ -108,8 +108,8 @@ def evaluate_coefficients(
 ) -> Numbers:
     """Return the six COEFFICIENTS [coefficient, point] at variables [variable, point].
 
-    ``factors`` [parameter] or [parameter, point] multiplies the terms of tables; None is nominal.
-    ``rows`` contains the interpolated tables, if already computed.
+    ``factors`` [parameter] or [parameter, point] multiply the table terms; None means nominal.
+    ``rows`` contains the interpolated tables if they have been computed.
     """
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]

@@ -1,4 +1,4 @@
-"""Reading and packing of vehicle files, with conversion to SI units and radians."""
+"""Reading and packing of vehicle files, including conversion to SI units and radians."""
 
 import itertools
 import math
@@ -62,10 +62,10 @@ class VehicleFile:
 
     path: Path
     content: VehicleDocument
-    tables: Mapping[str, Table]  # tables in SI and radians
-    code: VehicleCode | None  # code of custom functions
+    tables: Mapping[str, Table]  # tables in SI units and radians
+    code: VehicleCode | None  # code of the custom functions; None if there are none
     mass_points: tuple[MassPoint, ...]
-    files: tuple[Path, ...]  # YAML file, then the other files without duplicates
+    files: tuple[Path, ...]  # the YAML file, then the other files without duplicates
 
 
 @made_once
@@ -122,11 +122,12 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     try:
         return validate(Document(path, {"points": points}, locations, {}), MassPoints).points
     except InputErrors as error:
-        raise error.errors[0] from None  # A wrong header would cause one error per row.
+        # A wrong header causes an error in every row; report only one.
+        raise error.errors[0] from None
 
 
 def _check_meaning(document: Document, content: VehicleDocument, name: str, table: Table) -> None:
-    """Raise InputError for a table with implausible numbers, mostly due to a wrong unit."""
+    """Raise InputError for a table with implausible numbers, which usually means a wrong unit."""
     for axis in table.axes:
         low, high = axis.grid[[0, -1]]
         if VARIABLES[axis.variable] == "mass" and not low <= content.mass.start <= high:
@@ -157,7 +158,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     entry_of: dict[tuple[str, float], int] = {}
 
     def use(name: str, scale: float = 1.0) -> int:
-        """Return the index of a table among the entries, in which shared tables occur once."""
+        """Return the index of a table in the entries, where a shared table occurs only once."""
         if (name, scale) not in entry_of:
             entry_of[name, scale] = len(entries)
             entries.append(file.tables[name].scaled(scale))
@@ -182,7 +183,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     if isinstance(content.aerodynamics, AerodynamicsFunction) and content.aerodynamics.nodes:
         entries.append(_make_nodes(content.aerodynamics.nodes))
     tables, rows = pack_tables(entries, fixed)
-    # Terms of different coefficients alternate, so that sums do not wait for each other.
+    # Terms of different coefficients alternate, so that successive additions are independent.
     turns = [term for turn in itertools.zip_longest(*terms) for term in turn if term is not None]
     columns = np.array(turns, dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
@@ -218,13 +219,13 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
 
 
 def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
-    """Return a table of zeros whose nodes are the kinks of a custom function."""
+    """Return a table of zeros that has nodes at the kinks of a custom function."""
     axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
     return Table(axes, np.zeros([axis.grid.size for axis in axes]))
 
 
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
-    """Return mass properties as tables over mass."""
+    """Return the mass properties as tables over mass."""
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
@@ -241,7 +242,7 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 
 def _make_constants(content: VehicleDocument) -> Constants:
-    """Return the constants of a vehicle; missing engines and surfaces get neutral values."""
+    """Return the constants of a vehicle, with neutral values for missing engines and surfaces."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
     jet = None if isinstance(engine, ThrustFunction) else engine

@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
 
-# Values of missing tables: zero, and a nonzero specific impulse, which is a divisor.
+# Values of missing tables: zero, except the specific impulse, which is a divisor.
 _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}
 
 
@@ -17,7 +17,7 @@ class Axis:
     """Axis of a table."""
 
     variable: int  # index of the variable in VARIABLES
-    grid: Floats  # [node] strictly increasing, SI and radians, at least two nodes
+    grid: Floats  # [node] at least two strictly increasing values, SI and radians
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
 
 
 def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tables, Ints]:
-    """Pack tables into groups of equal axes, and return the row of each entry.
+    """Pack tables into groups with equal axes, and return the row of each entry.
 
-    Values of a group are contiguous at each node. ``fixed`` maps FIXED_TABLE_ROWS to entries;
-    missing tables become constants. Constants join the first one-dimensional group, so that they
-    need no separate look-up.
+    The values of a group's tables at a node are contiguous. ``fixed`` maps FIXED_TABLE_ROWS to
+    entries; missing tables become constants. Constants join the first one-dimensional group, so
+    that they need no separate look-up.
     """
     everything = [table.ordered() for table in tables]
     entry_of = dict(fixed)
@@ -130,7 +130,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
 
 
 def table_range(tables: Tables, variable: str) -> tuple[float, float]:
-    """Return the range of a variable covered by all tables, infinite if no table uses it."""
+    """Return the range of a variable that all tables cover; infinite if no table uses it."""
     low, high = -np.inf, np.inf
     for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(variable)):
         grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]

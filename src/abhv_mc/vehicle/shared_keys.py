@@ -1,4 +1,4 @@
-"""Keys shared by vehicle and mission files: limits, and references of measurements.
+"""Keys shared by vehicle and mission files: limits, and the reference of measurements.
 
 Bank, flight path angle and heading are always relative to the Earth.
 """
@@ -22,14 +22,14 @@ def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Rising = AfterValidator(_check_rising)  # type of a (minimum, maximum) pair
+Rising = AfterValidator(_check_rising)  # validator of a (minimum, maximum) pair
 Range = Annotated[tuple[float, float], Rising]
 AngleRange = Annotated[tuple[Angle, Angle], Rising]
 STILL_AIR = "still air and no noise, because these disturbances cause ripple without a limit cycle"
 
 
 class Oscillation(StrictModel):
-    """Maximum oscillation (ripple) of each angle."""
+    """Maximum oscillation (ripple) of each angle; a larger one ends a flight."""
 
     bank: Annotated[Angle, Positive] | None = Field(
         None, description="maximum ripple of the bank angle"
@@ -51,7 +51,7 @@ def _oscillation(value: Any) -> Any:
 
 
 class LoadLimits(StrictModel):
-    """Load limits that end a flight; default: no limit."""
+    """Load limits; exceeding one ends the flight. By default there is no limit."""
 
     dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
         None, description="maximum dynamic pressure"
@@ -98,12 +98,12 @@ class LoadLimits(StrictModel):
 
 
 def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
-    """Return the smaller of two limits for each bound."""
+    """Return the stricter of the two limits for each bound."""
     return LoadBounds(*map(min, bounds, other))
 
 
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
-    """Return text on a conflict of an oscillation limit with gusts or noise, or ''."""
+    """Return text on the conflict of an oscillation limit with gusts or noise; '' if none."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 
@@ -113,7 +113,7 @@ Against = Literal["air", "inertial"]
 
 
 class SensingKeys(StrictModel):
-    """Reference of the measurements: air, or inertial (relative to the Earth)."""
+    """Reference of measured quantities: the air, or the Earth ("inertial")."""
 
     angle_of_attack: Against | None = Field(
         None, description="reference of the measured angle of attack: air, or inertial (default)"
@@ -129,7 +129,7 @@ class SensingKeys(StrictModel):
 
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
-    """Return the measurement references of the mission, by default those of the vehicle."""
+    """Return the mission's references for measurements; the defaults are the vehicle's."""
     choices = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
     return Sensing(
         *(
@@ -140,7 +140,7 @@ def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
 
 
 def describe_sensing(sensing: Sensing) -> str:
-    """Return a clause that describes the references of the measurements."""
+    """Return a clause that describes the references for measurements."""
     references = sensing._asdict().items()
     air = [name.replace("_", " ") for name, is_air in references if is_air]
     ground = [name.replace("_", " ") for name, is_air in references if not is_air]

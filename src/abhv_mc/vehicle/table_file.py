@@ -1,6 +1,6 @@
-"""Reading of tables on a complete grid, as one row per point or as a matrix.
+"""Reading of tables on a complete grid, given as one row per point or as a matrix.
 
-Headers give the variables and units (``mach,alpha_deg,value``), unless the vehicle file does.
+Column headers give variables and units (``mach,alpha_deg,value``), unless the vehicle file does.
 """
 
 import itertools
@@ -30,7 +30,7 @@ ALIASES = {
 _ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 _DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
 _PLAIN = ("mach", "equivalence_ratio")
-# Plausible ranges, SI and radians; values outside have a wrong unit or column.
+# Plausible ranges, SI and radians; values outside indicate a wrong unit or column.
 _PLAUSIBLE = {
     "mach": (0.0, 50.0),
     "equivalence_ratio": (0.0, 20.0),
@@ -38,13 +38,13 @@ _PLAUSIBLE = {
     "mass": (1e-3, 1e7),
     "angle": (-math.pi, math.pi),
 }
-# Narrower axes are probably in radians or kilometres, if the unit is not confirmed.
+# Axes with a smaller range are probably in radians or kilometres, if no unit is stated.
 _NARROWEST = {"deg": 1.0, "m": 200.0}
 
 
 @dataclass(frozen=True)
 class Role:
-    """Role of a column: a variable or effector with its unit, the values, or ignored."""
+    """Role of a column: variable or effector with its unit, table values, or ignored."""
 
     name: str
     unit: str | None = None
@@ -71,7 +71,7 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
 def _find_role(
     rows: ForeignTable, column: int, columns: Mapping[str, Role], effectors: Sequence[str]
 ) -> Role:
-    """Return the role of a column from vehicle file or header. Raise InputError if unknown."""
+    """Return a column's role from the vehicle file or header. Raise InputError if unknown."""
     head = rows.heads[column]
     name, unit = read_head(head, (*_PLAIN, *_DIMENSIONS, *ALIASES, *effectors, VALUE))
     unit = unit or split_head(head)[1] or rows.units[column]
@@ -91,7 +91,7 @@ def _find_role(
 
 
 def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
-    """Return the factor that converts an axis to SI, from the unit in header or vehicle file."""
+    """Return the factor to SI of an axis, from the unit in the header or vehicle file."""
     dimension, unit = (
         _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
         role.unit,
@@ -144,9 +144,9 @@ def _check_plausible(
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
     """Return the grids of the axes from sorted points [row, axis].
 
-    ``order`` contains the rows of the points in the file.
+    ``order`` contains the row in the file of each point.
 
-    Raise InputError unless the grid is complete.
+    Raise InputError if the grid is incomplete.
     """
     names = [rows.heads[column] for column in columns]
     for row in np.flatnonzero((points[1:] == points[:-1]).all(axis=1))[:1] + 1:
@@ -171,7 +171,7 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
 
 
 def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
-    """Read a table, with axes converted to SI and radians and values unconverted.
+    """Read a table; axes are converted to SI and radians, values are not converted.
 
     Raise InputError if the table is invalid.
     """

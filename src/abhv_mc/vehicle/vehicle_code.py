@@ -1,7 +1,7 @@
-"""Custom functions of a vehicle: source code, and evaluation outside flights.
+"""Custom functions of a vehicle: source code, and evaluation outside the simulator.
 
 The compiler of the functions (:mod:`abhv_mc.user_code.vehicle_functions`) is in a higher layer and
-registers evaluators in this module by the digest of the code.
+registers an evaluator in this module under the digest of the code.
 """
 
 import functools
@@ -26,8 +26,8 @@ from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 
-N_THRUST = 7  # number of values: force, moment, fuel flow
-STEP = 1e-5  # step of central differences, rad
+N_THRUST = 7  # number of values of a propulsion function: force, moment, fuel flow
+STEP = 1e-5  # step of the central differences, rad
 _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 
 
@@ -50,24 +50,24 @@ class Setting(NamedTuple):
 
 
 class CustomState(NamedTuple):
-    """State of custom dynamics."""
+    """State variable of custom dynamics."""
 
     name: str
     unit: str
-    start: float | None  # initial value, SI; None: equilibrium at the trim
+    start: float | None  # initial value, SI; None if the state starts in equilibrium at the trim
     limit: float = math.inf  # maximum magnitude of the state
 
 
 @dataclass(frozen=True)
 class VehicleCode:
-    """Custom code of a vehicle, sent to workers with a plan but not stored."""
+    """Custom code of a vehicle, which is sent to workers with a plan but not stored."""
 
     aerodynamics: FunctionCode | None
     propulsion: FunctionCode | None
     dynamics: FunctionCode | None
     states: tuple[CustomState, ...]
-    frame: str  # axes of the forces: body, stability or wind
-    # x, z of the moment reference relative to the moments' point, m
+    frame: str  # axes of the aerodynamic forces: body, stability or wind
+    # x and z of the moment reference relative to the point of the engine function's moments, m
     engine: tuple[float, float]
     # (name, deflection per aileron, rudder and elevator)
     effectors: tuple[tuple[str, float, float, float], ...]
@@ -75,11 +75,11 @@ class VehicleCode:
     chord: float
 
     def functions(self) -> Iterator[FunctionCode]:
-        """Yield the functions that are defined."""
+        """Yield the custom functions that are defined."""
         yield from (function for _, function in self.named_functions() if function is not None)
 
     def named_functions(self) -> tuple[tuple[str, FunctionCode | None], ...]:
-        """Return the keys of functions in the vehicle file, with functions or None."""
+        """Return pairs of the key in the vehicle file and the custom function, or None."""
         return (
             ("aerodynamics", self.aerodynamics),
             ("propulsion", self.propulsion),
@@ -100,12 +100,12 @@ class VehicleCode:
 
     @functools.cached_property
     def starts(self) -> tuple[Setting, ...]:
-        """Dispersions of the initial states, which follow the settings."""
+        """Dispersions of the initial states; they follow the settings."""
         return tuple(Setting(f"initial.{state.name}", state.unit, 0.0) for state in self.states)
 
     @property
     def digest(self) -> bytes:
-        """SHA-256 of the sources and of the call conventions, without file paths."""
+        """SHA-256 digest of the sources and call conventions; file paths are not included."""
         parts = [
             (code.text, code.function, code.settings) if code else None
             for _, code in self.named_functions()
@@ -114,7 +114,7 @@ class VehicleCode:
         return hashlib.sha256(repr((parts, *conventions)).encode()).digest()
 
     def pack(self) -> Foreign:
-        """Return the custom code in the form used by the compiled plant."""
+        """Return the custom code in the form that the compiled plant uses."""
         return Foreign(
             int(self.aerodynamics is not None),
             int(self.propulsion is not None),
@@ -132,7 +132,7 @@ def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
 
 
 def reference_point(content: VehicleDocument) -> tuple[float, float]:
-    """Return x and z of the moments' reference point relative to the moment reference."""
+    """Return x and z of a function's moment point, relative to the moment reference."""
     aerodynamics = content.aerodynamics
     if not isinstance(aerodynamics, AerodynamicsFunction):
         return 0.0, 0.0
@@ -140,7 +140,7 @@ def reference_point(content: VehicleDocument) -> tuple[float, float]:
 
 
 def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
-    """Read the custom code of a vehicle file without running it; None if there is none.
+    """Read the custom code of a vehicle file without running it; return None if there is none.
 
     Raise InputError if the code is invalid.
     """
@@ -227,9 +227,9 @@ def evaluate_functions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return stability-axis coefficients [coefficient, point] and thrust [7, point].
 
-    The imaginary part of complex arguments is a direction; derivatives along it are central
-    differences. Density (kg/m3) and speed (m/s) default to those of the standard atmosphere at the
-    altitude and Mach number of the variables.
+    The imaginary part of a complex argument is a direction, along which derivatives are computed by
+    central differences. Density (kg/m3) and speed (m/s) default to those of the standard atmosphere
+    at the altitude and Mach number of the variables.
     """
     digest = vehicle.foreign.digest.tobytes()
     if digest not in _evaluators:

@@ -1,8 +1,8 @@
-"""Warnings about implausible vehicle data: fuel, units or signs of derivatives, and drag.
+"""Warnings about implausible vehicle data: fuel, units and signs of derivatives, drag.
 
 A derivative per degree instead of per radian is 57.3 times too small. The accepted ranges are wider
 than the values of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B;
-GHAME; NASA's winged cone). Derivatives are medians over the nodes of the tables.
+GHAME; NASA's winged cone). The derivatives are medians over the nodes of the tables.
 """
 
 from typing import Any
@@ -20,16 +20,17 @@ from abhv_mc.vehicle.evaluate import (
 from abhv_mc.vehicle.pack import nodes_of
 
 _STEP = 0.02  # step of numerical derivatives
-_SMALL_ANGLES = (-0.05, 0.2)  # range of angle of attack, rad
-_ALTITUDE = 20_000.0  # altitude of the evaluation, m
+_SMALL_ANGLES = (-0.05, 0.2)  # range of evaluated angles of attack, rad
+_ALTITUDE = 20_000.0  # altitude at which derivatives are evaluated, m
 _BISECTIONS = 30
-_SECOND_MINIMUM = 0.05  # depth of a second drag minimum relative to the least drag
+_SECOND_MINIMUM = 0.05  # minimum depth of a second drag minimum, relative to the least drag
 
-# Coefficient, variable, range of usual magnitudes (per radian or per dimensionless rate), sign of a
-# stable vehicle, and the meaning of the other sign.
+# Coefficient, variable, range of usual magnitudes (per radian or per dimensionless rate), sign for
+# a stable vehicle, and meaning of the opposite sign.
 _USUAL = (
     ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift decreases with the angle of attack"),
-    ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),  # Instability in pitch is common.
+    # The sign is free, because instability in pitch is common.
+    ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),
     ("side_force", "sideslip", 0.02, 6.0, -1, "the side force increases the sideslip"),
     ("yawing_moment", "sideslip", 0.002, 1.3, 1, "statically unstable in yaw"),
     ("rolling_moment", "roll_rate_hat", 0.008, 2.0, -1, "roll rate is amplified"),
@@ -49,7 +50,7 @@ _USUAL = (
 
 
 def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a sentence without full stop for each implausible property of a vehicle."""
+    """Return a sentence without a full stop for each implausible property of a vehicle."""
     warnings = slack_warnings(vehicle)
     if vehicle.constants.equivalence_ratio_max > 0.0 and vehicle.constants.burns_fuel == 0.0:
         warnings.append(
@@ -101,7 +102,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
     machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
     inside = angles[(angles > limits[0]) & (angles < limits[1])]
-    if not machs.size or not inside.size:  # Functions have no nodes.
+    if not machs.size or not inside.size:  # Custom functions have no nodes.
         return []
     angles = np.array([limits[0], *inside, limits[1]])
     mach, alpha = np.meshgrid(machs, angles, indexing="ij")
@@ -135,7 +136,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
             f"limits: CD is {drag[worst]:.3g} {describe_point(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
-        # Height of each node above the lowest nodes on its two sides.
+        # Height of each node above the lowest node on either side.
         left = np.minimum.accumulate(curve)
         right = np.minimum.accumulate(curve[::-1])[::-1]
         rise = curve - np.maximum(left, right)

@@ -12,9 +12,9 @@ _CAPACITY = 8
 
 
 def cache_results(function: Callable[P, T]) -> Callable[P, T]:
-    """Cache the latest results of a function, keyed by the contents of its arguments.
+    """Cache the most recent results of a function, keyed by the contents of its arguments.
 
-    Results are shared and must not be modified.
+    The cached results are shared and must not be modified.
     """
     results: dict[bytes, T] = {}
 

@@ -2,7 +2,7 @@
 
 The model includes sideslip and thrust inclination. Arguments may be complex and have points as
 their last axis, because Jacobians are computed by complex steps (Squire and Trapp, SIAM Review 40,
-1998). Axes are forward, right, down; units are SI and radians.
+1998). Body axes point forward, right and down; units are SI and radians.
 """
 
 from collections.abc import Callable
@@ -22,12 +22,12 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
-_RISE = 1.0  # half step of the derivatives over altitude, m
+_RISE = 1.0  # half step of the derivatives with respect to altitude, m
 _STEP = 1e-30
 
 
 def slope(function: Callable[[Numbers], Numbers], x: Any) -> Floats:
-    """Return the Jacobian [output, input] at a real vector, by one call with complex steps.
+    """Return the Jacobian [output, input] at a real vector, from one call with complex steps.
 
     The input of ``function`` has shape [input, point].
     """
@@ -36,30 +36,30 @@ def slope(function: Callable[[Numbers], Numbers], x: Any) -> Floats:
 
 
 class Environment(NamedTuple):
-    """Air and gravity at a nominal point, with their derivatives over altitude."""
+    """Air and gravity at a nominal point, with derivatives with respect to altitude."""
 
     altitude: float  # altitude, m
     density: float  # air density, kg/m3
     sound_speed: float  # speed of sound, m/s
     gravity: float  # gravity, m/s2
-    radius: float  # radius r in V / r, m
+    radius: float  # radius r of the rotation rate V / r, m
     latitude: float  # latitude, rad
-    density_slope: float = 0.0  # change of density per metre of altitude
+    density_slope: float = 0.0  # change of density per metre of altitude, kg/m4
     sound_speed_slope: float = 0.0
     gravity_slope: float = 0.0
 
 
 class EnvironmentPoints(NamedTuple):
-    """Air and gravity, each of shape ``[point]``, SI units."""
+    """Air and gravity at several points, each of shape ``[point]``, SI units."""
 
     density: Floats
     sound_speed: Floats
     gravity: Floats  # down component of gravity
-    radius: Floats  # distance to the Earth's centre, M + h
+    radius: Floats  # distance to the centre of the Earth, M + h
 
 
 def air_factors(air: Floats, altitude: Floats) -> Floats:
-    """Return a mission's factors [2, point] on standard density and temperature.
+    """Return the mission's factors [2, point] on the standard density and temperature.
 
     ``air`` has the columns of :mod:`abhv_mc.kernel.plant.air_data`.
     """
@@ -95,7 +95,7 @@ def make_environment_points(
 def make_environment(
     earth: Earth, altitude: float, latitude: float, air: Floats | None = None
 ) -> Environment:
-    """Return air and gravity at one point, with their derivatives over altitude."""
+    """Return air and gravity at a point, with derivatives with respect to altitude."""
     low, middle, high = np.stack(
         make_environment_points(
             earth, altitude + np.array([-_RISE, 0.0, _RISE]), np.full(3, latitude), air
@@ -107,7 +107,7 @@ def make_environment(
 
 
 class Wrench(NamedTuple):
-    """Aerodynamic and thrust force and moment, body axes, about the centre of gravity."""
+    """Force and moment of aerodynamics and thrust, body axes, about the centre of gravity."""
 
     force: Numbers  # force [3, ...], N
     moment: Numbers  # moment [3, ...], N m
@@ -117,7 +117,7 @@ class Wrench(NamedTuple):
 def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
     """Return an engine function's force (N), moment (N m) and fuel flow [7, ...], or zeros.
 
-    The reference point of the moment is that of the aerodynamic moments.
+    The moment refers to the same point as the aerodynamic moments.
     """
     if not vehicle.foreign.propulsion:
         return np.zeros((N_THRUST, *variables.shape[1:]))
@@ -131,7 +131,7 @@ def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) ->
 def thrust_at(
     vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any
 ) -> Numbers:
-    """Return the thrust magnitude, N, of an engine given by tables."""
+    """Return the magnitude of the thrust, N, of an engine that is given by tables."""
     stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
     return np.asarray(
         stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"]
@@ -146,7 +146,7 @@ def guidance_rates(
     state: Any,
     controls: Any,
 ) -> Numbers:
-    """Return the trimmed rates of (altitude, gamma, chi, V), equation (1)."""
+    """Return the rates of (altitude, gamma, chi, V) with trimmed data, equation (1)."""
     altitude, gamma, chi, speed = state
     alpha, bank, eta = controls
     rise = altitude - environment.altitude
@@ -185,7 +185,7 @@ def wrench_at(
     deflections: Any,
     eta: Any,
 ) -> Wrench:
-    """Return forces and moments of the full tables.
+    """Return the forces and moments computed from the full tables.
 
     ``rates`` contains (p, q, r), ``deflections`` (aileron, rudder, elevator).
     """
@@ -227,7 +227,7 @@ def wrench_at(
     moment = pressure_area * np.stack(
         [constants.span * rolling, constants.chord * pitching, constants.span * yawing]
     )
-    # Lever arms extend from the centre of gravity to the moment reference and thrust line.
+    # Lever arms are from the centre of gravity to the moment reference and to the thrust line.
     zero = 0.0 * fixed["center_of_gravity_x"]
     reference = np.stack([-fixed["center_of_gravity_x"], zero, -fixed["center_of_gravity_z"]])
     line = np.stack(

@@ -24,14 +24,15 @@ _ALPHA, _BETA, _BANK, _P, _Q, _R, _AILERON, _RUDDER, _ELEVATOR = range(9)
 class FlyingQualities(NamedTuple):
     """Flying qualities at one trim point, SI and radians; NaN if a mode does not exist."""
 
-    static_margin: float  # -dCm/dCL about the centre of gravity, without the engine, in chords
+    # static margin -dCm/dCL about the centre of gravity, without the engine, in chords
+    static_margin: float
     short_period_frequency: float  # undamped short-period frequency, rad/s
     short_period_damping: float
     dutch_roll_frequency: float  # undamped Dutch-roll frequency, rad/s
     dutch_roll_damping: float
-    pitch_time_to_double: float  # time to double of the pitch motion, s; infinite if it decays
+    pitch_time_to_double: float  # time in which the pitch motion doubles, s; infinite if it decays
     lateral_time_to_double: float
-    aileron_power: float  # angular acceleration about the axis per deflection, 1/s2
+    aileron_power: float  # angular acceleration about the controlled axis per deflection, 1/s2
     rudder_power: float
     elevator_power: float
 
@@ -42,7 +43,7 @@ def find_flying_qualities(
     """Linearize the attitude dynamics at a trim point with speed and flight path fixed.
 
     The short period involves angle of attack and pitch rate; the Dutch roll is the fastest
-    oscillation of bank, sideslip, roll and yaw rate. Derivatives are those in the current table
+    oscillation of bank, sideslip, roll and yaw rate. Derivatives are taken within the current table
     cells.
     """
     nominal = Nominal(
@@ -104,6 +105,6 @@ def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
 
 
 def _time_to_double(real_parts: Numbers) -> float:
-    """Return the time (s) in which the fastest growing eigenmotion doubles, else infinity."""
+    """Return the time (s) in which the fastest growing mode doubles; infinity if all decay."""
     growth = float(np.max(np.real(real_parts)))
     return math.log(2.0) / growth if growth > 0.0 else math.inf

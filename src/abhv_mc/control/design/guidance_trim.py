@@ -1,8 +1,9 @@
 """Nominal controls along a trajectory (Zhu and Shen 2014, eq. 12), by nested searches.
 
-The paper solves its three equations in turn, which diverges beyond 45 deg of bank (error times
-``-tan^2 bank``). Here the third equation, which is explicit in the bank, is solved inside the
-second, and the second, solved for the angle of attack, inside the first.
+The paper solves its three equations in turn, which diverges beyond 45 deg of bank: each pass
+multiplies the error by ``-tan^2 bank``. Here the first equation is solved in an outer search; for
+each trial, the second is solved for the angle of attack, with the bank from the third, which is
+explicit.
 """
 
 from typing import NamedTuple
@@ -28,14 +29,14 @@ from abhv_mc.vehicle.actuators import deflection_range
 
 
 class GuidanceTrim(NamedTuple):
-    """Nominal controls, each of shape ``[point]``."""
+    """Nominal controls along a trajectory, each of shape ``[point]``."""
 
     angle_of_attack: Floats
     bank: Floats
     equivalence_ratio: Floats
     elevator: Floats
-    mass: Floats  # mass, reduced by the fuel burnt up to the point
-    # 0, or the sum of flags (such as NO_EQUIVALENCE_RATIO) of controls at an end of their interval
+    mass: Floats  # mass at the point, after subtracting the fuel burnt before it
+    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at an end of their interval; else 0
     status: NDArray[np.int64]
 
 
@@ -48,11 +49,12 @@ def trim_along(
     held_equivalence_ratio: float | None = None,
     warm_start: bool = True,
 ) -> GuidanceTrim:
-    """Solve equation (12) at every point in order, starting each search at the previous solution.
+    """Solve equation (12) at each point in order, starting each search at the last solution.
 
-    ``mass`` is the mass at the first point, kg; with ``tick`` (s between points) it decreases by
-    the fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's limits) contains no
-    root, the solution is the end with the smaller residual, and the status has a flag.
+    ``mass`` is the mass at the first point, kg; if ``tick`` (time between points, s) is given, the
+    mass decreases by the fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's
+    limits) contains no solution, the result is the end with the smaller residual, and a flag is set
+    in the status.
     """
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (

@@ -1,6 +1,7 @@
 """Gains of the LQR along the reference (Zhu and Shen 2014, section 7, eqs. 22-23).
 
-Guidance is linearized with trimmed data and attitude with the full tables, both by complex steps.
+The guidance model is linearized with trimmed data, the attitude model with the full tables, both by
+complex steps.
 """
 
 from typing import Any, NamedTuple
@@ -27,12 +28,12 @@ from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 
 _DEGREE = np.pi / 180.0
-_RESIDUAL = 1e-10  # residual of a Riccati equation relative to its largest term
-_RAMP_SPACING = 0.1  # time between knots during bank ramps, s
+_RESIDUAL = 1e-10  # largest residual of a Riccati equation relative to its largest term
+_RAMP_SPACING = 0.1  # time between gain knots during bank ramps, s
 
 
 class Nominal(NamedTuple):
-    """Nominal operating point on the reference, SI and radians."""
+    """Nominal operating point on the reference, in SI units and radians."""
 
     environment: Environment
     mass: float
@@ -45,7 +46,7 @@ class Nominal(NamedTuple):
     elevator: float
 
     def turn_rates(self) -> tuple[float, float, float]:
-        """Return the body rates of the coordinated turn.
+        """Return the body rates p, q and r of the coordinated turn.
 
         In stability axes ``q = (g/V) sin s tan s`` and ``r = (g/V) sin s``.
         """
@@ -55,7 +56,7 @@ class Nominal(NamedTuple):
 
 
 class LinearModels(NamedTuple):
-    """Matrices A and B of each regulator at one point, SI and radians."""
+    """Matrices A and B of each regulator at one point, in SI units and radians."""
 
     guidance: tuple[Floats, Floats]
     longitudinal: tuple[Floats, Floats]  # input: elevator
@@ -63,7 +64,7 @@ class LinearModels(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Linear models along a segment of the reference without steps."""
+    """Linear models along a segment of the reference that contains no steps."""
 
     first: int  # first tick of the segment
     end: int  # tick after the last tick of the segment
@@ -78,7 +79,7 @@ def make_lqr_gains(
     vehicle: Vehicle,
     trim_tables: Tables,
 ) -> Floats:
-    """Return ``[tick, gain]`` in the order of LQR_GAINS, SI and radians.
+    """Return gains ``[tick, gain]`` in the order of LQR_GAINS, in SI units and radians.
 
     The control law is ``u = nominal - K (x - nominal)``. Gains are interpolated in time between
     knots, never across a step. Raise LinAlgError if there is no stabilizing gain.
@@ -119,7 +120,7 @@ def make_lqr_models(
 
 @one_blas_thread()
 def gains_of_models(controller: LqrController, pieces: list[Piece], times: Floats) -> Floats:
-    """Return ``[tick, gain]`` from the models; see :func:`make_lqr_gains`."""
+    """Return gains ``[tick, gain]`` from linear models; see :func:`make_lqr_gains`."""
     gains = np.empty((times.size, len(LQR_GAINS)))
     for first, end, knots, models in pieces:
         stacked = LinearModels._make(
@@ -162,7 +163,7 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
 
 
 def gains_at(controller: LqrController, models: LinearModels) -> Floats:
-    """Return the gains [..., gain] of one or stacked models, in the order of LQR_GAINS."""
+    """Return the gains [..., gain] for one model or stacked models, in the order of LQR_GAINS."""
     gains = (
         _gain(controller.guidance, models.guidance, 1.0),
         _gain(controller.longitudinal, models.longitudinal, _DEGREE),
@@ -172,7 +173,7 @@ def gains_at(controller: LqrController, models: LinearModels) -> Floats:
 
 
 def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float) -> Floats:
-    """Return a regulator's gains in SI; its weights apply to inputs in ``unit``."""
+    """Return a regulator's gains in SI units; the weights apply to inputs in ``unit``."""
     A, B = model
     Q, R = (
         np.diag(np.array([weight for _, weight in pairs], dtype=np.float64))
@@ -185,8 +186,8 @@ def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
     """Return the gains K of ``u = -K x`` that minimise the integral of ``x'Qx + u'Ru``.
 
     ``A`` [..., state, state] and ``B`` [..., state, input] may be stacked. The Riccati equations
-    are solved together from the stable eigenvectors of their Hamiltonians. If there are too few, or
-    nearly dependent, eigenvectors, the equation is solved by the Schur method, which raises
+    are solved together from the stable eigenvectors of their Hamiltonian matrices. If an equation
+    has too few or nearly dependent eigenvectors, it is solved by the Schur method, which raises
     numpy.linalg.LinAlgError if there is no stabilizing gain.
     """
     n = A.shape[-1]

@@ -1,4 +1,4 @@
-"""Commanded altitude, speed and heading of a mission over time, with their rates."""
+"""Commanded altitude, speed and heading over a mission, with their rates."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from abhv_mc.control.mission_tables import read_trajectory
 
 
 class Profile(NamedTuple):
-    """Commanded motion, each of shape ``[time]``, SI and radians."""
+    """Commanded motion, in SI units and radians; each field has shape ``[time]``."""
 
     altitude: Floats
     altitude_rate: Floats
@@ -23,9 +23,9 @@ class Profile(NamedTuple):
 
 
 def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
-    """Return start and end (s) of the bank ramps within the mission.
+    """Return the start and end times (s) of the bank ramps within the mission.
 
-    An S manoeuvre has a ramp at both ends; the ramp of a step has zero length.
+    An S manoeuvre has a ramp at each end; the ramp of a step has zero length.
     """
     return tuple(
         (first, first + manoeuvre.bank_time)
@@ -37,14 +37,14 @@ def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
 
 
 def make_profile(mission: m.Mission, times: Floats) -> Profile:
-    """Return the mission's motion, the sum of its manoeuvres, at evenly spaced times from 0.
+    """Return the commanded motion, the sum of all manoeuvres, at evenly spaced times from 0.
 
-    At a step, the value after the step is used.
+    At the time of a step, the value after the step is used.
     """
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
     start, ones = mission.start, np.ones_like(times)
-    # Each quantity is followed by its rate; altitude also has its acceleration.
+    # Each quantity is followed by its rate; altitude also by its acceleration.
     altitude = np.outer([start.altitude, 0.0, 0.0], ones)
     speed, heading, path = (
         np.outer([value, 0.0], ones)
@@ -108,7 +108,7 @@ def _complete(altitude: Floats, speed: Floats, heading: Floats) -> Profile:
 
 
 def _smooth(since: Floats, length: float) -> Floats:
-    """Return a change from 0 to 1 over ``length`` s: value, rate, continuous acceleration."""
+    """Return value, rate and acceleration of a smooth change from 0 to 1 over ``length`` s."""
     phase = 2.0 * np.pi * np.clip(since / length, 0.0, 1.0)
     rate = (1.0 - np.cos(phase)) / length
     return np.stack(
@@ -117,7 +117,7 @@ def _smooth(since: Floats, length: float) -> Floats:
 
 
 def _integral(times: Floats, rate: Floats, acceleration: Floats) -> Floats:
-    """Return the integral from the first time, by the end-corrected trapezoidal rule."""
+    """Return the integral from the first time on, by the end-corrected trapezoidal rule."""
     h = np.diff(times)
     parts = h * (rate[:-1] + rate[1:]) / 2.0 + h**2 * (acceleration[:-1] - acceleration[1:]) / 12.0
     return np.concatenate([[0.0], np.cumsum(parts)])

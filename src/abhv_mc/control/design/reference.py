@@ -18,14 +18,14 @@ from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 
-_STEADY = 1e-9  # largest change between two points of a Mach number that counts as constant
+_STEADY = 1e-9  # largest change between two points for which the Mach number counts as constant
 # time after a ramp or step of the reference that "settled" metrics exclude, s
 SETTLING = 5.0
 
 
 @cache_results
 def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
-    """Make trim tables for the mission's speeds at its middle altitude."""
+    """Make trim tables for the speeds of the mission, at the middle of its altitude range."""
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
     middle_altitude = float(profile.altitude.min() + profile.altitude.max()) / 2.0
@@ -38,10 +38,10 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
 ) -> tuple[Floats, GuidanceTrim]:
-    """Return the reference ``[tick, column]`` with the columns REFERENCE, and its trim.
+    """Return the reference ``[tick, column]`` (columns: REFERENCE) and its guidance trim.
 
-    Ticks are 0..ticks, each of ``tick`` s; at a step a tick has the value after the step. Nominal
-    controls apply to a non-rotating Earth, as in (1).
+    Ticks are 0..ticks, each of ``tick`` s; at the tick of a step, the value after the step is used.
+    The nominal controls apply to a non-rotating Earth, as in equation (1).
     """
     fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
@@ -90,9 +90,9 @@ def solve_reference(
 def make_track(
     mission: Mission, earth: Earth, half_ticks: Profile, tick: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return north and east (m) and latitude (rad) at the ticks, by Simpson's rule.
+    """Return north and east position (m) and latitude (rad) at the ticks, by Simpson's rule.
 
-    North and east are integrals of the ground speed at altitude.
+    The positions are integrals of the ground speed at altitude.
     """
     forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
     north_speed, east_speed = (
@@ -102,7 +102,8 @@ def make_track(
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2
-    ):  # The meridian radius varies slowly along the track: each pass adds five digits.
+        # The meridian radius varies slowly along the track: each iteration adds five digits.
+    ):
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
         on_ticks = mission.start.latitude + _simpson(
             north_speed / (meridian + half_ticks.altitude), tick
@@ -119,7 +120,7 @@ def _simpson(rate: Floats, tick: float) -> Floats:
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """Return the mission; by default a glider starts on its glide path."""
+    """Return the mission, in which a glider by default starts on its glide path."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle
@@ -131,9 +132,9 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
 def make_start_trim(
     mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> TrimPoint:
-    """Return the trim at the start with the full tables and a non-rotating Earth.
+    """Return the trim at the start for the full tables and a non-rotating Earth.
 
-    ``push`` is the force and moment of custom dynamics, as in :class:`FlightPoint`.
+    ``push`` contains the forces and moment of custom dynamics, as in :class:`FlightPoint`.
     """
     start = mission.start
     fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)

@@ -1,4 +1,4 @@
-"""Gains of TLC along the reference: sub-loops 1 and 2, and PD spectra of 3 and 4.
+"""Gains of TLC along the reference: sub-loops 1 and 2, and PD spectra of loops 3 and 4.
 
 The equations are (5)-(11) and (20) of Zhu and Shen 2014. Gains of sub-loops 3 and 4 are computed in
 flight by :mod:`abhv_mc.kernel.laws.tlc_loops`.
@@ -15,7 +15,7 @@ from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.vehicle.actuators import axis_limits
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
-# condition number of B above which an input has no effect except rounding errors
+# condition number of B above which the effect of an input is only rounding error
 _LARGEST_CONDITION = 1e12
 
 
@@ -27,14 +27,14 @@ def make_tlc_settings(controller: TlcController, vehicle: Vehicle) -> Floats:
 
 
 def make_limit_settings(limits: CommandLimits, vehicle: Vehicle) -> Floats:
-    """Return the command limits that TLC and LQR share, last in the settings of both."""
+    """Return the command limits, which are the last settings of both TLC and LQR."""
     return np.array([*limits.angle_of_attack, limits.bank, *axis_limits(vehicle)])
 
 
 def make_tlc_gains(
     controller: TlcController, reference: Floats, vehicle: Vehicle, trim_tables: Tables
 ) -> Floats:
-    """Return ``[tick, gain]`` in the order of TLC_GAINS for a reference ``[tick, column]``."""
+    """Return gains ``[tick, gain]`` in the order of TLC_GAINS, given the reference."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     pressure = 0.5 * column["density"] * column["speed"] ** 2
 
@@ -56,7 +56,7 @@ def make_tlc_gains(
 def pd_spectrum(channel: Channel, times: Floats, dynamic_pressure: Floats) -> tuple[Floats, Floats]:
     """Return equation (20) at each tick: ``a1 = wn^2`` and ``a2 = 2 zeta wn - wn'/wn``.
 
-    ``wn'`` is the derivative after the tick.
+    ``wn'`` is the one-sided derivative after the tick.
     """
     if not isinstance(channel.bandwidth, Schedule):
         wn = np.full(times.size, channel.bandwidth)
@@ -90,7 +90,7 @@ def velocity_loop(
     constants = vehicle.constants
     mach = speed / c["sound_speed"]
 
-    # trimmed coefficients and their slopes in the cell, each [tick]
+    # trimmed coefficients and their slopes in the table cell, each [tick]
     value = _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"])
     step = 1e-30j
     by_mach = (
@@ -114,7 +114,7 @@ def velocity_loop(
         2.0 * value / speed + by_mach / c["sound_speed"]
     )
 
-    # thrust direction: alpha plus the inclination of the thrust line
+    # sine of the thrust angle: alpha plus the inclination of the thrust line
     sin_t = np.sin(alpha) * constants.thrust_cos + np.cos(alpha) * constants.thrust_sin
     cos_t = np.cos(alpha) * constants.thrust_cos - np.sin(alpha) * constants.thrust_sin
     normal = lift + thrust * sin_t
@@ -156,7 +156,7 @@ def velocity_loop(
 
 
 def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -> Floats:
-    """Return K2 ``[tick, 3, 6]`` with ``B K = A - A_c``.
+    """Return the gains K2 ``[tick, 3, 6]``, for which ``B K = A - A_c``.
 
     Raise LinAlgError if the velocity is not controllable, for example without thrust.
     """

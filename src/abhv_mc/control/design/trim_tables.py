@@ -19,9 +19,9 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
-# Longest cells, for errors below 0.0005 deg of angle of attack and 0.01 deg of elevator.
+# Longest cells for which errors are below 0.0005 deg of angle of attack and 0.01 deg of elevator.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
-# shortest Mach cell when cells are shortened to avoid nodes at steady Mach numbers
+# length to which Mach cells may be shortened to avoid nodes at steady Mach numbers
 _SHORTEST = 0.04
 
 _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
@@ -33,14 +33,15 @@ def make_trim_tables(
     speed_range: tuple[float, float],
     steady_mach: Floats | None = None,
 ) -> Tables:
-    """Pack TRIM_ROWS over Mach, angle of attack and equivalence ratio at an altitude (m).
+    """Pack the trim tables over Mach number, angle of attack and equivalence ratio.
 
-    ``speed_range`` (m/s) is widened by a tenth on each side. T / (q_bar S) of an air-breathing
-    engine is proportional to 1 / V, which changes with altitude at constant Mach number: 2 % in 10
-    km. The elevator is not limited to the vehicle's deflections, so that interpolation near a limit
-    is as accurate as elsewhere. ``steady_mach`` contains constant Mach numbers of the reference, by
-    default those at the ends of ``speed_range``. No node is within a quarter of a cell of them,
-    because slopes, and hence gains, would be one-sided there.
+    The tables apply at ``altitude`` (m): T / (q_bar S) of an air-breathing engine is proportional
+    to 1 / V, which at constant Mach number changes by 2 % in 10 km. ``speed_range`` (m/s) is
+    widened by a tenth on each side. The elevator may exceed the vehicle's limits, so that
+    interpolation near a limit is as accurate as elsewhere. ``steady_mach`` contains constant Mach
+    numbers of the reference, by default those at the ends of ``speed_range``. No node is within a
+    quarter of a cell of these numbers, because slopes, and hence gains, would be one-sided at a
+    node.
     """
     constants = vehicle.constants
     density, _, _, sound_speed = atmosphere(altitude)
@@ -57,7 +58,7 @@ def make_trim_tables(
             "equivalence_ratio",
             constants.equivalence_ratio_min,
             constants.equivalence_ratio_max
-            or LONGEST["equivalence_ratio"],  # The tables of a glider have two equal ends.
+            or LONGEST["equivalence_ratio"],  # A glider's tables have the same values at both ends.
         ),
     )
     mach, alpha, eta = (
@@ -84,7 +85,7 @@ def make_trim_tables(
         thrust_at(vehicle, fixed, eta, density, speed) / q_area,
         fixed["specific_impulse"],
     )
-    # thrust along body x; its normal component is added to lift and drag
+    # thrust along the body x axis; the component normal to it is added to lift and drag
     if vehicle.foreign.propulsion:
         engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
@@ -110,7 +111,7 @@ def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tab
     """Rebuild trim tables from stored numbers. Raise ValueError if the sizes do not match."""
     grids = np.split(grid, np.flatnonzero(inverse_step == 0.0) + 1)[
         : len(LONGEST)
-    ]  # 0 marks the last node of an axis.
+    ]  # A value of 0 marks the last node of an axis.
     axes = tuple(
         Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True)
     )
@@ -138,8 +139,8 @@ def trim_elevator(
     """Return the elevator (rad) for zero pitching moment at each point.
 
     Within the limits, the solution is found by Chandrupatla's method. If the moment has the same
-    sign at both limits, it is extrapolated linearly beyond the limit with the smaller moment, by at
-    most a right angle.
+    sign at both limits, it is extrapolated linearly, by at most 90 deg, beyond the limit with the
+    smaller moment.
     """
     from scipy.optimize import elementwise
 
@@ -177,8 +178,8 @@ def trim_elevator(
 def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | None = None) -> Axis:
     """Return an axis with the nodes of the vehicle's tables and cells no longer than LONGEST.
 
-    Cells are shortened until each of the ``steady`` values is in the middle half of its cell. Nodes
-    closer to a steady value than half of _SHORTEST are omitted.
+    Cells are shortened until each ``steady`` value is in the middle half of its cell. Nodes within
+    half of _SHORTEST of a steady value are omitted.
     """
     nodes = nodes_of(tables, name)
     nodes = nodes[(nodes > low) & (nodes < high)]
@@ -198,10 +199,10 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 
 
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
-    """Return the smallest number of cells that puts all steady values in middle halves.
+    """Return the smallest number of cells with all steady values in middle halves of cells.
 
-    ``steady`` contains fractions of the length. If there is no such number, return the best one
-    with cells not shorter than _SHORTEST.
+    ``steady`` contains fractions of the length. If there is no such number, return the best number
+    for which cells are not shorter than _SHORTEST.
     """
     if not steady.size:
         return fewest

@@ -1,1 +1,1 @@
-"""Print-ready figures: functions that return matplotlib figures of arrays, without pyplot."""
+"""Print-ready figures: functions that plot arrays in matplotlib figures, without pyplot."""

@@ -17,8 +17,8 @@ _POINTS = 1500
 
 
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
-    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` of the first system; yield both paths."""
-    # At the Nyquist frequency, integrators of an even period respond as at zero frequency.
+    """Write ``bode_STEM.png`` and ``nichols_STEM.png`` for the first system; yield the paths."""
+    # At the Nyquist frequency, integrators with an even period respond as at zero frequency.
     highest = 0.999 * np.pi / linear.period
     omega = np.geomspace(1e-2, highest, _POINTS)
     if linear.phases:
@@ -36,7 +36,7 @@ def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path
 
 @styled
 def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
-    """Plot gain and phase of loops [frequency, loop] over frequency (rad/s)."""
+    """Plot gain and phase of loops against frequency (rad/s); ``gains`` is [frequency, loop]."""
     figure = new_figure(4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     for i, name in enumerate(inputs):
@@ -58,7 +58,7 @@ def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str
 
 @styled
 def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
-    """Plot gain over phase of loops [frequency, loop]; crosses mark neutral stability."""
+    """Plot gain against phase of loops; crosses mark neutral stability."""
     figure = new_figure(4.2)
     axes = figure.subplots()
     turns: set[int] = set()

@@ -26,7 +26,7 @@ from abhv_mc.topics.figure_style import (
     styled,
 )  # fmt: skip
 
-_ROW = 0.22  # height of a parameter's row, inches
+_ROW = 0.22  # height of the row of a parameter, inches
 # The first flight after the nominal one has the most visible colour.
 _FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])
 # channel, axis label and scale of each panel with single flights
@@ -50,9 +50,9 @@ def plot_convergence(
     stages: Sequence[tuple[int, str]],
     limits: Sequence[float] = (),
 ) -> Figure:
-    """Plot the worst value so far of a search and of random flights.
+    """Plot the worst value so far in a search and in random flights.
 
-    ``stages`` contains the first flight and the name of each stage.
+    ``stages`` contains the first flight and the name of each stage of the search.
     """
     figure = new_figure(2.8)
     axes = figure.subplots()
@@ -81,7 +81,7 @@ def plot_convergence(
 
 @styled
 def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
-    """Plot the worst case's position (-1 to 1) in each range, and its sensitivities.
+    """Plot the worst case's position (-1 to 1) in each parameter's range, and sensitivities.
 
     ``change`` [parameter, 2] is the change of the metric for a lower and a higher parameter.
     """
@@ -106,7 +106,7 @@ def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, lab
 
 @styled
 def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Floats]]) -> Figure:
-    """Plot the thresholds of each repetition and the probabilities of exceeding them."""
+    """Plot each repetition's thresholds and the probabilities of exceeding them."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     for i, (thresholds, probabilities) in enumerate(repetitions):
@@ -127,10 +127,10 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 @styled
 def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Floats) -> Figure:
-    """Plot a probability with its interval as flights are added, and each flight's metric.
+    """Plot a probability with its interval against the number of flights, and their metrics.
 
     Each row of ``steps`` [step, 5] contains the number of flights, the probabilities from two
-    processes, and both ends of the interval.
+    Gaussian processes, and both ends of the interval.
     """
     figure = new_figure(2.6)
     left, right = figure.subplots(1, 2)
@@ -154,7 +154,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
 
 @styled
 def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
-    """Plot acceptance rate and move size at each level after the first; target dashed."""
+    """Plot acceptance rate and move size at each level after the first; the target is dashed."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
@@ -178,7 +178,7 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: 
 
 @styled
 def plot_failures(names: Sequence[str], points: Floats) -> Figure:
-    """Plot parameter quantiles, as standard normal numbers, of failures and of all flights."""
+    """Plot parameter quantiles, as standard normal numbers, for failures and for all flights."""
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)
     axes = figure.subplots()
     rows = np.arange(len(names))
@@ -204,8 +204,8 @@ def plot_flights(
 ) -> Figure:
     """Plot channels [flight, time]; the nominal flight is first and dashed.
 
-    Values after a flight's end are NaN; a cross marks the end. ``limits`` are drawn in the first
-    panel.
+    Values after the end of a flight are NaN; a cross marks the end. ``limits`` are drawn in the
+    first panel.
     """
     figure, grid = new_panels(
         len(panels),
@@ -243,7 +243,7 @@ def plot_flights(
     return figure
 
 
-# colours of the planned number of flights, its double and its fourfold
+# colours for 1, 2 and 4 times the planned number of flights
 _PLANNED = (BLUE, VERMILION, GREEN)
 
 
@@ -251,7 +251,7 @@ _PLANNED = (BLUE, VERMILION, GREEN)
 def plot_planned(planned: Planned) -> Figure:
     """Plot the chance of PASS against the true failure rate.
 
-    There is one panel for each requirement and one for all of them together.
+    There is one panel for each requirement, and one for all requirements jointly.
     """
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)

@@ -1,4 +1,4 @@
-"""Selection of the common points of two campaigns with unknowns, to pair their flights."""
+"""Selection of points of the unknowns that two campaigns share, to pair their flights."""
 
 from dataclasses import replace
 
@@ -9,13 +9,13 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError
 
-_SAME = 1e-9  # relative tolerance for equal points
+_SAME = 1e-9  # relative tolerance within which points count as equal
 
 
 def restrict_to_common_points(
     a: FlownCampaign, b: FlownCampaign
 ) -> tuple[FlownCampaign, FlownCampaign]:
-    """Return both campaigns with the flights at their common points of the unknowns.
+    """Return both campaigns with only the flights at their common points of the unknowns.
 
     Sample k at common point p is flight ``k * points + p`` in both. Raise InputError if the
     unknowns differ or there is no common point.
@@ -40,7 +40,7 @@ def restrict_to_common_points(
 
 
 def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign:
-    """Return the results with the flights at the given points, in this order."""
+    """Return the results with only the flights at the given points, in the points' order."""
     total = len(results.campaign.unknowns.points)
     if np.array_equal(points, np.arange(total)):
         return results
@@ -48,7 +48,7 @@ def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign
     order[points] = np.arange(len(points))
 
     def renumber(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Return new flight numbers in ascending order, and the rows they belong to."""
+        """Return new flight numbers in ascending order, and the row of each number."""
         position = order[numbers % total]
         rows = np.flatnonzero(position >= 0)
         new = (numbers // total * len(points) + position)[rows]

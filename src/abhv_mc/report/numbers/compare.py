@@ -24,11 +24,11 @@ from abhv_mc.topics.missed_requirements import requirement_failures, requirement
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignPair(ControllerPair):
-    """Comparison of a controller of one campaign with a controller of another one."""
+    """Comparison of a controller in one campaign with a controller in another campaign."""
 
     controllers: tuple[str, str]
-    any_failure: PairedFailures  # failures by a missed requirement or an early termination
-    newly_lost: int  # flights that terminated early or failed to run in the second campaign alone
+    any_failure: PairedFailures  # failures, by missed requirement or early termination
+    newly_lost: int  # flights that terminated early or failed to run only in the second campaign
     # non-inferiority gates by metric, at the worst point of the unknowns
     not_worse: Mapping[str, Gate]
 
@@ -38,7 +38,7 @@ class Compared:
     """Comparison of two campaigns flight by flight."""
 
     requirements: tuple[str, ...]  # requirements as text, in the order of the counts in ``pairs``
-    words: Mapping[str, Mapping[str, str]]  # printed names of each metric
+    words: Mapping[str, Mapping[str, str]]  # printed names and unit of each metric
     paired: tuple[CampaignPair, ...]
 
 
@@ -53,9 +53,9 @@ class Baseline(Compared):
 def require_same_samples(
     samples_a: Mapping[str, Floats], samples_b: Mapping[str, Floats], folder: Path, path: Path
 ) -> None:
-    """Raise InputError if the samples of two campaign folders differ.
+    """Raise InputError if the samples in two campaign folders differ.
 
-    ``samples_a`` belong to ``folder`` and ``samples_b`` to ``path``, which the message names.
+    ``samples_a`` belongs to ``folder`` and ``samples_b`` to ``path``; the message names both.
     """
     expected = f"the samples of {folder}"
     for name in samples_a:
@@ -75,7 +75,7 @@ def require_same_samples(
 
 
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
-    """Raise InputError if a campaign to be run cannot be paired with a baseline."""
+    """Raise InputError if a campaign that will be run cannot be paired with the baseline."""
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
@@ -137,10 +137,10 @@ def compare_results(
 ) -> Compared:
     """Compare the controllers of two campaigns on the same samples.
 
-    Requirements and metrics are those of `a`. By default, each controller in both campaigns is
-    compared; `controllers` names one of `a` and one of `b`. If the numbers of flights differ, the
-    common flights are compared. `margins` are the shares by which `b` may be worse, by metric.
-    Raise InputError if the campaigns have nothing in common.
+    Requirements and metrics are those of `a`. By default, all common controllers are compared;
+    `controllers` names a controller of `a` and one of `b` instead. If the numbers of flights
+    differ, the common flights are compared. `margins` gives, by metric, the share by which `b` may
+    be worse. Raise InputError if the campaigns have nothing in common.
     """
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
@@ -192,7 +192,7 @@ def compare_results(
 def select_flights(
     a: FlownCampaign, b: FlownCampaign, controller_a: str, controller_b: str
 ) -> tuple[ControllerFlights, ControllerFlights]:
-    """Return one controller's flights of each campaign, with the metric records of `a`."""
+    """Return the flights of one controller in each campaign, and the metric records of `a`."""
     return a.flights[controller_a], replace(b.flights[controller_b], records=a.campaign.metrics)
 
 
@@ -212,7 +212,7 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 
 
 def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Describe the result of a metric's gate; ``label`` names the second campaign."""
+    """Describe the result of the gate on a metric; ``label`` names the second campaign."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
     point = f"at {gate.at}, " if gate.at else ""
     text = (
@@ -245,8 +245,9 @@ def _gate(
 ) -> Gate:
     """Return the gate of `b` at its worst point of the unknowns.
 
-    The worst point rejects `b` or comes closest to rejecting it. As `b` must be shown not worse at
-    every point, the risk needs no correction; the tests that reject `b` share the risk.
+    The worst point rejects `b` or comes closest to it. Because `b` must be shown not to be worse at
+    every point, the risk of this test needs no correction; the tests that reject `b` share their
+    risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
@@ -273,7 +274,7 @@ def _gate(
 def pair_controllers(
     a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of controllers to compare: those named, or each one in both campaigns."""
+    """Yield the pairs of controllers to compare: the named pair, or all common controllers."""
     if controllers:
         if len(controllers) != 2:
             problem = f"{len(controllers)} controllers"

@@ -39,7 +39,7 @@ class ContrastRequirement:
 
 @dataclass(frozen=True)
 class ContrastQuantile:
-    """Quantile in both campaigns; without a difference if too few flights lie beyond it."""
+    """Quantile in both campaigns; the difference is None if too few flights lie beyond it."""
 
     before: Interval
     after: Interval
@@ -48,7 +48,7 @@ class ContrastQuantile:
 
 @dataclass(frozen=True)
 class ContrastController:
-    """Comparison of one controller of each campaign."""
+    """Comparison of one controller in each campaign."""
 
     controllers: tuple[str, str]
     flights: tuple[int, int]
@@ -58,7 +58,7 @@ class ContrastController:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of two campaigns on different samples, for the first one's requirements."""
+    """Comparison of two campaigns on different samples, by the requirements of the first."""
 
     # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
     changes: tuple[str, ...]
@@ -71,7 +71,8 @@ def contrast_results(
 ) -> Contrast:
     """Compare the distributions of the metrics that two campaigns have in common.
 
-    Raise InputError for campaigns with unknowns, whose flights do not share one distribution.
+    Raise InputError for campaigns with unknowns, because their flights are not drawn from a single
+    distribution.
     """
     for results in (a, b):
         if results.campaign.unknowns.names:

@@ -1,4 +1,4 @@
-"""Assessment of a campaign: requirements, controller comparison, reasons, confidence, next step."""
+"""Assessment of a campaign: requirements, comparison, reasons, confidence, next step."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,10 +33,10 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
-_NAMED = 2  # maximum number of missed requirements and metrics named in a sentence
+_NAMED = 2  # maximum number of missed requirements or metrics named in a sentence
 _FAILS_STAY = "FAIL verdicts are already decided"
-_MOST_WORDS = 80  # maximum number of words on the first screen
-_SAME_USAGE = 0.05  # largest deviation from 1 of a control-effort ratio that is not mentioned
+_MOST_WORDS = 80  # maximum number of words in the assessment
+_SAME_USAGE = 0.05  # largest deviation of a control-effort ratio from 1 that is not mentioned
 
 
 def judge_campaign(models: Models) -> Judgement:
@@ -70,7 +70,7 @@ def _changed_words(models: Models) -> str:
 
 
 def _count_words(*texts: str | NextStep | None) -> int:
-    """Return the number of words of all texts together."""
+    """Return the total number of words in all texts."""
     lines = (
         f"Next: {text.why}: {text.command}" if isinstance(text, NextStep) else text
         for text in texts
@@ -79,14 +79,14 @@ def _count_words(*texts: str | NextStep | None) -> int:
 
 
 def _runs_words(models: Models) -> str:
-    """Return '64 of 2100 flights run.' if flights of the campaign file are missing, else ''."""
+    """Return '64 of 2100 flights run.' or similar if flights are missing, else ''."""
     missing = _missing_runs(models)
     runs = models.results.campaign.runs_at_point
     return f"{count_of(runs, missing, 'flights')} run." if missing else ""
 
 
 def _missing_runs(models: Models) -> int:
-    """Return the number of flights in the campaign file if the folder has fewer, else 0."""
+    """Return the number of flights in the campaign file if fewer have been run, else 0."""
     runs = models.results.manifest.file_runs or 0
     return runs if runs > models.results.campaign.runs_at_point else 0
 
@@ -102,7 +102,7 @@ def _asked_words(models: Models) -> str:
 
 
 def _worst_words(models: Models) -> str:
-    """Describe the worst flight of the first controller and its dispersions."""
+    """Describe the first controller's worst flight and the dispersions of that flight."""
     names = models.names
     name = next(iter(names.controllers))
     worst = models[FLIGHTS].worst[name][0]
@@ -127,7 +127,7 @@ def _worst_words(models: Models) -> str:
 
 
 def _met_words(models: Models, detail: int) -> str:
-    """State which controllers meet all their requirements and which ones do not.
+    """State which controllers meet all their requirements and which controllers do not.
 
     A larger `detail`, up to 3, adds more names and numbers of missed requirements.
     """
@@ -183,7 +183,8 @@ def _all_of(number: int) -> str:
 def _concerned_controllers(models: Models) -> list[str]:
     """Return the controllers in question.
 
-    They are the bound ones and those of the campaign's question, or all without a question.
+    These are the controllers that requirements bind or that the campaign's question names; all,
+    without a question.
     """
     campaign = models.results.campaign
     asked = campaign.compared if campaign.model.asks else tuple(models.names.controllers)
@@ -193,7 +194,7 @@ def _concerned_controllers(models: Models) -> list[str]:
 def _binding_verdicts(
     verdicts: Verdicts, name: str
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the requirements binding a controller, with verdicts; all if none is binding.
+    """Return the requirements that bind a controller, with verdicts; all if none binds it.
 
     The verdict is None if no flight of the controller could be computed.
     """
@@ -204,7 +205,7 @@ def _binding_verdicts(
 def _listed_entries(
     own: list[tuple[Requirement, ControllerVerdict | None]],
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return missed requirements with their verdicts, else those not shown to be met."""
+    """Return the missed requirements with verdicts; if none, those not shown to be met."""
     missed = [entry for entry in own if entry[1] and entry[1].status == "FAIL"]
     return missed or [entry for entry in own if not entry[1] or entry[1].status != "PASS"]
 
@@ -218,9 +219,9 @@ def _short_words(
 ) -> str:
     """Describe the missed requirements of one controller.
 
-    For example, 'misses the speed error requirement (101 of 1000 flights; 1 % allowed)'. Two are
-    named as 'misses 2 of 5: speed error and sideslip'; more are only counted. A requirement that
-    `is_named` before is called 'it'.
+    For example, 'misses the speed error requirement (101 of 1000 flights; 1 % allowed)'. Two missed
+    requirements are named, as in 'misses 2 of 5: speed error and sideslip'; more are only counted.
+    If `is_named`, the requirement has been named before and is called 'it'.
     """
     listed = _listed_entries(own)
     missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
@@ -250,7 +251,7 @@ def _short_words(
 
 
 def _better_words(models: Models, better: str) -> str:
-    """Return the sentence on the better controller, if the statistics show one."""
+    """Return the sentence on the better controller, if the statistics show that one is better."""
     names, pairs = models.names, _compared_pairs(models)
     if better == ALONE:
         return ""
@@ -282,7 +283,7 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
         compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
         winner, loser = names.subject(better), names.subject(rival)
         return f"{winner} is better than {loser}: {compared} flights lost."
-    rivals: dict[str, list[str]] = {}  # reason -> rival controllers
+    rivals: dict[str, list[str]] = {}  # reason -> rival controllers to which it applies
     for pair in pairs:
         reason = "by losing fewer flights"
         if not pair.losing:
@@ -300,7 +301,7 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
 
 
 def _compared_pairs(models: Models) -> list[ControllerPair]:
-    """Return the pairs of controllers in question, by default those with the first one."""
+    """Return the pairs of controllers in question; by default, all pairs with the first."""
     pairs, compared = models[COMPARISON].pairs.values(), models.results.campaign.compared
     return [pair for pair in pairs if not compared or {pair.a, pair.b} <= set(compared)]
 
@@ -363,7 +364,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         for label, phrases in missed.items()
         if len(phrases) > _NAMED
     ]
-    if several:  # The answer already names one missed requirement of several.
+    if several:  # The answer names up to two missed requirements but only counts more.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
@@ -382,7 +383,7 @@ def shorten_list(items: list[str]) -> str:
 
 
 def _error_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on each side's smaller errors; '' without a shown difference.
+    """Return the sentence on which errors each controller reduces; '' if none is shown.
 
     For example, 'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times
     the control effort.'
@@ -440,7 +441,7 @@ def _usage_words(pair: ControllerPair) -> str:
 
 
 def _confidence_words(models: Models, better: str) -> str:
-    """Return the sentence on the risk of each verdict and of all verdicts jointly."""
+    """Return the sentence on the risk of each verdict and the joint risk of all verdicts."""
     verdicts, state = models[VERDICTS], models.results.manifest.state
     if state != "complete":
         return f"This campaign is {state}: all numbers are preliminary."
@@ -469,7 +470,7 @@ def _confidence_words(models: Models, better: str) -> str:
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the number of flights at which all PASS verdicts hold jointly; None if they do.
+    """Return the flights needed for all PASS verdicts to hold jointly; None if they do.
 
     The joint verdicts follow Holm's procedure; no further failure is assumed.
     """

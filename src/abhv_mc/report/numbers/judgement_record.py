@@ -1,4 +1,4 @@
-"""Stored assessment of a campaign, read from `report.json` if there are no new flights."""
+"""Stored assessment of a campaign, which is read from `report.json` if still valid."""
 
 import json
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ class Judgement:
     """Assessment of a campaign: requirements, controller comparison, reasons and next step."""
 
     met: Met  # requirements met by each binding controller
-    better: str  # name of a controller, MIXED, NO_DIFFERENCE or ALONE
+    better: str  # name of the better controller, or MIXED, NO_DIFFERENCE or ALONE
     because: tuple[str, ...]  # reasons, most important first
-    sure: str  # statement of confidence
+    sure: str  # statement on statistical confidence
     next: NextStep | None
     answer: str  # sentences on requirements and on the better controller
 
 
 def judgement_lead(judgement: Judgement, folder: str) -> Lead:
-    """Return the assessment as sentences; commands name the results ``folder``."""
+    """Return the assessment as sentences; commands contain the results ``folder``."""
     following = ""
     if judgement.next:
         command = judgement.next.command.replace("DIR", folder)

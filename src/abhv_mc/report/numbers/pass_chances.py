@@ -1,4 +1,4 @@
-"""Chances of PASS of a planned campaign, and the number of flights it needs."""
+"""Chances that a planned campaign leads to PASS, and the number of flights it needs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from abhv_mc.statistics.unknowns import most_points, search_flights
 from abhv_mc.topics.missed_requirements import limit_words
 
 RUN_FACTORS = (1, 2, 4)  # multiples of the planned number of flights
-# ratios of true to allowed failure rate, including 0.2 and 1
+# ratios of the true to the allowed failure rate, including 0.2 and 1
 _RATES = np.concatenate(
     [
         [0.0],
@@ -27,7 +27,7 @@ _RATES = np.concatenate(
 
 @dataclass(frozen=True)
 class PassChance:
-    """Chance of PASS [rate] for a number of flights."""
+    """Chance of PASS [rate] after a number of flights."""
 
     runs: int
     # chance of PASS if verdicts are checked after each flight up to ``runs``
@@ -59,7 +59,7 @@ class Band:
 
 @dataclass(frozen=True)
 class JointPassChance:
-    """Bounds on the chance that all requirements PASS."""
+    """Bounds on the chance that the verdict on all requirements is PASS."""
 
     runs: int
     at_some_flight: Band
@@ -80,8 +80,9 @@ class Planned:
     requirements: tuple[PlannedRequirement, ...]
     together: tuple[JointPassChance, ...]
     problems: Sequence[str]
-    most_points: int = 1  # points of the unknowns, each with ``runs`` flights of each controller
-    search_flights: int = 0  # flights of all controllers in the search for points
+    # number of points of the unknowns, each with ``runs`` flights of each controller
+    most_points: int = 1
+    search_flights: int = 0  # number of flights, over all controllers, in the search for points
 
 
 def plan_campaign(campaign: Experiment) -> Planned:
@@ -90,7 +91,8 @@ def plan_campaign(campaign: Experiment) -> Planned:
     verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []
     for item in campaign.requirements:
-        # Under a joint risk, plan each verdict with its share (first step of Holm's procedure).
+        # With a joint risk, each verdict is planned with its share (first step of Holm's
+        # procedure).
         risk = (
             min(item.consumer_risk, model.family.risk / verdicts)
             if model.family
@@ -140,7 +142,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest number of judged points, and the flights of their search."""
+    """Return the largest number of judged points, and the number of flights to find them."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

@@ -1,7 +1,7 @@
 """Content of `report.json` and its JSON Schema.
 
-The same folder gives bit-identical numbers: seeds are fixed, and nothing depends on time or
-machine. Infinite and missing values are None.
+The same folder always gives bit-identical numbers: seeds are fixed, and no number depends on the
+time or the machine. Infinite and missing values are None.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, 
 
 
 def warnings_of(models: Models) -> list[str]:
-    """Return the warnings of a campaign's run and of its topics."""
+    """Return the warnings from the run of a campaign and from its topics."""
     manifest = models.results.manifest
     warnings = (*manifest.warnings, *manifest.not_made)
     return [*warnings, *missing_margins(models[MARGINS], models.names)]

@@ -1,4 +1,4 @@
-"""List of the campaigns below a folder, read from manifests and report files."""
+"""List of the campaigns in a folder and its subfolders, from manifests and reports."""
 
 import json
 import os
@@ -14,13 +14,13 @@ from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.judgement_record import read_judgement
 
-COMPARISON_FILE = "comparison.json"  # file with numbers, next to the page of a comparison
+COMPARISON_FILE = "comparison.json"  # file with the numbers of a comparison, next to its page
 _MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignRun:
-    """Campaign in a folder; ``problem`` is the reason if it cannot be read."""
+    """Campaign in a folder; if it cannot be read, ``problem`` is the reason."""
 
     folder: str  # path relative to the searched folder
     name: str = ""
@@ -28,7 +28,7 @@ class CampaignRun:
     started: str = ""
     question: str = ""
     answer: str = ""
-    # number of binding requirements by verdict
+    # numbers of binding requirements by verdict
     verdicts: Mapping[str, int] = field(default_factory=dict)
     flights: int = 0  # flights of each controller
     flights_planned: int = 0
@@ -65,7 +65,7 @@ def find_runs(root: Path, store: Store) -> CampaignRuns:
 
 
 def _walk(root: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield folders with their files, except hidden ones, links and parts of a campaign."""
+    """Yield folders with their files; skip hidden folders, links and a campaign's subfolders."""
     for path, folders, files in os.walk(root):
         yield Path(path), files
         is_campaign = _MANIFEST in files and Path(path) != root
@@ -111,7 +111,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
 
 
 def _is_ours(manifest: Path) -> bool:
-    """Return whether an unreadable manifest may be of abhv-mc: damaged, or with a format."""
+    """Return whether an unreadable manifest may be from abhv-mc: damaged, or with a format."""
     try:
         content = json.loads(manifest.read_bytes())
     except (OSError, ValueError, RecursionError):

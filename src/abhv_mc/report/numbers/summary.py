@@ -1,4 +1,4 @@
-"""Summary sentences of a campaign, and the statement of confidence."""
+"""Summary sentences of a campaign, and the statement on statistical confidence."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,7 +22,7 @@ def summary_sentences(models: Models) -> list[str]:
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
     """Return introductory sentences that depend on other topics, by topic.
 
-    ``warnings`` are added to the warnings of the run and the topics.
+    ``warnings`` are added to the warnings of the run and of the topics.
     """
     siblings, command = suggest_merge(models.results.folder, models.results.manifest)
     joint = models[VERDICTS].held_together

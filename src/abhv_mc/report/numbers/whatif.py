@@ -1,4 +1,4 @@
-"""Estimates of a campaign under other dispersions, by re-weighting stored flights."""
+"""Estimates for a campaign with other dispersions, by re-weighting stored flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from abhv_mc.topics.json_data import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
 FEWEST_EFFECTIVE = 100.0  # minimum effective number of flights
-# minimum share of effective flights, for sufficient coverage of the intervals
+# minimum ratio of effective to actual flights for which intervals have sufficient coverage
 LEAST_EFFECTIVE = 0.5
-MOST_UNSEEN = 0.01  # maximum probability of values outside the range of all flights
+MOST_UNSEEN = 0.01  # maximum probability of values outside the range covered by the flights
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Estimate with the simulated dispersions and with other ones."""
+    """Estimate with the simulated dispersions and with the changed dispersions."""
 
     before: Interval
     after: Interval
@@ -48,7 +48,7 @@ class WhatifRequirement:
 
 @dataclass(frozen=True)
 class WhatifController:
-    """One controller's flights and their effective number with other settings."""
+    """Flights of one controller, with their effective number under the changed settings."""
 
     flights: int
     effective_flights: float
@@ -59,7 +59,7 @@ class WhatifController:
 
 @dataclass(frozen=True)
 class Whatif:
-    """Estimates of a campaign under other settings of its dispersions."""
+    """Estimates for a campaign under changed settings of its dispersions."""
 
     before: Mapping[str, Mapping[str, object]]
     after: Mapping[str, Mapping[str, object]]

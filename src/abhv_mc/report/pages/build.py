@@ -1,4 +1,4 @@
-"""Creation of a report in a campaign's folder: numbers, figures and page."""
+"""Creation of a report in the folder of a campaign: numbers, figures and page."""
 
 import gc
 import hashlib
@@ -20,10 +20,10 @@ Stage = Callable[[str], AbstractContextManager[object]]
 
 
 def hash_files(folder: Path) -> dict[str, str]:
-    """Return hashes of a report's inputs: SHA-256 of files by path, and flight digests.
+    """Return hashes of a report's inputs: SHA-256 of files by path, and digests of flights.
 
-    A digest covers all rows of a controller, because a recomputed block may divide them into other
-    files.
+    A digest covers all rows of a controller, because recomputed blocks may divide the rows into
+    different files.
     """
     paths = CampaignFolder(folder)
     manifest = read_manifest(paths.manifest)
@@ -126,7 +126,7 @@ def search_command(root: Path, manifest: Manifest) -> str:
 
 @contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Run garbage collection rarely; with many objects of figures it takes 1/8 of the time."""
+    """Run garbage collection rarely; with many figure objects it would take 1/8 of the time."""
     thresholds = gc.get_threshold()
     gc.set_threshold(100_000, 20, 20)
     try:
@@ -167,7 +167,7 @@ def build_report(
     Raises
     ------
     InputError
-        If the folder is no campaign's, or a file is invalid.
+        If the folder does not contain a campaign, or if a file is invalid.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import explain_os_error, write_text
@@ -182,7 +182,7 @@ def build_report(
     from abhv_mc.topics.verdicts import VERDICTS
 
     refuse_search(folder, read_manifest(CampaignFolder(folder).manifest))
-    # The key comes first, because a run may add flights in the meantime.
+    # The key is computed first, because a run may add flights in the meantime.
     key = report_key(folder, baseline)
     results = read_flown(folder, requirements)
     models = Models(results, page=out or folder)

@@ -12,7 +12,7 @@ from abhv_mc.topics.figure_bands import bands_off
 _MOST_TIMES = 301
 _SIGNALS: dict[str, Signal] = {signal.name: signal for signal in CHANNELS}
 _REFERENCES = {signal.name for signal in REFERENCE_CHANNELS}
-# Tracking errors as channel minus reference, which is the same for all flights.
+# Tracking errors that equal a channel minus its reference, which is the same for all flights.
 _OFF_REFERENCE = {
     "altitude_error_m": ("altitude_m", "altitude_reference_m"),
     "speed_error_mps": ("speed_mps", "speed_reference_mps"),
@@ -22,7 +22,7 @@ _OFF_REFERENCE = {
 def describe_channel(
     name: str, recorded: Collection[str], signals: Sequence[Signal] = CHANNELS
 ) -> dict[str, str | None]:
-    """Return a channel's label, unit and description, and its command if ``recorded``."""
+    """Return a channel's label, unit and description, and its command channel if ``recorded``."""
     signal = next((item for item in signals if item.name == name), Signal(name, "-", ""))
     command = _beside(signal, "command")
     return {
@@ -52,7 +52,7 @@ def _label(signal: Signal) -> str:
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
-    """Return every ``every``-th sample; minimum and maximum cover the samples in between."""
+    """Return every ``every``-th sample; the minimum and maximum bands cover those in between."""
     extreme = {"min": np.fmin, "max": np.fmax}.get(band)
     if extreme is None or every == 1:
         return curve[::every]
@@ -63,7 +63,7 @@ def _thinned(curve: Floats, band: str, every: int) -> Floats:
 
 
 def band_names(results: FlownCampaign) -> tuple[str, ...]:
-    """Return the names of the bands of a campaign's envelopes, in stored order."""
+    """Return the names of the bands in a campaign's envelopes, in the order of storage."""
     return tuple(
         next((envelope.bands for envelope in results.envelopes.values()), dict.fromkeys(BANDS))
     )
@@ -103,7 +103,7 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
 def envelope_data(
     results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, object], dict[str, Floats]]:
-    """Return the data of the envelope view and their arrays.
+    """Return the data of the envelope view, and its arrays.
 
     The arrays are ``time:CONTROLLER`` [time], ``CHANNEL:CONTROLLER`` [band, time], with the nominal
     flight last, and ``reference:CHANNEL`` [time].

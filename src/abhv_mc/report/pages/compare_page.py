@@ -1,4 +1,4 @@
-"""Comparison of two campaigns (answer, gates, differences) and its page."""
+"""Comparison of two campaigns (answer, gates, differences), and its page."""
 
 import json
 import shlex
@@ -49,7 +49,7 @@ class Comparison:
     Attributes
     ----------
     found
-        `Compared`, flight by flight, for equal samples; else `Contrast`.
+        `Compared` (flight by flight) if the samples are equal, else `Contrast`.
     page
         Path of the page, None if none was requested.
     """
@@ -109,7 +109,7 @@ def compare_folders(
     requirements: RequirementSource | None = None,
     is_paired: bool = False,
 ) -> Comparison:
-    """Compare two folders flight by flight if their samples are equal, else unpaired.
+    """Compare two folders, flight by flight if their samples are equal, else unpaired.
 
     If ``out`` is given, write a page there. Raise InputError if the folders have nothing in common,
     or if their samples differ and ``margins`` or ``is_paired`` require pairs.
@@ -230,7 +230,7 @@ def _section(
 def _label_pairs(
     a: FlownCampaign, b: FlownCampaign, comparison: Compared
 ) -> list[tuple[str, CampaignPair, Names]]:
-    """Return each pair with its title and with names that label its two sides."""
+    """Return each pair with its title, and with names that label its two sides."""
     pairs, names, (first, second) = [], names_of(a), _folder_names(a, b)
     for pair in comparison.paired:
         label_a, label_b = (
@@ -254,7 +254,7 @@ def _label_pairs(
 
 
 def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
-    """Return names that distinguish two folders; they are equal for the same folder."""
+    """Return names that distinguish two folders; for the same folder the names are equal."""
     path_a, path_b = a.folder.resolve(), b.folder.resolve()
     return (str(path_a), str(path_b)) if path_a.name == path_b.name else (path_a.name, path_b.name)
 
@@ -305,7 +305,7 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
 
 
 def _is_identical(pair: CampaignPair) -> bool:
-    """Return whether all flights agree in every metric and every failure."""
+    """Return whether all paired flights agree in every metric and every failure."""
     differ = any(entry.a_better or entry.b_better for entry in pair.metrics.values())
     return not differ and not pair.any_failure.only_a and not pair.any_failure.only_b
 
@@ -370,7 +370,7 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
 
 
 def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Item]:
-    """Yield the tables of a pair with its title; metrics that are not compared are folded."""
+    """Yield the tables of a pair under its title; metrics that are not compared are folded."""
     differing = {
         name: entry for name, entry in pair.metrics.items() if entry.a_better or entry.b_better
     }
@@ -391,7 +391,7 @@ def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) 
 def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPair]) -> list[Drawn]:
     """Return the figure of differences in required metrics and control effort.
 
-    Metrics in which no flight differs are left out.
+    Metrics in which no flight differs are omitted.
     """
     flights = {title: select_flights(a, b, *pair.controllers) for title, pair in pairs.items()}
     panels, equal = [], []

@@ -101,7 +101,8 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
 
 def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
     """Yield the changes of each controller, then the controllers without a shown change."""
-    undecided: dict[str, int] = {}  # number of verdicts that only the number of flights changes
+    # number of verdicts that differ only because of the number of flights
+    undecided: dict[str, int] = {}
     equal: dict[str, str] = {}
     for label, controller in zip(labels, contrast.contrasted, strict=True):
         if not controller.requirements:
@@ -130,7 +131,7 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
 
 
 def _change_verb(item: ContrastRequirement) -> str:
-    """Return the change of a decided verdict or of the failure share, '' if none is shown."""
+    """Return the change of a decided verdict or of the failure share; '' if none is shown."""
     before, after, difference = item.before.status, item.after.status, item.share_difference
     if after != before and after in {"FAIL", "PASS"}:
         return "newly misses" if after == "FAIL" else "newly meets"
@@ -178,7 +179,7 @@ def _verdict_table(
 
 
 def _flight_counts(contrast: Contrast) -> Iterator[tuple[int, int]]:
-    """Yield the numbers of flights of both campaigns, of each requirement and controller."""
+    """Yield the numbers of flights in both campaigns for each requirement and controller."""
     for controller in contrast.contrasted:
         for item in controller.requirements:
             yield item.before.flights, item.after.flights
@@ -207,7 +208,7 @@ def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
 
 
 def _side(verdict: SideVerdict, is_count: bool) -> str:
-    """Return the verdict and its failures, with the number of flights unless ``is_count``."""
+    """Return the verdict and failure count, with the number of flights unless ``is_count``."""
     failures = fixed(verdict.failures, 0)
     count = failures if is_count else count_of(verdict.failures, verdict.flights)
     return f"{verdict.status}, {count}"
@@ -225,7 +226,7 @@ def _quantile_table(
     *,
     shows_all: bool,
 ) -> Table:
-    """Return the quantiles with a shown difference of required metrics, or all quantiles."""
+    """Return a table of the required metrics' quantiles that differ, or of all quantiles."""
     groups = []
     for metric, description in contrast.words.items():
         rows = [
@@ -263,7 +264,7 @@ def contrast_figures(
 ) -> Iterator[Drawn]:
     """Yield the figure with the distributions of both campaigns.
 
-    It shows the required metrics, or the leading metrics without requirements.
+    The figure shows the required metrics or, without requirements, the leading metrics.
     """
     metrics = [name for name in a.asked if name in contrast.words][:_MOST_PANELS]
     if not metrics:

@@ -1,4 +1,4 @@
-"""First screen of a report below the assessment: chart, cards and baseline."""
+"""First screen of a report, below the assessment: chart, cards and baseline comparison."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ _LEFT, _RIGHT = 0.0, 1.35  # left and right end of the chart, in units of the li
 
 @dataclass(frozen=True)
 class Bar:
-    """Bar of one controller in the chart; positions are percent of the chart's width."""
+    """Bar of one controller in the chart; positions are in percent of the chart's width."""
 
     label: str
     color: str
@@ -42,7 +42,8 @@ class Bar:
 def chart_position(value: float | None, entry: GlanceRow) -> float | None:
     """Return the position of a value in percent of the chart's width; None if missing.
 
-    The scale is the margin in units of the limit's size, with the limit at 1 and bad values right.
+    The scale is the margin in units of the limit's size, with the limit at 1 and bad values to the
+    right of it.
     """
     if value is None or not math.isfinite(value):
         return None
@@ -56,7 +57,7 @@ LIMIT_POSITION = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
 def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
-    """Return the rows of the chart; if there are more than eight, those nearest their limits."""
+    """Return the rows of the chart; if more than eight, the rows nearest to their limits."""
     entries = [entry if _is_required(entry) else _scale_to_values(entry) for entry in entries]
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_largest_position(entry))[:_ROWS]
@@ -99,7 +100,7 @@ def _is_required(entry: GlanceRow) -> bool:
 
 
 def _scale_to_values(entry: GlanceRow) -> GlanceRow:
-    """Return a row without requirement, scaled to its values.
+    """Return a row that has no requirement, scaled to its values.
 
     The best value, or zero, is at the left end and the worst value at the limit's position.
     """
@@ -125,7 +126,7 @@ def _largest_position(entry: GlanceRow) -> float:
 
 
 def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
-    """Return the tolerance limit as text, such as '1.57 deg, 124 % over'; '' without one.
+    """Return the tolerance limit as text, such as '1.57 deg, 124 % over'; '' if unavailable.
 
     Without a requirement, return text such as 'median 0.98 deg'.
     """
@@ -181,7 +182,7 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
         "met": requirement_counts(models[VERDICTS], name),
         "lost": f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} lost",
         "margin": margin,
-        "poor": poor,  # whether margins are below customary values or the loop is unstable
+        "poor": poor,  # whether margins are below customary values or a closed loop is unstable
         "notes": list(filter(None, notes)),
         "usage": f"{' / '.join(usage)} deg" if len(usage) == len(SURFACE_USAGE) else "",
     }
@@ -215,12 +216,12 @@ def _margin(models: Models, name: str) -> tuple[str, bool]:
 
 
 def unlisted_rows(entries: Sequence[object]) -> str:
-    """Return text such as '4 more below'; '' if the chart has all rows."""
+    """Return text such as '4 more below'; '' if the chart shows all rows."""
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
 def baseline_line(baseline: Baseline | None, names: Names) -> str:
-    """Describe changes against the baseline for the first two controllers; '' without one."""
+    """Describe changes from the baseline for up to two controllers; '' without a baseline."""
     if baseline is None:
         return ""
     parts = []

@@ -24,12 +24,13 @@ CELLS = (120, 80)  # cells of the density plot, horizontal and vertical
 BARS = 60  # number of bars in a histogram strip
 _HISTORY_RATE = 5.0  # sampling rate of the histories, Hz
 _STRIPS = 24  # maximum number of dispersions drawn as strips
-_HEADED = 4  # number of metrics in the table without requirements
-_FAR = 3.0  # maximum distance of a drawn limit, in ranges of the flights
+_HEADED = 4  # number of metrics in the table if there are no requirements
+# largest span of flights and limits, in ranges of the flights, for which limits are drawn
+_FAR = 3.0
 # The order of the scripts matters.
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
 STYLES = ("style.css", "flights.css")
-# SVG paths, one fewer than colours, so that combinations repeat late.
+# SVG paths of markers; one fewer than colours, so that combinations rarely repeat.
 SHAPES = {
     "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
     "square": "M-3.6-3.6H3.6V3.6H-3.6z",
@@ -59,7 +60,8 @@ def describe_flights(
 ) -> dict[str, Any]:
     """Describe a campaign's flights for the view.
 
-    ``ends`` are the ranges of the columns in displayed units; ``channels`` have histories.
+    ``ends`` contains the ranges of the columns in displayed units; ``channels`` names the channels
+    with histories.
     """
     names, records, required = (
         results.controllers,
@@ -149,12 +151,12 @@ def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, An
 
 
 def _head(name: str, unit: str) -> str:
-    """Return the column header for a saved table."""
+    """Return the header of a column in a saved table."""
     return f"{name} [{unit or '-'}]"
 
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
-    """Return a metric that ranks flights, with its channel and its limits' sides."""
+    """Describe a metric that ranks flights, with its channel and the sides of its limits."""
     return {
         "metric": record.name,
         "channel": channel_of(record, channels),
@@ -170,7 +172,7 @@ def make_flights_view(
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
     """Return the data of the view on a page, and its packed arrays.
 
-    If there are too many flights, only the worst and the first are included.
+    If there are too many flights, only the worst flights and the first flights are included.
     """
     names, required = results.controllers, results.campaign.requirements
     most = MOST_FLIGHTS // len(names)
@@ -293,7 +295,7 @@ def _add_histories(
 def _add_envelopes(
     results: FlownCampaign, channels: Sequence[str], arrays: dict[str, Floats]
 ) -> None:
-    """Add bands and nominal flights to ``arrays`` for channels without envelopes."""
+    """Add bands and nominal flights to ``arrays`` for channels that lack envelopes."""
     for name in results.controllers:
         for channel in channels:
             if (name, channel) not in results.envelopes:

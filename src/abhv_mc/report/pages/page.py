@@ -1,4 +1,4 @@
-"""Self-contained HTML pages of reports, searches and comparisons."""
+"""Self-contained HTML pages for reports, searches and comparisons."""
 
 import base64
 import gzip
@@ -47,12 +47,12 @@ _STEPS = _MISSING - 1
 
 
 def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str]:
-    """Return the layout of arrays, and their values compressed and encoded in base64.
+    """Return the layout of arrays and their values, compressed and encoded in base64.
 
     A value is ``low + (high - low) * n / 65534`` with 16 bits for ``n``; 65535 is a missing or
-    infinite value. The largest error is 1/131068 of an array's range. Along the last axis, ``n`` is
-    stored as the difference from its predecessor, modulo 65536, which halves the size of smooth
-    curves. The low bytes of all values come first, then the high bytes.
+    infinite value. The largest error is 1/131068 of an array's range. Along the last axis, each
+    ``n`` is stored as the difference from the previous ``n``, modulo 65536, which halves the size
+    of smooth curves. The low bytes of all values come first, then the high bytes.
     """
     layout: dict[str, object] = {}
     blocks: list[NDArray[np.uint16]] = []
@@ -101,7 +101,7 @@ def script_json(data: object) -> Markup:
 
 
 def script_hashes(*scripts: str) -> Markup:
-    """Return a content security policy's sources that allow only the given scripts."""
+    """Return the sources for a content security policy that allows only the given scripts."""
     hashes = (
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
         for script in scripts
@@ -124,7 +124,7 @@ def make_environment() -> Environment:
 
 
 def _typed(text: str) -> Markup:
-    """Return text in which parts between backticks are marked as commands."""
+    """Return text in which passages between backticks are marked as commands."""
     pieces = [escape(piece) for piece in text.split("`")]
     return Markup("").join(  # The result contains escaped text and fixed tags only.
         Markup('<code class="command">{}</code>').format(piece) if i % 2 else piece
@@ -145,7 +145,7 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
 
 
 def _facts(models: Models, flown: str) -> Iterator[str]:
-    """Yield a campaign's vehicle, flights, date, author and version."""
+    """Yield texts on a campaign's vehicle, flights, date, author and version."""
     campaign, manifest = models.results.campaign, models.results.manifest
     if campaign.simulator.capabilities.has_mission:
         yield Path(campaign.model.vehicle).stem
@@ -224,7 +224,7 @@ class Answer:
 def make_table(
     title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> Table:
-    """Return a table of texts, in which parts between backticks are commands."""
+    """Return a table of texts, in which passages between backticks are marked as commands."""
     cells = tuple(tuple(Cell(text) for text in row) for row in rows)
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
 

@@ -1,4 +1,4 @@
-"""PDF of a page, printed by an installed Chromium."""
+"""Printing of pages to PDF by an installed Chromium."""
 
 import shutil
 import subprocess
@@ -15,11 +15,11 @@ NAMES = (
     "chrome",
     "msedge",
 )
-_LONGEST = 120.0  # time-out, s
+_LONGEST = 120.0  # time-out of the browser, s
 
 
 def find_browser() -> str:
-    """Return the path of an installed Chromium. Raise InputError if not found."""
+    """Return the path of an installed Chromium. Raise InputError if there is none."""
     program = next(filter(None, map(shutil.which, NAMES)), None)
     if program is None:
         raise InputError(
@@ -30,7 +30,7 @@ def find_browser() -> str:
     return program
 
 
-# The two pages are the answer, and the required metrics with their drivers.
+# The two printed pages show the answer, and the required metrics with their drivers.
 _BRIEF = """
 main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, figcaption .file,
 #metrics > p, #metrics > .scroll, #drivers > p { display: none !important; }

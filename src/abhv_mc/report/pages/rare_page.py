@@ -199,6 +199,6 @@ def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
 
 
 def _plain_flights(result: RareFound) -> int:
-    """Return how many plain Monte Carlo flights give an equally narrow log interval."""
+    """Return how many plain Monte Carlo flights would give an equally narrow log interval."""
     p, half = result.estimate.probability, 0.5 * np.log(result.estimate.high / result.estimate.low)
     return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

@@ -1,4 +1,4 @@
-"""Page of all campaigns below a folder, to sort, filter and compare."""
+"""Page that lists all campaigns below a folder, to sort, filter and compare them."""
 
 import os
 import shlex

@@ -1,4 +1,4 @@
-"""Files of nominal flights; explanation of a failed flight as text, JSON and figure."""
+"""Files with nominal flights; explanation of a failed flight as text, JSON and figure."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -53,7 +53,8 @@ def write_nominal_report(
 
 _IN_TITLE = 4  # maximum number of dispersions in a title
 _TITLE_WIDTH = 100  # maximum number of characters per line of a title
-_AFTER = 2.0  # shown time after an early termination, as a multiple of the flight's duration
+# end of the time axis in multiples of the last end time, if all flights end early
+_AFTER = 2.0
 
 
 def explanation_words(explanation: Explanation) -> list[str]:
@@ -96,7 +97,7 @@ def explanation_numbers(explanation: Explanation) -> dict[str, Any]:
 
 
 def make_explained_figure(explanation: Explanation) -> Figure:
-    """Return the figure of the failed flight, its causes alone, and the nominal flight."""
+    """Return the figure of the failed flight, a flight with only its causes, and the nominal."""
     names = [
         f"{name}\N{NO-BREAK SPACE}{shown_value(name, explanation.samples[name], explanation.known)}"
         for name in explanation.causes[:_IN_TITLE]

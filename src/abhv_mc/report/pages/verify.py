@@ -1,4 +1,4 @@
-"""Verification of a campaign's folder: file hashes, and numbers of its report."""
+"""Verification of a campaign's folder: hashes of files, and numbers in the report."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ from abhv_mc.topics.topic import Models, user_topics
 
 
 def verify_campaign(root: Path) -> Iterator[str]:
-    """Yield a sentence for each inconsistency of a folder; of a search only files are checked.
+    """Yield a sentence for each inconsistency in a folder; for a search, check only files.
 
     Raise InputError if the folder cannot be read or is in use.
     """
@@ -88,7 +88,7 @@ def skipped_topics(root: Path) -> list[str]:
 def find_differences(
     written: Any, remade: Any, key_path: str = "", document: str = "the report"
 ) -> Iterator[str]:
-    """Yield the differences of two documents, such as 'a.b[2]: 1.5 in the report, 1.6 ...'."""
+    """Yield differences of two documents, such as 'a.b[2]: 1.5 in the report, 1.6 ...'."""
     if isinstance(written, dict) and isinstance(remade, dict):
         for key in written:
             child = f"{key_path}.{key}" if key_path else str(key)

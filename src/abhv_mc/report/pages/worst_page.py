@@ -1,4 +1,4 @@
-"""Page of a worst-case search: worst value, its parameters, convergence, and re-run commands."""
+"""Page of a worst-case search: worst value, parameters, convergence, re-run commands."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -88,7 +88,7 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
 
 
 def _other_seeds(result: WorstFound) -> Iterator[str]:
-    """Yield the sentence on the worst point under other seeds of turbulence and noise."""
+    """Yield the sentence on the worst point with other seeds for turbulence and noise."""
     if result.other_seeds is None:
         return
     flights, lost, ends = result.other_seeds
@@ -131,7 +131,7 @@ def _convergence(result: WorstFound) -> Drawn:
         "box. A line ends at the first early termination, which is worse than any value."
     )
     limits = [limit for item in result.requirements for limit in item.limits.as_entry().values()]
-    # With two limits, the distance outside them is plotted.
+    # With two limits, the distance outside the limits is plotted.
     if result.criterion.limits is not None:
         limits = [0.0]
     figure = plot_convergence(result.metric.label_with_unit, searched, random, stages, limits)
@@ -139,7 +139,7 @@ def _convergence(result: WorstFound) -> Drawn:
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
-    """Return the worst metric so far; NaN after the first early termination."""
+    """Return the worst value so far; NaN after the first early termination."""
     highest = np.maximum.accumulate(severities)
     return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
 

@@ -10,18 +10,19 @@ from abhv_mc.array_types import Floats
 # function that returns the values [point] of points [point, dimension]
 Evaluate = Callable[[Floats], Floats]
 
-LANES = 32  # flights that compiled code simulates in parallel; batches are multiples of this number
+# number of flights that compiled code simulates in parallel; batch sizes are multiples of it
+LANES = 32
 
 
 def make_generator(seed: int, *key: int) -> np.random.Generator:
-    """Return an independent random generator for a key (repetition, level, step, ...)."""
+    """Return the random generator of a key (repetition, level, step, ...)."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=key))
     )
 
 
 def round_up(number: int, multiple: int = LANES) -> int:
-    """Return the smallest multiple that is not less than `number`."""
+    """Return the smallest multiple of `multiple` that is not less than `number`."""
     return -(-number // multiple) * multiple
 
 
@@ -36,7 +37,7 @@ class Progress:
 
 @dataclass
 class Record:
-    """Evaluated points of the box -1 .. 1 with values; larger is better, NaN is worst."""
+    """Evaluated points of the box -1 .. 1 and their values; larger is better, NaN is worst."""
 
     evaluate: Evaluate
     limit: int  # maximum number of evaluations
@@ -72,7 +73,7 @@ class Record:
         return values
 
     def best_places(self, number: int, min_distance: float) -> Floats:
-        """Return at most `number` of the best points, each at least `min_distance` apart.
+        """Return up to `number` of the best points that are at least `min_distance` apart.
 
         The distance is the rms over the dimensions.
         """

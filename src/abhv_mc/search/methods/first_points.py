@@ -1,4 +1,4 @@
-"""First points of a search: the centre, single dimensions, corners and Sobol points."""
+"""First points of a search: centre, points along single dimensions, corners, Sobol points."""
 
 from collections.abc import Callable
 
@@ -7,8 +7,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Record
 
-_MOST_CORNERS = 512  # maximum number of corners that are all evaluated
-# share and minimum number of evaluations for a climb over corners
+_MOST_CORNERS = 512  # maximum number of corners up to which all corners are evaluated
+# share and minimum number of evaluations spent on a climb over corners
 _CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256
 
 
@@ -22,7 +22,7 @@ def sobol_points(dimension: int, number: int, seed: int) -> Floats:
 
 
 def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
-    """Evaluate the first points of the box in whole batches, about a quarter of the limit."""
+    """Evaluate first points of the box in whole batches, using about a quarter of the limit."""
     share = record.limit // 4
     star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
     even = sobol_points(dimension, record.limit, seed)
@@ -50,22 +50,22 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
 def _climb_corners(
     record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]
 ) -> None:
-    """Climb over corners, starting from the one along the slopes, then from its opposite.
+    """Climb over corners, starting from the corner along the slopes, then from its opposite.
 
-    Each step evaluates all neighbours, then all improving sign changes together.
+    Each step evaluates all neighbouring corners, then all improving sign changes combined.
     """
     dimension = len(star) // 2
     slopes = star[1 : dimension + 1] - star[dimension + 1 :]
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    # dimensions with the least certain slope first
+    # dimensions, those with the least certain sign of the slope first
     order = np.argsort(np.abs(slopes), kind="stable")
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
     opposite = [-corner]
-    # Batches come in pairs: neighbours, and their combination.
+    # Batches come in pairs: the neighbours, then the combined sign changes.
     share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
     def call(expected: list[Floats]) -> tuple[list[Floats], Floats]:
-        """Evaluate untried corners as far as they fit; return the corners with their values."""
+        """Evaluate as many untried corners as fit; return the corners and their values."""
         nonlocal corner, best
         candidates = [c for c in expected if c.tobytes() not in tried][:batch]
         if not candidates:
@@ -84,7 +84,7 @@ def _climb_corners(
                 return
             corner, best = opposite.pop(), -np.inf
             continue
-        # Gain of each single sign change, relative to the first candidate or the previous best.
+        # Gain of each single sign change relative to the first candidate or the previous best.
         at_middle = before if np.isfinite(before) else values[0]
         alone = {
             int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
@@ -102,7 +102,7 @@ def _climb_corners(
 
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
-    """Return a corner and its neighbours with one or two changed signs, in given order."""
+    """Return a corner and its neighbours with one or two signs changed in the given order."""
     corners = [corner]
     for i in order:
         single = corner.copy()

@@ -1,8 +1,8 @@
-"""Gaussian process regression of noise-free values, fitted by the posterior density.
+"""Gaussian process regression of noise-free values, fitted by maximum posterior density.
 
 C.E. Rasmussen, C.K.I. Williams, "Gaussian Processes for Machine Learning" (2006), chapters 2 and 5.
-The covariance is that of a quadratic polynomial plus a stationary part with a length for each
-dimension.
+The covariance is the sum of a quadratic polynomial's covariance and a stationary part with a length
+scale for each dimension.
 """
 
 from dataclasses import dataclass
@@ -14,23 +14,24 @@ from scipy.optimize import minimize
 
 from abhv_mc.array_types import Floats
 
-_LENGTH_SPREAD = np.sqrt(3.0)  # prior standard deviation of the logarithm of a length
-# range of the standard deviations of the polynomial's terms
+_LENGTH_SPREAD = np.sqrt(3.0)  # prior standard deviation of the logarithm of a length scale
+# range of the log standard deviations of the polynomial's terms
 _LOWEST, _HIGHEST = np.log(1e-3), np.log(1e3)
-# range of the nugget's variance, for values with a variance of about 1
+# range of the nugget's log variance, for values with a variance of about 1
 _NUGGET = (np.log(1e-7), np.log(1e-2))
 _ITERATIONS = 60
-_TERMS = 3  # constant, linear and quadratic term
+_TERMS = 3  # number of polynomial terms: constant, linear and quadratic
 
 
 @dataclass(frozen=True)
 class GaussianProcess:
-    """Gaussian process conditioned on values; the smooth one is infinitely differentiable."""
+    """Gaussian process conditioned on values; infinitely differentiable if `smooth`."""
 
     smooth: bool
     points: Floats  # points of the data [point, dimension]
     values: Floats  # values at the points [point]
-    logs: Floats  # logarithms of the variances (terms, stationary part, nugget) and of the lengths
+    # logarithms of the variances (terms, stationary part, nugget) and of the length scales
+    logs: Floats
     factor: Floats  # lower Cholesky factor of the covariance [point, point]
     weights: Floats  # inverse of the covariance times the values [point]
 
@@ -53,7 +54,7 @@ class GaussianProcess:
 
     @cached_property
     def inflation(self) -> float:
-        """Factor >= 1 on the standard deviations that explains the leave-one-out errors."""
+        """Factor (>= 1) on standard deviations that explains the leave-one-out errors."""
         return max(1.0, float(np.sqrt(np.mean(self.left_out() ** 2))))
 
     def _prior(self, first: Floats, second: Floats) -> tuple[Floats, Floats]:
@@ -66,7 +67,7 @@ class GaussianProcess:
 
 
 def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tuple[Floats, Floats]:
-    """Return prior covariances, and minus twice their slope in the squared distance."""
+    """Return prior covariances, and -2 times their derivatives by the squared distance."""
     constant, linear, quadratic, stationary = np.exp(logs[: _TERMS + 1])
     lengths = np.exp(logs[_TERMS + 2 :])
     a, b = first / lengths, second / lengths
@@ -74,7 +75,7 @@ def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tu
     squared = np.maximum(squared, 0.0)
     if smooth:
         part = slope = stationary * np.exp(-0.5 * squared)
-    else:  # Matern covariance, 5/2
+    else:  # Matern covariance with smoothness 5/2
         distance = np.sqrt(5.0 * squared)
         decay = stationary * np.exp(-distance)
         part = decay * (1.0 + distance + distance**2 / 3.0)
@@ -86,9 +87,9 @@ def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tu
 def _loss(
     logs: Floats, points: Floats, values: Floats, differences: Floats, smooth: bool
 ) -> tuple[float, Floats]:
-    """Return minus the log posterior density of `logs`, and its gradient.
+    """Return the negative log posterior density of `logs`, and its gradient.
 
-    `differences` [point, point, dimension] are squared distances by dimension.
+    `differences` [point, point, dimension] contains the squared distances in each dimension.
     """
     number, dimension = points.shape
     prior, slope = _covariance(points, points, logs, smooth)
@@ -118,16 +119,16 @@ def _loss(
 
 
 def _prior_lengths(dimension: int) -> float:
-    """Return the prior median of the logarithm of a length.
+    """Return the prior median of the logarithm of a length scale.
 
-    It increases with the dimension, as distances do: C. Hvarfner, E.O. Hellsten, L. Nardi, "Vanilla
-    Bayesian optimization performs great in high dimensions", ICML 2024.
+    It increases with the number of dimensions, as distances do: C. Hvarfner, E.O. Hellsten, L.
+    Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024.
     """
     return float(np.sqrt(2.0) + 0.5 * np.log(dimension))
 
 
 def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) -> GaussianProcess:
-    """Return the process with the most likely variances and lengths over all `starts`."""
+    """Return the process with the most likely variances and length scales, over all `starts`."""
     differences = (points[:, None, :] - points) ** 2
     dimension = points.shape[1]
     bounds = [
@@ -151,7 +152,7 @@ def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) ->
 
 
 def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> GaussianProcess:
-    """Return the process with the given variances and lengths."""
+    """Return the process with the given variances and length scales."""
     prior, _ = _covariance(points, points, logs, smooth)
     factor = cholesky(prior + np.exp(logs[_TERMS + 1]) * np.eye(len(points)), lower=True)
     weights = cho_solve((factor, True), values)
@@ -159,7 +160,7 @@ def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> Gau
 
 
 def draw_starts(dimension: int, number: int, generator: np.random.Generator) -> Floats:
-    """Return random starting points for a fit."""
+    """Return random starting points for fitting a process."""
     middle = np.r_[0.0, -2.0, -4.0, 0.0, -12.0, np.full(dimension, _prior_lengths(dimension))]
     spread = np.r_[1.0, 1.0, 1.0, 1.0, 2.0, np.full(dimension, 1.0)]
     return middle + spread * generator.standard_normal((number, len(middle)))

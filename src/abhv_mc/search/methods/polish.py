@@ -7,20 +7,22 @@ from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
 _LEAST_STEP = 1e-3  # smallest step, in half widths of the box
-_REACHES = (2.0, 8.0)  # largest distances of the maximum of a fitted quadratic, in steps
+# largest distances at which the maximum of a fitted quadratic is searched, in steps
+_REACHES = (2.0, 8.0)
 _SPREADS = (
     1.2,
     2.0,
     4.0,
-)  # fitted points per coefficient, from a narrow to a wide neighbourhood
+)  # number of fitted points per coefficient, from a narrow to a wide neighbourhood
 _FAR_ENOUGH = 0.3  # minimum move of the best point, in steps, for which the step is not reduced
 _NEAR_BOUND = 0.9  # coordinate beyond which the bound itself is tried
-_NEAR = 0.05  # share of the furthest point's squared distance within which weights are similar
+# squared distance within which weights are similar, as a share of the furthest point's
+_NEAR = 0.05
 _RIDGE = 1e-9  # relative regularization that keeps the fit unique with few points
 
 
 def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> None:
-    """Climb from the record's best point until the step is small or evaluations run out.
+    """Climb from the best point in the record until the step is small or evaluations run out.
 
     `reserve` evaluations are left unused.
     """
@@ -45,7 +47,7 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             * generator.standard_normal((filled - len(expected), dimension))
             / np.sqrt(dimension)
         )
-        if tops:  # Half of the points are shorter and longer variants of the step to a maximum.
+        if tops:  # Half of the points lie on the line to a maximum, at shorter and longer steps.
             half = len(around) // 2
             around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - center)
         values = record.call(
@@ -73,13 +75,13 @@ def _tops(record: Record, center: Floats, step: float) -> list[Floats]:
 def _suggest(
     center: Floats, best: float, compass: Floats, values: Floats, step: float
 ) -> list[Floats]:
-    """Return points suggested by parabolas in each dimension, and by the slope."""
+    """Return points suggested by a parabola in each dimension and by the slope."""
     dimension = len(center)
     up, down = values[:dimension], values[dimension:]
     ahead = np.diag(compass[:dimension]) - center
     behind = np.diag(compass[dimension:]) - center
     up, down = np.where(np.isfinite(up), up, best), np.where(np.isfinite(down), down, best)
-    # The slope and curvature come from a parabola, or a one-sided slope at a bound.
+    # Slope and curvature are those of a parabola; at a bound, the slope is one-sided.
     gradient, curvature = np.zeros(dimension), np.zeros(dimension)
     both = (ahead > 0.0) & (behind < 0.0)
     a, b = ahead[both], -behind[both]
@@ -111,9 +113,10 @@ def find_top(
 ) -> Floats:
     """Return the maximum [dimension] of a fitted quadratic, within `radius` per dimension.
 
-    The fit includes ridges that are oblique to the dimensions. `points` [point, dimension] are in
-    the box -1 .. 1 and their `values` [point] are finite. The number of points used, the nearest
-    ones, is `spread` times the number of coefficients; weights decrease with the distance.
+    The quadratic can represent ridges that are oblique to the dimensions. `points` [point,
+    dimension] are in the box -1 .. 1 and their `values` [point] are finite. The nearest points are
+    used, `spread` times as many as there are coefficients, with weights that decrease with
+    distance.
     """
     dimension = len(center)
     rows, columns = np.triu_indices(dimension)

@@ -1,10 +1,10 @@
-"""Rare-event probability with an interval, or the reason why there is no valid estimate.
+"""Rare-event probability with an interval, or the reason why the estimate is not valid.
 
-Independent repetitions of subset simulation give estimates whose logarithms are about normal: the
-interval is Student's for their mean, centred on the logarithm of the mean estimate. The estimate is
-rejected if repetitions contradict each other (one does not reach the event, they differ by far more
-than their chains explain, or the interval spans decades), or if importance sampling disagrees. The
-upper end is the larger one of both methods.
+The logarithms of the estimates from independent repetitions of subset simulation are about normal:
+the interval is Student's for the mean logarithm, centred on the logarithm of the mean estimate. The
+estimate is rejected if the repetitions contradict each other (one does not reach the event, they
+differ by far more than their chains explain, or the interval spans decades) or if importance
+sampling disagrees. The interval's upper end is the larger of the two methods' upper ends.
 """
 
 from dataclasses import dataclass, replace
@@ -28,19 +28,20 @@ from abhv_mc.statistics.ranks import standard_ranks
 
 CONFIDENCE = 0.95
 FEWEST = 4  # minimum number of repetitions for an estimate
-_WIDEST = 10.0  # largest valid ratio of the ends of an interval
-_PRIOR = 4  # number of repetitions to which the chains' own estimate of the spread is equivalent
-# Repetitions differ 1 to 1.5 times as much as chains explain (benchmarks/rare_coverage.py).
+_WIDEST = 10.0  # largest valid ratio of the upper to the lower end of an interval
+# weight of the spread that the chains explain, as an equivalent number of repetitions
+_PRIOR = 4
+# The spread of repetitions is 1 to 1.5 times what chains explain (benchmarks/rare_coverage.py).
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
-_CHECK_SHARE = 0.1  # share of the flights for importance sampling
-# effective failures from which importance sampling can raise the upper end
+_CHECK_SHARE = 0.1  # share of the flights that is reserved for importance sampling
+# effective number of failures from which importance sampling can raise the upper end
 _SEEN = 8.0
-_ENOUGH = 30.0  # effective failures from which importance sampling replaces the estimate
-EXPECTED = 100.0  # effective failures needed to show that the estimate is too high
+_ENOUGH = 30.0  # effective number of failures from which importance sampling replaces the estimate
+EXPECTED = 100.0  # effective number of failures needed to show that the estimate is too high
 _HEAVY = 1.5  # factor on the standard error, for heavy weights that most samples miss
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
-_SHARE_OF_LANES = 10_000  # flights per full batch of lanes that a level's chains fill
+_SHARE_OF_LANES = 10_000  # number of flights for each batch of lanes that a level's chains fill
 
 
 def choose_chains(flights: int) -> int:
@@ -55,15 +56,15 @@ class RareEstimate:
     probability: float  # mean over the repetitions
     low: float
     high: float
-    cov: float  # coefficient of variation of the mean, from the spread of the repetitions
+    cov: float  # coefficient of variation of the mean, computed from the spread of the repetitions
     flights: int
     repetitions: tuple[Repetition, ...]
     check: ImportanceEstimate | None
-    refusal: str | None  # why the estimate cannot be trusted; None if it can
+    refusal: str | None  # reason why the estimate cannot be trusted; None if it can
 
     @property
     def failures(self) -> Floats:
-        """Failures [point, dimension] of all repetitions, a sample of the failure distribution."""
+        """Failures [point, dimension] in all repetitions, a sample of the failure distribution."""
         return (
             np.concatenate([repetition.failures for repetition in self.repetitions])
             if self.repetitions
@@ -79,9 +80,9 @@ class RareEstimate:
 
     @property
     def unwarned_high(self) -> float | None:
-        """Upper bound (95 %, one-sided) on failures without warning, from the first levels.
+        """One-sided 95 % upper bound on the probability of failures without warning.
 
-        The bound is None without levels.
+        The bound follows from the first levels; it is None without repetitions.
         """
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
@@ -95,10 +96,10 @@ def estimate_rare(
 ) -> RareEstimate:
     """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
-    The first repetitions run in parallel; more are added until the interval is as narrow as that of
-    a normal estimate with `target_cov`, or until another one would exceed `flights`. Severities may
-    depend on additional random numbers, drawn for each point. `flights` must be enough for the
-    first levels of `FEWEST` repetitions.
+    The first repetitions run in parallel; more are added until the interval is as narrow as for a
+    normal estimate with `target_cov`, or until another repetition would exceed `flights`.
+    Severities may depend on additional random numbers that are drawn for each point. `flights` must
+    be enough for the first levels of `FEWEST` repetitions.
     """
     check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_SAMPLED else 0
     if plan.dimension <= MOST_LOOKED:
@@ -136,11 +137,11 @@ def estimate_rare(
         contradicts = abs(log_ratio) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if (
             contradicts and log_ratio > 0.0 and check.effective >= _ENOUGH
-        ):  # Importance sampling may include a branch that the levels lost.
+        ):  # Importance sampling may include a failure region that the levels have lost.
             probability, low, cov = check.probability, check.probability / factor, deviation
         elif contradicts and (
             log_ratio > 0.0 or check.effective >= EXPECTED
-        ):  # A smaller value counts only with many effective failures.
+        ):  # A smaller value is used only if the effective number of failures is large.
             refusal = (
                 f"importance sampling gives {check.probability:.2g}, subset simulation "
                 f"{probability:.2g}"
@@ -159,19 +160,19 @@ def estimate_rare(
 
 
 def noise_share(severities: tuple[Floats, Floats]) -> float:
-    """Return the share of noise in the variance of the severities' ranks.
+    """Return the share of the variance of the severities' ranks that is due to noise.
 
-    Both arrays are severities [point] of the same points with different random numbers.
+    Both arrays contain severities [point] at the same points with different random numbers.
     """
     first, second = np.split(standard_ranks(np.concatenate(severities)), 2)
     return min(1.0, float(np.mean((first - second) ** 2)) / 2.0)
 
 
 def _half_width(repetitions: list[Repetition], number: int) -> float:
-    """Return the half-width of the log-probability interval with `number` repetitions.
+    """Return the half-width of the interval of the log probability for `number` repetitions.
 
-    The variance combines the spread of the repetitions with the estimate from their chains, which
-    has the larger weight because few repetitions estimate their spread badly.
+    The variance combines the spread of the repetitions with the spread estimated from their chains,
+    which gets the larger weight because few repetitions give a poor estimate of their spread.
     """
     logs = np.log([repetition.probability for repetition in repetitions])
     chains = (_BEYOND_CHAINS * _chain_cov(repetitions)) ** 2
@@ -183,7 +184,7 @@ def _half_width(repetitions: list[Repetition], number: int) -> float:
 
 
 def _chain_cov(repetitions: list[Repetition]) -> float:
-    """Return the coefficient of variation of a repetition, from its chains' correlation."""
+    """Return the coefficient of variation of a repetition that its chains explain."""
     return float(np.sqrt(np.mean([repetition.cov**2 for repetition in repetitions])))
 
 
@@ -200,7 +201,7 @@ def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> 
 
 
 def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float]:
-    """Return the mean, its interval and its coefficient of variation; 0 .. 1 if undefined."""
+    """Return the mean, its interval (0 .. 1 if undefined) and its coefficient of variation."""
     estimates = np.array([repetition.probability for repetition in repetitions])
     number = len(estimates)
     mean = float(estimates.mean())

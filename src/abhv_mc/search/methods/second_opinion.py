@@ -1,16 +1,17 @@
 """Check of a rare-event estimate by a second search and importance sampling.
 
-Levels of subset simulation follow the branch along which severity rises earliest. A branch that
-rises late and steeply is lost, although it may fail more often. Therefore points are drawn far out
-in random directions; from failing points, chains move to likely failures (conditional sampling, as
-in subset simulation). Random directions enter such a branch in 16 % of the trials in 5 dimensions
-and in 1 % in 20 dimensions.
+The levels of subset simulation follow the branch along which the severity rises earliest. A branch
+along which it rises late and steeply is lost, although it may contain more of the failure
+probability. Therefore points are drawn far out in random directions; from failing points, chains
+move to more likely failures (conditional sampling, as in subset simulation). Random directions
+enter such a branch in 16 % of the trials in 5 dimensions and in 1 % in 20 dimensions.
 
-Importance sampling uses a mixture of normals fitted to all failures by cross-entropy: of a family
-of densities, the one closest to the density of the failures has the largest likelihood for a sample
-of failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of normals for
-several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance sampling using
-Gaussian mixture", Structural Safety 42, 2013). The points are independent of the fit.
+Importance sampling uses a mixture of normals fitted to all failures by cross-entropy: within a
+family of densities, the density closest to that of the failures has the largest likelihood for a
+sample of failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of
+normals for several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance
+sampling using Gaussian mixture", Structural Safety 42, 2013). The sampled points are independent of
+the fitted ones.
 """
 
 from dataclasses import dataclass
@@ -21,21 +22,22 @@ from scipy.special import ndtri
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator
 
-MOST_LOOKED = 10  # maximum dimensions at which the second search was shown to find such branches
-_PLACE = 1 << 20  # key of the second search's random numbers, beyond those of repetitions
+# maximum number of dimensions in which the second search was shown to find such branches
+MOST_LOOKED = 10
+_PLACE = 1 << 20  # key of the second search's random numbers, larger than the keys of repetitions
 _DIRECTIONS, _CHAINS, _LOOK_STEPS = 8 * LANES, 2 * LANES, 24
-# additional radius of the start points, in standard deviations, beyond the known failures
+# distance of the start points beyond the known failures, in standard deviations
 _BEYOND = 2.5
 _KEPT = 8  # number of points retained from the end of each chain
 LOOK_FLIGHTS = _DIRECTIONS + _CHAINS * _LOOK_STEPS
 
-MOST_SAMPLED = 20  # maximum dimensions; beyond, the weights of a fitted covariance degenerate
+MOST_SAMPLED = 20  # maximum number of dimensions, beyond which importance weights degenerate
 # factor on the fitted covariances: proposals with thin tails have infinite variance
 _INFLATION = 1.3
 _MOST_POINTS = 1000  # maximum number of points to which a mixture is fitted
 _MOST_COMPONENTS = 6
 _STEPS = 30  # maximum number of steps of a fit
-_SETTLED = 1e-3  # gain of the mean log-likelihood at which a fit ends
+_SETTLED = 1e-3  # increase of the mean log-likelihood below which a fit ends
 
 
 def find_failures(
@@ -43,7 +45,7 @@ def find_failures(
 ) -> Floats:
     """Return failures [point, dimension] of all detected branches, possibly none.
 
-    They are about as likely as the failures of the estimate.
+    These failures are about as likely as the failures found by the first search.
     """
     draw = make_generator(seed, _PLACE)
     directions = draw.standard_normal((_DIRECTIONS, dimension))
@@ -102,10 +104,10 @@ class ImportanceEstimate:
 
 
 def fit_mixture(points: Floats, components: int, generator: np.random.Generator) -> Mixture:
-    """Return a mixture of `components` normals fitted by expectation maximization."""
+    """Return a mixture of `components` normal densities, fitted by expectation maximization."""
     number = len(points)
     means = points[[generator.integers(number)]]
-    while len(means) < components:  # Starts are spread out, as in k-means++.
+    while len(means) < components:  # Starting means are spread out, as in k-means++.
         distance = ((points[:, None, :] - means) ** 2).sum(axis=2).min(axis=1)
         means = np.vstack([means, points[generator.choice(number, p=distance / distance.sum())]])
     nearest = ((points[:, None, :] - means) ** 2).sum(axis=2).argmin(axis=1)
@@ -123,7 +125,7 @@ def fit_mixture(points: Floats, components: int, generator: np.random.Generator)
 
 
 def _maximise(points: Floats, shares: Floats) -> Mixture:
-    """Return the best-fitting normals for membership shares [point, component]."""
+    """Return the best-fitting normal densities for membership shares [point, component]."""
     dimension = points.shape[1]
     totals = shares.sum(axis=0) + 1e-9
     means = (shares.T @ points) / totals[:, None]
@@ -131,7 +133,7 @@ def _maximise(points: Floats, shares: Floats) -> Mixture:
     for k, mean in enumerate(means):
         deviations = points - mean
         covariance = (shares[:, k, None] * deviations).T @ deviations
-        # The prior is `dimension` more points with the unit covariance of the inputs.
+        # The prior is equivalent to `dimension` more points with the unit covariance of the inputs.
         covariance = (covariance + dimension * np.eye(dimension)) / (totals[k] + dimension)
         factors.append(np.linalg.cholesky(covariance))
     return Mixture(totals / totals.sum(), means, np.array(factors))

@@ -1,11 +1,12 @@
-"""Rare-event probability with switches, which are events that occur with a probability.
+"""Rare-event probability with switches: events that occur only in a share of the flights.
 
 P is the sum over combinations of switches of P(combination) P(event | combination). The most
-probable combination is estimated by subset simulation, other combinations by plain sampling, and
-those beyond 32 as one stratum. Subset simulation over all combinations would miss a rare switch. If
-subset simulation does not finish, the interval of the plain flights is used. Intervals are combined
-as independent ones (Zou & Donner, "Construction of confidence limits about effect measures",
-Statistics in Medicine 27, 2008), or exactly if there are no failures.
+probable combination is estimated by subset simulation and the others by plain sampling; all
+combinations beyond the first 32 form one stratum. Subset simulation over all combinations would
+miss a rare switch. If subset simulation does not finish, the interval from plain flights is used.
+Intervals are combined as intervals of independent estimates (Zou & Donner, "Construction of
+confidence limits about effect measures", Statistics in Medicine 27, 2008), or exactly if there are
+no failures.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,14 +26,15 @@ Switched = NDArray[np.bool_]  # active switches [point, switch]
 EvaluateSwitched = Callable[[Floats, Switched], Floats]
 
 MOST_COMBINATIONS = 32
-_PLACE = 1 << 21  # key of the random numbers of plain flights
-_PILOT = 2 * LANES  # plain flights of each combination
-_FEWEST_FAILURES = 4  # minimum failures of a pilot for which plain flights are enough
+_PLACE = 1 << 21  # key of the random numbers used for plain flights
+_PILOT = 2 * LANES  # number of plain flights of each combination
+# minimum number of failures among pilot flights for which plain flights are enough
+_FEWEST_FAILURES = 4
 _MAIN_SHARE = 0.75  # share of the flights for subset simulation
 _MOST_PLAIN = 2560  # maximum number of plain flights before subset simulation is used
 _MOST_AT_ONCE = 16 * LANES  # maximum number of plain flights before the allocation is updated
 _SHARE_OF_COV = 0.5  # share of the coefficient of variation that plain flights may contribute
-_MOST_LISTED = 4096  # maximum number of combinations with a computed weight
+_MOST_LISTED = 4096  # maximum number of combinations whose weights are computed
 
 
 @dataclass(frozen=True)
@@ -41,19 +43,19 @@ class Stratum:
 
     on: tuple[int, ...] | None  # switches that are on; None for all remaining combinations
     weight: float  # probability of the combination
-    probability: float  # probability of the event, given the combination
+    probability: float  # conditional probability of the event, given the combination
     low: float
     high: float
     flights: int
 
     @property
     def value(self) -> float:
-        """Contribution of the stratum to the sum."""
+        """Contribution of the stratum to the total probability."""
         return self.weight * self.probability
 
 
 def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], float]]:
-    """Return combinations of independent switches with probabilities, most probable first.
+    """Return combinations of independent switches and their probabilities, largest first.
 
     The list contains at most a few thousand combinations.
     """
@@ -81,7 +83,7 @@ class _Sampler:
     place: int  # key of the stratum's random numbers
     flights: int = 0
     failures: int = 0
-    levels: int = 0  # flights of subset simulation in addition to the plain ones
+    levels: int = 0  # number of flights used by subset simulation in addition to the plain flights
     estimate: RareEstimate | None = None
 
     def draw(self, flights: int, plan: SubsetPlan) -> tuple[Floats, Switched]:
@@ -118,13 +120,13 @@ def estimate_switched(
     target_cov: float = 0.2,
     flights: int = 20000,
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
-    """Return P(severity > threshold) with switches, and each combination's contribution.
+    """Return P(severity > threshold) with switches, and the contribution of each combination.
 
     Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
-    normal points [point, dimension] and the mask of active switches [point, switch]. All
-    combinations have pilot flights. The most probable one is estimated by subset simulation unless
-    plain flights are enough; the remaining flights go to the combination with the largest product
-    of weight and interval width. The repetitions of the result are those of the most probable
+    normal points [point, dimension] and the mask of active switches [point, switch]. Pilot flights
+    are simulated for all combinations. The most probable one is estimated by subset simulation
+    unless plain flights are enough; the remaining flights go to the combination with the largest
+    product of weight and interval width. The result contains the repetitions for the most probable
     combination.
     """
     if not len(probabilities):
@@ -154,7 +156,8 @@ def estimate_switched(
         samplers, int(np.clip(flights // (2 * len(samplers)), LANES, _PILOT)) // LANES * LANES
     )
     main, seen = samplers[0], sum(sampler.stratum().value for sampler in samplers)
-    # If none of this many fails, the contribution is small compared with that of the pilots.
+    # If none of this many flights fails, the contribution is small compared with that of the
+    # pilots.
     enough = 3.7 * main.stratum().weight / (_SHARE_OF_COV * target_cov * seen) if seen else np.inf
     budget = min(int(_MAIN_SHARE * flights), flights - used)
     main_estimate: RareEstimate | None = None
@@ -163,7 +166,7 @@ def estimate_switched(
             lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget
         )
         main.estimate = main_estimate if main_estimate.refusal is None else None
-        # Without an estimate, only the first level counts.
+        # Without an estimate, only the flights of the first levels are counted.
         failures, number = (0, 0) if main.estimate else main_estimate.plain
         main.flights, main.failures, main.levels = (
             main.flights + number,
@@ -195,7 +198,8 @@ def _list_samplers(probabilities: Floats) -> list[_Sampler]:
     if len(remainder := weights[MOST_COMBINATIONS:]):
         remainder *= (
             1.0 - weights[:MOST_COMBINATIONS].sum()
-        ) / remainder.sum()  # The remainder includes combinations that are not listed.
+            # The remainder includes the probability of combinations that are not listed.
+        ) / remainder.sum()
         samplers.append(_Sampler(None, rows[MOST_COMBINATIONS:], remainder, len(samplers)))
     return samplers
 
@@ -203,8 +207,9 @@ def _list_samplers(probabilities: Floats) -> list[_Sampler]:
 def _ends(strata: Sequence[Stratum]) -> tuple[float, float]:
     """Return the distances from the sum to the lower and the upper end of its interval.
 
-    If none of the n_i flights of each stratum i failed, -sum n_i log(1 - p_i) has one joint upper
-    bound, and so has the sum of weight times p_i: the largest single contribution.
+    If none of the n_i flights of each stratum i failed, -sum n_i log(1 - p_i) has a joint upper
+    bound. The sum of weight times p_i is then bounded by the largest possible contribution of a
+    single stratum.
     """
     below = [stratum.weight * (stratum.probability - stratum.low) for stratum in strata]
     above = [

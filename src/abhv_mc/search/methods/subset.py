@@ -5,8 +5,8 @@ simulation", Probabilistic Engineering Mechanics 16 (2001); the chains are moved
 conditional sampling: I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, "MCMC algorithms for
 subset simulation", Probabilistic Engineering Mechanics 41 (2015).
 
-Points are independent standard normal numbers. Independent repetitions run in parallel, so that
-each batch contains one step of all chains of all repetitions.
+Points are independent standard normal numbers. Independent repetitions run in parallel: each batch
+contains one step of all chains of all repetitions.
 """
 
 from dataclasses import dataclass, field
@@ -16,21 +16,22 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
-_LENGTH = 10  # points per chain: the last tenth of a level's points starts the next level
+_LENGTH = 10  # points per chain; the most severe tenth of a level's points starts the next level
 _MOST_LEVELS = 12
-ACCEPTANCE = 0.44  # optimal acceptance rate for these chains: Papaioannou et al., section 4
+ACCEPTANCE = 0.44  # optimal acceptance rate for these chains (Papaioannou et al., section 4)
 
 
 @dataclass(frozen=True)
 class Level:
-    """Level of one repetition of subset simulation."""
+    """Level in one repetition of subset simulation."""
 
-    # severity from which on points belong to the next level; finally the requirement's limit
+    # severity at which the next level begins; at the last level, the limit of the requirement
     threshold: float
     probability: float  # share of the level's points at or above the threshold
     cov: float  # coefficient of variation of the share, including the correlation of the chains
     acceptance: float  # share of accepted moves; 1 at the first level, which is a plain sample
-    spread: float  # standard deviation of a proposal about its own mean (1: independent)
+    # standard deviation of a proposal about its mean (1: independent of the present point)
+    spread: float
 
 
 @dataclass
@@ -41,13 +42,13 @@ class Repetition:
     points: Floats  # points of the present level [point, dimension], in blocks [step, chain]
     values: Floats  # severity of each point [point]
     flights: int  # number of evaluations so far
-    plain_failures: int  # failures in the first level, which is a plain sample
+    plain_failures: int  # number of failures in the first level, which is a plain sample
     levels: list[Level] = field(default_factory=list)
-    scale: float = 0.6  # lambda of the adaptation; Papaioannou et al. start with 0.6
+    scale: float = 0.6  # parameter lambda of the adaptation; Papaioannou et al. start with 0.6
     acceptance: float = 1.0
     spread: float = 1.0
     reached: bool = False  # whether enough failures were found
-    cut_short: bool = False  # whether the flights were not enough for the next level
+    cut_short: bool = False  # whether there were too few flights for the next level
 
     @property
     def probability(self) -> float:
@@ -56,7 +57,7 @@ class Repetition:
 
     @property
     def failures(self) -> Floats:
-        """Failures [point, dimension] of the last level, repeated for rejected moves."""
+        """Failures [point, dimension] in the last level; rejected moves repeat a point."""
         return (
             self.points[self.values > self.levels[-1].threshold]
             if self.reached
@@ -76,7 +77,7 @@ class SubsetPlan:
     dimension: int
     threshold: float  # severity above which a flight fails
     seed: int
-    chains: int = 64  # chains of each level and repetition, whole lanes
+    chains: int = 64  # number of chains of each level and repetition, a multiple of LANES
 
     @property
     def size(self) -> int:
@@ -89,10 +90,11 @@ def run_subset(
 ) -> list[Repetition]:
     """Return the repetitions `numbers` of a subset simulation for P(severity > threshold).
 
-    If `flights` are not enough for another level of all repetitions, the last ones by number are
-    dropped whatever their results, so that the selection is unbiased. If fewer than `fewest` would
-    remain, all end, and unfinished ones are marked `cut_short`. `reached` is False for a repetition
-    without enough failures at the last level, or on a plateau of equal severities.
+    If `flights` do not suffice for another level of all repetitions, the last repetitions by number
+    are dropped whatever their results, so that the selection is unbiased. If fewer than `fewest`
+    would remain, all repetitions end, and those unfinished are marked `cut_short`. `reached` is
+    False for a repetition without enough failures at the last level, or on a plateau of equal
+    severities.
     """
     size = plan.size
     drawn = [
@@ -123,7 +125,7 @@ def run_subset(
 
 
 def _close_level(repetition: Repetition, plan: SubsetPlan) -> bool:
-    """Set the level's threshold and probability; return whether it was the last one."""
+    """Set the level's threshold and probability; return whether this was the last level."""
     size, chains, threshold = plan.size, plan.chains, plan.threshold
     limit = float(np.partition(repetition.values, size - chains)[size - chains])
     last = limit > threshold
@@ -139,11 +141,11 @@ def _close_level(repetition: Repetition, plan: SubsetPlan) -> bool:
 
 
 def _chain_inflation(inside: np.ndarray, chains: int) -> float:
-    """Return the variance factor of a level's share caused by its chains' correlation.
+    """Return the factor by which the chains' correlation increases the variance of a share.
 
     The factor is 1 + gamma of Au & Beck.
     """
-    # failures by step and chain [step, chain]
+    # mask of failures [step, chain]
     table = inside.reshape(-1, chains).astype(np.float64)
     length = len(table)
     share = table.mean()
@@ -171,7 +173,8 @@ def _move_chains(
     for step in range(1, _LENGTH):
         proposals = []
         for repetition, history in zip(active, histories, strict=True):
-            # A spread per dimension gave probabilities 1.9 times too high in 100 dimensions.
+            # With a separate spread per dimension, probabilities were 1.9 times too high in 100
+            # dimensions.
             repetition.spread = min(1.0, repetition.scale)
             noise = make_generator(seed, repetition.number, level, step).standard_normal(
                 history[-1][0].shape

@@ -2,10 +2,11 @@
 
 B. Echard, N. Gayton, M. Lemaire, "AK-MCS", Structural Safety 33 (2011); candidates by subset
 simulation: M. Moustapha, S. Marelli, B. Sudret, "Active learning for structural reliability",
-Structural Safety 96 (2022). Candidates are drawn by importance sampling near all points that may
-fail. The next points to evaluate are those that most reduce the misclassified weight of the
-candidates: J. Bect, D. Ginsbourger, L. Li, V. Picheny, E. Vazquez, "Sequential design of computer
-experiments for the estimation of a probability of failure", Statistics and Computing 22 (2012).
+Structural Safety 96 (2022). Candidates are drawn by importance sampling near all points at which
+flights may fail. The next points to evaluate are those that most reduce the misclassified weight of
+the candidates: J. Bect, D. Ginsbourger, L. Li, V. Picheny, E. Vazquez, "Sequential design of
+computer experiments for the estimation of a probability of failure", Statistics and Computing 22
+(2012).
 """
 
 from dataclasses import dataclass
@@ -27,20 +28,24 @@ from abhv_mc.search.methods.subset import SubsetPlan, run_subset
 
 MOST_DIMENSIONS = 10
 FEWEST_RUNS = 64
-BATCH = 8  # number of parallel runs
+BATCH = 8  # number of runs that are evaluated in parallel
 _PLACE = 1 << 23  # key of the random numbers
-# number of points of the first design: constant, and per dimension
+# number of points in the first design: constant part, and points per dimension
 _FIRST, _FIRST_OF_DIMENSION = 12, 3
-_FIRST_SPREAD = 2.0  # standard deviation of the first design, as failures are far out
-_STARTS = 3  # starts of the first fit; later ones use the last optimum and one more
-_REFIT = 1.1  # growth factor of the number of runs after which the processes are refitted
-_CHAINS, _REPETITIONS = 64, 4  # chains and repetitions of subset simulation on the processes
+# standard deviation of the first design, larger than 1 because failures are far out
+_FIRST_SPREAD = 2.0
+# number of starts of the first fit; later fits start at the last optimum and at one more point
+_STARTS = 3
+_REFIT = 1.1  # factor of growth in the number of runs after which the processes are refitted
+# numbers of chains and repetitions of subset simulation on the processes
+_CHAINS, _REPETITIONS = 64, 4
 _CANDIDATES, _MOST_CANDIDATES = 2000, 32_000
 _FAILING = 400.0  # required effective number of failing candidates
 _JOINT = 300  # number of candidates from which points are selected
 _SIGMAS = 1.96
-_TINY = 1e-10  # smallest variance
-_TAILS, _WIDER = 0.3, 1.6  # weight of the wider normals, and the factor on their width
+_TINY = 1e-10  # smallest variance in a denominator
+# weight of the additional normals, and the factor by which they are wider
+_TAILS, _WIDER = 0.3, 1.6
 _HEAVY = 1.5  # factor on the sampling error, because most samples miss the largest weights
 # Severities are clipped at this multiple of the first median distance from failure.
 _LARGEST = 30.0
@@ -52,7 +57,7 @@ class Step:
 
     runs: int
     failures: int  # number of runs that failed
-    probabilities: tuple[float, ...]  # probability from each fit
+    probabilities: tuple[float, ...]  # probability estimated by each fit
     low: float
     high: float
 
@@ -62,23 +67,23 @@ class SurrogateEstimate(RareEstimate):
     """Estimate from candidates classified by Gaussian processes."""
 
     steps: tuple[Step, ...]
-    candidates: Floats  # sample of the failures predicted by the fits [point, dimension]
+    candidates: Floats  # sample of the points that the fits predict to fail [point, dimension]
 
     @property
     def failures(self) -> Floats:
-        """Candidates that are predicted to fail."""
+        """Candidates at which a failure is predicted."""
         return self.candidates
 
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Points of importance sampling, with the predictions of the fits."""
+    """Points drawn by importance sampling, with the predictions of the fits."""
 
     points: Floats
-    # standard normal density over the sample's density, divided by its size [point]
+    # standard normal density divided by the sampling density and the sample size [point]
     weights: Floats
-    means: Floats  # mean of each fit [fit, point]
-    sigmas: Floats  # standard deviation of each fit [fit, point]
+    means: Floats  # mean predicted by each fit [fit, point]
+    sigmas: Floats  # standard deviation predicted by each fit [fit, point]
 
     def chance(self, margins: Floats) -> tuple[float, float]:
         """Return the weight of positive margins [point] and its coefficient of variation."""
@@ -107,8 +112,9 @@ def estimate_by_surrogate(
     """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
     The severity must be a smooth function of the point. The search has converged if two consecutive
-    intervals overlap and are at most as wide as that of a normal estimate with `target_cov`. The
-    estimate is rejected if this takes more than `runs` evaluations or if none of them failed.
+    intervals overlap and are not wider than the interval of a normal estimate with `target_cov`.
+    The estimate is rejected if convergence takes more than `runs` evaluations or if no evaluated
+    flight failed.
     """
     key, dimension = (plan.seed, _PLACE), plan.dimension
     number = _FIRST + _FIRST_OF_DIMENSION * dimension
@@ -182,7 +188,7 @@ def _fit(
 
 
 def _spread_points(number: int, dimension: int, generator: np.random.Generator) -> Floats:
-    """Return a Latin hypercube of normals that are wider than standard normals."""
+    """Return a Latin hypercube of normal numbers with a larger than unit standard deviation."""
     from scipy.special import ndtri
 
     ranks = np.argsort(generator.random((number, dimension)), axis=0)
@@ -211,7 +217,7 @@ def _draw_candidates(
 ) -> _Candidates:
     """Return candidates near all points at which a fit's upper bound exceeds zero.
 
-    If `many`, points are added until the effective number of failing ones is 400.
+    If `many`, points are added until the effective number of failing candidates is 400.
     """
 
     def upper(points: Floats) -> Floats:
@@ -251,7 +257,7 @@ def _add_tails(mixture: Mixture) -> Mixture:
 
 
 def _judge(candidates: _Candidates, severities: Floats) -> Step:
-    """Return the estimate after a batch; its interval covers those of all fits."""
+    """Return the estimate after a batch; its interval covers the intervals of all fits."""
     chances, lows, highs = [], [], []
     for mean, sigma in zip(candidates.means, candidates.sigmas, strict=True):
         chances.append(candidates.chance(mean)[0])

@@ -1,9 +1,9 @@
-"""Largest value in a box: first points, then CMA-ES, then a local polish.
+"""Search for the largest value in a box: first points, then CMA-ES, then a local search.
 
 CMA-ES: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies",
 Evolutionary Computation 9 (2001), as in the package cmaes. Several optimizers run in parallel from
-different starts; a converged one is replaced by one that starts at the best point far from previous
-starts.
+different starts; a converged optimizer is replaced by one that starts at the best point far from
+all previous starts.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ from abhv_mc.search.methods.evaluation import (
 from abhv_mc.search.methods.first_points import explore
 from abhv_mc.search.methods.polish import polish
 
-_BATCHES = 15  # minimum number of batches, as a search learns from each batch
+_BATCHES = 15  # minimum number of batches, because a search learns only between batches
 _MOST_IN_BATCH = 512
 _POLISH_SHARE = 0.25  # share of the evaluations for the final local search
-_STEP = 0.3  # first standard deviation of a CMA-ES, in half widths of the box
+_STEP = 0.3  # initial standard deviation of CMA-ES, in half widths of the box
 _APART = 0.2  # minimum rms distance between starts
 _STALE = 10  # generations without improvement after which an optimizer starts elsewhere
-_PROBE = 0.1  # step of the sensitivity at the worst point, in half widths of the box
+_PROBE = 0.1  # step of the sensitivities at the worst point, in half widths of the box
 AT_BOUND = 1.0 - 1e-9
 
 
@@ -39,7 +39,7 @@ class WorstCase:
     value: float
     place: Floats  # coordinates of the largest value [dimension]
     history: tuple[Progress, ...]
-    # change of the value for a lower and a higher coordinate [dimension, 2]; NaN outside
+    # change of the value for a lower and a higher coordinate [dimension, 2]; NaN outside the box
     sensitivity: Floats
     points: Floats  # evaluated points [evaluation, dimension]
     values: Floats  # values of the points [evaluation]
@@ -100,7 +100,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
     """Run CMA-ES until `reserve` evaluations are left; return a first polishing step."""
     from cmaes import CMA
 
-    # CMA-ES needs two dimensions; even points and polishing solve a problem with one.
+    # CMA-ES needs two dimensions; in one dimension, even points and a local search suffice.
     if dimension == 1:
         return 4.0 / record.used
     side_by_side = batch // LANES
@@ -113,7 +113,8 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
         while len(running) < side_by_side:
             start = starts[begun % len(starts)]
             number = int(make_generator(seed, 0, begun).integers(2**32))
-            # Points outside are redrawn once, then moved to the bound, where many worst cases lie.
+            # Points outside the box are redrawn once, then moved to the bound, where many worst
+            # cases lie.
             cma = CMA(start, _STEP, bounds, n_max_resampling=1, seed=number, population_size=LANES)
             running.append((cma, -np.inf, 0))
             begun += 1
@@ -139,7 +140,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 
 
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """Return the change of the value near the best point, which moves to a better probe."""
+    """Return the change of the value near the best point, which any better probe replaces."""
     center, best = record.place, record.best
     probes = np.concatenate(
         [center - _PROBE * np.eye(dimension), center + _PROBE * np.eye(dimension)]

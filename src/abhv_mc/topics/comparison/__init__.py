@@ -1,4 +1,4 @@
-"""Section that compares controllers: medians, differences and failures."""
+"""Report section that compares controllers by medians, differences and failures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -90,7 +90,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return each controller's median and the differences of the first from the others."""
+    """Return a row with each controller's median and its difference from the first one."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
@@ -117,7 +117,7 @@ def pair_tables(
     metrics: Mapping[str, ComparedMetric],
     requirements: Sequence[str],
 ) -> Iterator[Table]:
-    """Yield a pair's tables: differences in ``metrics``, then failures."""
+    """Yield two tables for a pair: differences in ``metrics``, then failures."""
     table = _difference_table(pair, names, metrics)
     rows = tuple(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
@@ -174,9 +174,9 @@ def _gain_words(entry: ComparedMetric) -> str:
 
 
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
-    """Return a table of failures under one controller only, by requirement.
+    """Return a table, by requirement, of flights that fail under one controller only.
 
-    A last row counts early terminations. ``requirements`` are printed texts.
+    The last row counts early terminations. ``requirements`` contains texts to print.
     """
     a, b = names.label(pair.a), names.label(pair.b)
     ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"

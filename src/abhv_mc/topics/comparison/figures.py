@@ -27,7 +27,7 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 1000  # maximum number of plotted flights per controller
-_TRADES = 3  # number of metrics if none is required, and of panels per row
+_TRADES = 3  # number of metrics if none is required, and number of panels per row
 _ENDS = (
     0.005,
     0.995,
@@ -35,7 +35,7 @@ _ENDS = (
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield figures of error against control effort and of paired differences."""
+    """Yield the figures of tracking error against control effort and of paired differences."""
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -71,7 +71,7 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
 
 @dataclass(frozen=True)
 class Trade:
-    """Tracking error of every controller."""
+    """Tracking error in each flight under every controller."""
 
     label: str
     errors: Mapping[str, Floats]  # controller -> one value per flight
@@ -85,7 +85,7 @@ def plot_error_against_usage(
     labels: Mapping[str, str],
     colors: Mapping[str, str],
 ) -> Figure:
-    """Plot each flight's error against its control effort; medians have larger marks."""
+    """Plot each flight's error against its control effort, with larger marks for medians."""
     columns = min(_TRADES, len(trades))
     figure, grid = new_panels(len(trades), columns, 1.6, between=(0.5, 0.55), top=0.4, sharex=True)
     for axes, trade in zip(grid.flat, trades, strict=False):
@@ -117,7 +117,8 @@ def plot_error_against_usage(
         is_log = log_if_wide(axes, "y", values)
         if not is_log and least >= 0.0:
             axes.set_ylim(bottom=0.0)
-        title = f"{trade.label}\n{LOG_AXIS if is_log else ' '}"  # the letter is beside line 2
+        # the panel letter is next to the second line
+        title = f"{trade.label}\n{LOG_AXIS if is_log else ' '}"
         axes.set_title(title, fontsize=8, fontweight="normal")
     label_lowest(grid, len(trades), usage_label)
     legend_below(figure, grid[0, 0])
@@ -131,10 +132,10 @@ class DifferencePanel:
     label: str
     differences: Mapping[
         str, Floats
-    ]  # pair -> one difference per flight; infinite if only one controller lost it
+    ]  # pair -> one difference per flight; infinite if one controller lost the flight
     medians: Mapping[
         str, tuple[float | None, float | None, float | None]
-    ]  # median and both ends of its interval; None for an open end
+    ]  # median and both interval ends; None for an open end
 
 
 @styled
@@ -146,7 +147,7 @@ def plot_differences(
 ) -> Figure:
     """Plot the cumulative distribution of differences, one panel per metric.
 
-    The mark with an interval is the median. ``zero`` labels the line at zero difference.
+    A mark with an interval shows the median. ``zero`` is the label of the line at zero difference.
     """
     columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(

@@ -32,30 +32,31 @@ from abhv_mc.statistics.winner import Decision, agree, decide
 from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
-_LOST_RISK = 0.05  # risk of claiming a difference in lost flights between equal controllers
-_LISTED = 10  # maximum number of listed flights that failed under one controller only
+_LOST_RISK = 0.05  # significance level for a difference in the number of lost flights
+_LISTED = 10  # maximum number of flights listed that failed under one controller only
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedMetric(PairedMetric):
-    """Comparison of controllers `a` and `b` in one metric; differences are `a - b`."""
+    """Comparison of controllers `a` and `b` in one metric, with the differences `a - b`."""
 
     compared: bool  # whether a winner may be named
     winner: str | None
     closer: str | None  # controller with the smaller value on more flights
-    mixed: bool  # whether `closer` is not named as the winner
-    worse_tails: tuple[float, ...]  # quantiles in which `closer` is significantly worse
+    mixed: bool  # whether a controller is favoured without being the winner
+    # levels of the quantiles in which `closer` is significantly worse
+    worse_tails: tuple[float, ...]
     uncompared_tails: tuple[float, ...]
     loses_more: bool
     worst: tuple[float, float]
-    quantile_differences: Mapping[str, Interval]  # differences of quantiles, by quantile level
-    # Numbers of unknown-parameter points won by `a`, won by `b`, and in total.
+    quantile_differences: Mapping[str, Interval]  # differences between quantiles, by level
+    # Number of points of the unknown parameters at which `a` wins, at which `b` wins, and in total.
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
 @dataclass(frozen=True, kw_only=True)
 class ListedFailures(PairedFailures):
-    """Paired failures, with the first flights that failed under one controller only."""
+    """Paired failures, with the first few flights that failed under one controller only."""
 
     flights_only_a: tuple[int, ...]
     flights_only_b: tuple[int, ...]
@@ -71,12 +72,12 @@ class ControllerPair:
     metrics: Mapping[str, ComparedMetric]
     requirements: tuple[ListedFailures, ...]  # one entry per requirement, in the campaign's order
     ended_early: ListedFailures
-    usage: Mapping[str, PairedUsage | None]  # paired control effort, by tracking-error metric
+    usage: Mapping[str, PairedUsage | None]  # by tracking-error metric
     surfaces: Mapping[str, Interval | None]  # median ratio a / b of each control-effort metric
 
     @property
     def losing(self) -> str:
-        """Return the controller, 'a' or 'b', that loses significantly more flights, or ''."""
+        """Return which controller, 'a' or 'b', loses significantly more flights; '' if neither."""
         lost = self.ended_early
         if lost.p_value > _LOST_RISK or lost.only_a == lost.only_b:
             return ""
@@ -88,7 +89,7 @@ class Comparison:
     """Comparison of a campaign's first controller with each of the others."""
 
     pairs: Mapping[str, ControllerPair]
-    # Medians by metric and controller, for metrics with a named winner.
+    # Medians by metric and controller, for the metrics in which a winner is named.
     medians: Mapping[str, Mapping[str, Interval]] = field(
         default_factory=dict, metadata={DRAWN: True}
     )
@@ -136,12 +137,12 @@ def compare_pair(
     independent: bool = True,
     points: int = 1,
 ) -> ControllerPair | None:
-    """Return the comparison of controllers `a` and `b`, or None without a common flight.
+    """Return the comparison of controllers `a` and `b`; None if they share no flight.
 
-    Winners are named for the `compared` metrics, with a correction for their number and for all
-    `rivals`; none are named if flights are not `independent` draws. With several ``points`` of the
+    Winners are named only for the `compared` metrics, corrected for the number of metrics and of
+    `rivals`, and only if the flights are `independent` draws. With several ``points`` of the
     unknown parameters, a controller must win, or lose more flights, at every point; counts and
-    differences include all flights.
+    differences include the flights at all points.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
@@ -202,7 +203,7 @@ def _metric(
     """Return the comparison of two controllers in one metric.
 
     A winner is named if ``rows``, the number of comparisons, is positive. Each of ``point_masks``
-    selects the pairs [pair] at one value of the unknowns.
+    [pair] selects the flight pairs at one point of the unknown parameters.
     """
     differences = compare_metric(a, b)
     decisions = (
@@ -241,9 +242,9 @@ def _metric(
 def _lost_everywhere(
     a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
 ) -> ListedFailures:
-    """Return paired failures with the largest p-value over the values of the unknowns.
+    """Return paired failures, with the largest p-value over the points of the unknowns.
 
-    Only p-values for the controller that loses more flights overall count.
+    The p-value is 1 at a point where the controller that loses fewer flights overall loses more.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
@@ -266,7 +267,7 @@ def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
 def compare_any_failures(
     a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> ListedFailures:
-    """Return paired failures, whether early terminations or missed requirements."""
+    """Return paired failures; early terminations and missed requirements both count."""
     rows_a, rows_b = common_rows(a, b)
     failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
     return _failures(*failed, a.flight[rows_a])
@@ -275,7 +276,7 @@ def compare_any_failures(
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
     """Return the differences `a - b` of a metric [pair], in the unit of the metric.
 
-    Differences are infinite if only one controller lost the flight, and 0 if both did.
+    A difference is infinite if only one controller lost the flight, and 0 if both lost it.
     """
     differences = pair_differences(
         *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))
@@ -284,7 +285,7 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
-    """Return the root sum of squares of the three surfaces' rms deflections, deg [flight]."""
+    """Return the root sum of squares of the rms deflections of three surfaces, deg [flight]."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 
@@ -296,7 +297,7 @@ def _usage(
     rows_b: NDArray[np.intp],
     metrics: Sequence[str],
 ) -> dict[str, PairedUsage | None]:
-    """Return the control effort paired with each tracking error among ``metrics``."""
+    """Return, for each tracking error in ``metrics``, the paired control effort."""
     if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
         return {}
     flown = ~(a.failed[rows_a] | b.failed[rows_b])

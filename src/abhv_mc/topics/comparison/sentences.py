@@ -1,4 +1,4 @@
-"""Sentences that compare controllers in lost flights and in metrics."""
+"""Sentences that compare controllers by their lost flights and by metrics."""
 
 from collections.abc import Mapping, Sequence
 from math import inf
@@ -8,7 +8,7 @@ from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, Controll
 from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import Names
 
-_OPEN = 2  # maximum number of rivals listed individually if no difference is significant
+_OPEN = 2  # maximum number of rivals with their own sentence if no difference is significant
 
 
 def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
@@ -19,7 +19,7 @@ def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
     """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
 
-    With ``full`` the texts include shares of flights.
+    If ``full``, the texts include shares of flights or reasons.
     """
     standings: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric, entry in asked_of(pair, names).items():
@@ -35,15 +35,15 @@ def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[
 
 
 def asked_of(pair: ControllerPair, names: Names) -> Mapping[str, ComparedMetric]:
-    """Return the comparisons of a pair in the leading metrics."""
+    """Return the comparisons of two controllers in the leading metrics."""
     return {metric: pair.metrics[metric] for metric in names.asked if metric in pair.metrics}
 
 
 def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], list[str]]:
-    """Group tracked quantities by where `a` has the smaller rms error on more flights.
+    """Group tracked quantities by whether `a` has the smaller rms error on more flights.
 
-    The keys state whether this is so over the whole flight and outside the transients. Quantities
-    that lack either metric are omitted.
+    A key states whether this holds for the error over the whole flight and for the error outside
+    the transients. Quantities without both metrics are omitted.
     """
     rms = {
         (metric.of, metric.settled): name
@@ -70,7 +70,7 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
-    """Return shares: ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
+    """Return ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)' or similar."""
     entry = pair.metrics[metric]
     shares = [("better", entry.a_better), ("worse", entry.b_better)]
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
@@ -83,7 +83,7 @@ def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
 
 
 def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) -> str:
-    """Explain why the controller with smaller values on more flights is not the winner."""
+    """Explain why the controller with the smaller value on more flights is not the winner."""
     *wins, values = entry.better_at
     if values > 1 and any(wins):
         sides = zip((pair.a, pair.b), wins, strict=True)
@@ -98,9 +98,9 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:
-    """Return whether a pair's first controller is better, worse, mixed or undecided.
+    """Return 'better', 'worse', 'mixed' or 'open' for the first controller of a pair.
 
-    A significant difference in lost flights decides.
+    A significant difference in lost flights outweighs the metrics.
     """
     if pair.losing:
         return "worse" if pair.losing == "a" else "better"
@@ -111,7 +111,7 @@ def verdict_of(pair: ControllerPair, names: Names) -> str:
 
 
 def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
-    """Return the pairs, those least favourable to the first controller first.
+    """Return the pairs, starting with the least favourable to the first controller.
 
     Ties are ordered by the rival's number of failures, smallest first.
     """
@@ -130,7 +130,7 @@ def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
 
 
 def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
-    """Return a sentence per rival, strongest first; the first sentence is the answer."""
+    """Return a sentence per rival, strongest first; the first sentence is the main result."""
     pairs = [pair for pair in by_strength(comparison, names) if any(standing(pair, names).values())]
     if not pairs:
         return []
@@ -153,7 +153,7 @@ def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
 
 
 def pair_words(pair: ControllerPair, names: Names) -> str:
-    """Describe the comparison of a pair in clauses.
+    """Describe the comparison of two controllers in a few clauses.
 
     For example, 'TLC is better on more flights in ...; TLC uses ...'.
     """
@@ -170,7 +170,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails not compared ...' if too few flights reach a winner's tails."""
+    """Return '; tails not compared ...' if flights are too few to compare tail quantiles."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])
@@ -200,9 +200,9 @@ def _usage_words(pair: ControllerPair, first: str) -> str:
 
 
 def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
-    """Return which controller of each pair loses fewer flights, if significant."""
+    """Return sentences on significant differences in lost flights."""
     sentences: list[str] = []
-    open_: dict[str, str] = {}  # rival -> sentence that no difference is shown
+    open_: dict[str, str] = {}  # rival -> sentence for a difference that is not significant
     for pair in comparison.pairs.values():
         failures, a, b = pair.ended_early, names.subject(pair.a), names.subject(pair.b)
         alone = failures.only_a, failures.only_b

@@ -1,4 +1,4 @@
-"""Convergence of each estimate with the number of flights."""
+"""Report topic: convergence of the estimates as the number of flights grows."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -32,8 +32,10 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-_FEWEST = 100  # minimum number of flights for a figure; with fewer, intervals hide the trend
-_PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}  # shares of the flights in the table
+# minimum number of flights for a figure; with fewer flights, the intervals hide the trend
+_FEWEST = 100
+# fractions of the flights that have a row in the table
+_PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}
 
 
 @dataclass(frozen=True)
@@ -49,23 +51,23 @@ class Settling:
 class ControllerSettling:
     """Convergence of all estimates for one controller."""
 
-    flights: tuple[int, ...]  # number of flights at each check
-    metrics: Mapping[str, Mapping[str, Settling]]  # convergence by metric and quantile level
-    requirements: tuple[Settling, ...]  # convergence of each requirement's failure rate
+    flights: tuple[int, ...]  # number of flights at each check [look]
+    metrics: Mapping[str, Mapping[str, Settling]]  # by metric and quantile level
+    requirements: tuple[Settling, ...]  # convergence of the failure rate for each requirement
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Convergence of metric quantiles and of failure rates of requirements.
+    """Convergence of the metrics' quantiles and the requirements' failure rates.
 
-    Flights are added in the order of their numbers.
+    Flights are added in the order of their flight numbers.
     """
 
     controllers: Mapping[str, ControllerSettling]
 
     @property
     def is_drawn(self) -> bool:
-        """Return whether there are enough flights for a figure."""
+        """Return whether there are enough flights to draw a figure."""
         return any(
             max(estimates.flights, default=0) >= _FEWEST for estimates in self.controllers.values()
         )
@@ -120,7 +122,7 @@ def _section(convergence: Convergence, names: Names) -> Section:
 
 
 def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
-    """Return rows of each leading metric after a quarter, half and all of the flights."""
+    """Yield table rows of each leading metric after a quarter, half and all of the flights."""
     for metric in names.asked:
         level, quantile_name = settled_level(convergence, metric)
         rows = []
@@ -139,7 +141,7 @@ def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]
 
 
 def settled_level(convergence: Convergence, metric: str) -> tuple[str, str]:
-    """Return the key and name of the quantile available for all controllers."""
+    """Return the key and printed name of a quantile that is available for all controllers."""
     tables = (trace.metrics[metric] for trace in convergence.controllers.values())
     is_reached = all(bool(np.isfinite(table["q95"].value[-1:]).all()) for table in tables)
     return ("q95", "95 % quantile") if is_reached else ("q50", "median")

@@ -1,4 +1,4 @@
-"""Figures of the convergence of estimates with the number of flights."""
+"""Figure of the convergence of estimates with the number of flights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -22,7 +22,7 @@ from abhv_mc.topics.section import FigureText
 
 
 def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of convergence, with one panel per leading metric."""
+    """Yield the convergence figure, which has one panel per leading metric."""
     if not convergence.is_drawn:
         return
     flights = {
@@ -64,7 +64,7 @@ def plot_convergence(
     panels: Sequence[tuple[str, Mapping[str, Floats]]],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Plot each controller's traces [value, low, high; look]; NaN marks open bounds."""
+    """Plot estimates and interval ends [value, low, high; look]; NaN marks an open end."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
@@ -73,7 +73,7 @@ def plot_convergence(
             axes.fill_between(
                 flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0
             )
-            on_top = 3.0 - i / len(series)  # the first is the subject
+            on_top = 3.0 - i / len(series)  # the first controller is drawn on top
             look = {"color": colors[name], "label": labels[name], "zorder": on_top}
             axes.plot(flights[name], value, **look)
         axes.set_xscale("log")
@@ -85,7 +85,7 @@ def plot_convergence(
 
 
 def _ticks(axes: Axes, flights: Floats) -> None:
-    """Set a few round numbers of flights inside the range as ticks."""
+    """Place ticks at a few round numbers of flights within the plotted range."""
     candidates = [step * 10**power for power in range(7) for step in (1, 2, 5)]
     inside = [c for c in candidates if flights.min() <= c <= flights.max()]
     inside = [c for c in inside if str(c)[0] == "1"] if len(inside) > 6 else inside

@@ -1,4 +1,4 @@
-"""Drivers of the errors: rank regression coefficients and sensitivity indices of parameters."""
+"""Drivers of the errors: parameters' rank regression coefficients and sensitivity indices."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,33 +32,36 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-_TENTH = 0.1  # share of flights in the lowest and in the highest group
-_FEWEST_OF_TENTH = 5  # minimum number of flights in a tenth
-_KEPT = 12  # maximum number of parameters stored per metric, largest first
-_MOST_FLIGHTS = 5_000  # enough to distinguish correlations of 0.05 from chance
-_NAMED = 2  # maximum number of drivers of an error in a sentence
-_LISTED = 4  # maximum number of drivers of an error in the table
-_MOVED = 2  # maximum number of controllers with a sentence
-_NOISY = 0.5  # minimum unexplained share of the variance that a sentence states
+# share of the flights with the lowest, and with the highest, values of a parameter
+_TENTH = 0.1
+_FEWEST_OF_TENTH = 5  # minimum number of flights in such a group
+_KEPT = 12  # maximum number of parameters stored per metric
+# maximum number of analysed flights; enough to distinguish correlations of 0.05 from chance
+_MOST_FLIGHTS = 5_000
+_NAMED = 2  # maximum number of drivers per error named in a sentence
+_LISTED = 4  # maximum number of drivers per error listed in the table
+_MOVED = 2  # maximum number of controllers described by a sentence
+_NOISY = 0.5  # minimum unexplained share of the variance to be stated in a sentence
 
 Ends = tuple[float, float, float]  # estimate, lower and upper end of its 95 % interval
 
 
 @dataclass(frozen=True)
 class Driver:
-    """Rank regression coefficient of a parameter for an error."""
+    """Coefficient of one parameter in the rank regression of an error."""
 
     parameter: str
     either_way: bool  # whether the regressor is the parameter's distance from its median
     srrc: Ends  # standardized rank regression coefficient
     p_value: float  # p-value of the hypothesis that the coefficient is zero
-    driver: bool  # whether the coefficient is significant
-    moves_with: str | None  # parameter that the flights cannot distinguish from this one
+    driver: bool  # whether the parameter is a significant driver
+    # parameter whose effect the flights cannot distinguish from that of this parameter
+    moves_with: str | None
 
 
 @dataclass(frozen=True)
 class Share:
-    """Share of a parameter in the rank variance not explained by the regression."""
+    """Share of the rank variance left by the regression that one parameter explains."""
 
     parameter: str
     first: float  # first-order sensitivity index
@@ -68,7 +71,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Swing:
-    """Medians of a metric in the tenths of flights lowest and highest in a parameter."""
+    """Medians of a metric where a parameter is in its lowest and in its highest tenth."""
 
     parameter: str
     lowest: float
@@ -77,32 +80,32 @@ class Swing:
 
 @dataclass(frozen=True)
 class MetricDrivers:
-    """Drivers of one metric."""
+    """Parameters that drive one metric."""
 
     explained: float  # share of the rank variance explained by the regression
-    otherwise: tuple[Share, ...]  # parameters with non-monotonic effects, largest first
-    parameters: tuple[Driver, ...]  # parameters with monotonic effects, largest first
+    otherwise: tuple[Share, ...]  # parameters with non-monotonic effects, largest effect first
+    parameters: tuple[Driver, ...]  # parameters with monotonic effects, largest effect first
     median: float = nan  # median of the metric over all flights
-    swings: tuple[Swing, ...] = ()  # swing of each significant parameter
+    swings: tuple[Swing, ...] = ()  # one swing for each significant parameter
 
 
 @dataclass(frozen=True)
 class ControllerDrivers:
-    """Drivers of the metrics of one controller, empty if there are too few flights."""
+    """Drivers of one controller's metrics; empty if there are too few flights."""
 
     metrics: Mapping[str, MetricDrivers]
 
 
 @dataclass(frozen=True)
 class Drivers:
-    """Drivers of all controllers' metrics, empty without dispersions."""
+    """Drivers of all controllers' metrics; empty if the campaign has no dispersions."""
 
     controllers: Mapping[str, ControllerDrivers]
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
 
 
 def compute_drivers(results: FlownCampaign) -> Drivers:
-    """Return the drivers of every metric."""
+    """Return the drivers of every metric under every controller."""
     names = results.controllers if results.dispersed else ()
     return Drivers({name: ControllerDrivers(_coefficients(results, name)) for name in names})
 
@@ -122,7 +125,8 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
         inputs.append(sampled[flights.flight[first]])
         # Absolute errors often grow with a parameter's distance from its median.
         finite = sampled[flights.flight]
-        finite = finite[np.isfinite(finite)]  # Times of failures that do not occur are infinite.
+        # The time of a failure that does not occur is infinite.
+        finite = finite[np.isfinite(finite)]
         folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
     drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
     if drivers is None:
@@ -156,10 +160,10 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
 
 
 def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
-    """Return the medians of `values` in the lowest and highest tenth of `sampled`.
+    """Return the medians of `values` in the flights with the lowest and highest `sampled`.
 
-    If a parameter has few distinct values, such as a rare failure, the groups are as near to tenths
-    as possible. Return None if a group has too few flights or a median that is not finite.
+    If a parameter has few distinct values (such as a rare failure), the group sizes are as close to
+    a tenth as possible. Return None if a group has too few flights or a median that is not finite.
     """
     low, high = np.quantile(sampled, [_TENTH, 1.0 - _TENTH], method="nearest")
     if low == high:
@@ -179,7 +183,7 @@ def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
 
 
 def _middle(values: Floats) -> float:
-    """Return a median that is one of the values, because some of them may be infinite."""
+    """Return a median that is one of the values, because averaging fails for infinite values."""
     return float(np.quantile(values, 0.5, method="nearest"))
 
 
@@ -203,11 +207,11 @@ def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Dr
 def _given_data(
     results: FlownCampaign, inputs: Floats, drivers: RankDrivers
 ) -> dict[str, tuple[Share, ...]]:
-    """Return parameters with a non-monotonic effect on a required metric, largest first.
+    """Return parameters with non-monotonic effects on required metrics, largest first.
 
-    Effects are first-order and total indices of the regression residuals; parameters correlated
-    with a driver are excluded. The indices need random flights, because the order of other designs
-    would look like an effect.
+    An effect is given by the first-order and total indices of the regression residuals. Parameters
+    correlated with a driver are excluded. The flights must be random draws, because the order of
+    other designs would look like an effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
     unexplained = 1.0 - drivers.explained
@@ -223,7 +227,7 @@ def _given_data(
     )
     if indices is None:
         return {}
-    both = (2, len(names), -1)  # parameters, and their distances from the median
+    both = (2, len(names), -1)  # parameter values, and their distances from the medians
     partner = np.any((drivers.moves_with >= 0).reshape(both), axis=0)
     partner &= ~np.any(drivers.found.reshape(both), axis=0)
     first, total = indices.first * unexplained[chosen], indices.total * unexplained[chosen]
@@ -244,7 +248,7 @@ def _given_data(
 
 
 def otherwise_words(shares: Sequence[Share]) -> list[str]:
-    """Return phrases such as 'drag' or, for an interaction, 'lift together with density'.
+    """Return phrases such as 'drag' or, if parameters interact, 'lift together with density'.
 
     Each parameter is named once.
     """
@@ -267,13 +271,13 @@ def otherwise_words(shares: Sequence[Share]) -> list[str]:
 
 
 def driver_sentences(drivers: Drivers, names: Names) -> Sequence[str]:
-    """Return sentences on the largest drivers of the first controllers."""
+    """Return sentences on the largest drivers of the errors under the first controllers."""
     first = list(drivers.controllers.items())[:_MOVED]
     return [*filter(None, (_sentence(names.subject(name), entry, names) for name, entry in first))]
 
 
 def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
-    """Return the sentence on a controller's largest drivers of each leading error."""
+    """Return a sentence on the largest drivers of each leading error under a controller."""
     clauses, idle = [], []
     for metric in names.asked:
         if metric not in drivers.metrics:
@@ -298,7 +302,7 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
 
 
 def _sign(driver: Driver) -> str:
-    """Return the direction of a parameter in which the metric grows."""
+    """Return in which direction a parameter must change for the metric to grow."""
     if driver.either_way:
         return "high or low" if driver.srrc[0] > 0.0 else "near its median"
     return "+" if driver.srrc[0] > 0.0 else "\N{MINUS SIGN}"

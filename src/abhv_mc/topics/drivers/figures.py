@@ -23,25 +23,25 @@ from abhv_mc.topics.formatting import spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_BARS = 3  # maximum number of parameters per metric, the largest of any controller
+_BARS = 3  # maximum number of parameters per metric
 _ROW = 0.075  # height of a bar, inches
-_SHORT = 14  # maximum length of a parameter name for three panels side by side
+_SHORT = 14  # longest parameter name for which three panels fit side by side, in characters
 
 
 @dataclass(frozen=True)
 class Tornado:
-    """Tornado chart of one metric: medians at the ends of its largest drivers."""
+    """Tornado chart of one metric: its medians at both ends of its largest drivers' ranges."""
 
     label: str
     parameters: Sequence[str]
-    # swings by parameter and controller; None if not significant
+    # swing of each parameter under each controller; None if not significant
     swings: Sequence[Sequence[Swing | None]]
-    medians: Sequence[float]  # median over all flights, by controller
+    medians: Sequence[float]  # median over all flights for each controller
     limits: Sequence[float] = ()
 
 
 def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of the drivers of the leading metrics."""
+    """Yield the figure that shows the drivers of the leading metrics."""
     charts = []
     for metric in names.asked:
         entries = [controller.metrics.get(metric) for controller in drivers.controllers.values()]
@@ -64,7 +64,7 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 def make_tornado(
     label: str, entries: Sequence[MetricDrivers | None], limits: Sequence[float] = ()
 ) -> Tornado:
-    """Return the tornado chart of a metric's largest drivers under any controller."""
+    """Return a metric's tornado chart, with the largest drivers over all controllers."""
     swings = [
         {swing.parameter: swing for swing in (entry.swings if entry else ())} for entry in entries
     ]

@@ -1,4 +1,4 @@
-"""Time-history envelopes over all flights, and the range of each channel."""
+"""Report topic: time-history envelopes over all flights, and the range of each channel."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,14 +18,15 @@ _SIGN = ", sign open"
 
 @dataclass(frozen=True)
 class Curve:
-    """Display settings of a channel on a sheet."""
+    """Display settings of one channel on a sheet of time histories."""
 
     channel: str
     label: str
     reference: str = ""
-    off_reference: bool = False  # whether to subtract the reference
-    needles: bool = False  # whether an inset shows its short response to each command step
-    paper: tuple[int, str] | None = None  # figure number in the paper, and what the figure shows
+    off_reference: bool = False  # whether to subtract the reference from the channel
+    needles: bool = False  # whether an inset shows the short response to a command step
+    # number of the corresponding figure in the paper, and its subject
+    paper: tuple[int, str] | None = None
 
 
 CURVES = (
@@ -54,9 +55,9 @@ CURVES = (
 
 
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
-    """Return the curves on the sheet of a campaign's channels.
+    """Return the curves to draw on the sheet of a campaign's channels.
 
-    All channels of a user's simulator are included.
+    For a user's simulator, all channels are included.
     """
     return (
         CURVES
@@ -71,8 +72,8 @@ class Envelopes:
 
     # smallest and largest value by controller and channel
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
-    step_s: float | None  # time between samples of the bands
-    flights: int  # number of flights of each controller, from flight 0
+    step_s: float | None  # time between two samples of the bands
+    flights: int  # number of flights of each controller, counted from flight 0
 
 
 def compute_envelopes(results: FlownCampaign) -> Envelopes:
@@ -100,7 +101,7 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
 
 
 def envelope_section(model: Envelopes, names: Names) -> Section | None:
-    """Return the section on envelopes of all channels; None without histories."""
+    """Return the section on the envelopes of all channels; None if no histories are stored."""
     items: list[Item] = []
     campaign = names.campaign
     if not campaign.channels:
@@ -152,7 +153,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
 
 
 def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
-    """Return a channel's range under each controller; empty if no flight recorded it."""
+    """Return a row with a channel's range under each controller; empty if it was not recorded."""
     ranges = [envelopes.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
     if not any(ranges):
         return ()

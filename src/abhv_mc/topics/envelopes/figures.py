@@ -1,4 +1,4 @@
-"""Sheets of channels: envelopes over all flights, or single flights."""
+"""Figures of all channels over time: envelopes over all flights, or single flights."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -21,8 +21,8 @@ from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-Bands = tuple[Floats, Mapping[str, Floats]]  # time and the bands of one channel
-# function that returns the bands of a controller and channel
+Bands = tuple[Floats, Mapping[str, Floats]]  # time [time] and bands by name for one channel
+# function that returns the bands for a controller and a channel
 Find = Callable[[str, str], Bands | None]
 
 _OURS = (
@@ -36,7 +36,7 @@ _SIMULTANEOUS = (
 
 
 def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of all channels with envelopes."""
+    """Yield the figure of all channels that have envelopes."""
     controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
     simultaneous = {name: _simultaneous(results, name) for name in controllers}
@@ -60,9 +60,9 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
 
 
 def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str, Floats]]:
-    """Return the edges of a controller's simultaneous band, by channel.
+    """Return the edges of the simultaneous band of each channel under one controller.
 
-    The result is empty if no histories of random flights are stored.
+    The result is empty if no histories of randomly sampled flights are stored.
     """
     channels = [curve.channel for curve in curves_of(results.campaign)]
     recorded = [name for name in channels if (controller, name) in results.envelopes]
@@ -85,7 +85,7 @@ def plot_flown(
     reference: Mapping[str, Floats],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Plot one flight of each controller; the columns [time] are given by channel."""
+    """Plot one flight of each controller; ``flights`` contains its channels [time] by name."""
 
     def find(controller: str, channel: str) -> Bands:
         return flights[controller]["time"], {"q50": flights[controller][channel]}
@@ -98,7 +98,7 @@ def plot_flown(
 def _rows(
     find: Find, names: Sequence[str], reference: Mapping[str, Floats], curves: Sequence[Curve]
 ) -> list[EnvelopeRow]:
-    """Return the ground track, if there is a reference, then rows of all channels."""
+    """Return rows of panels: the ground track, if there is a reference, then all channels."""
     track = [
         _track(find(name, "east_m"), find(name, "north_m"), reference)
         for name in names
@@ -116,7 +116,7 @@ def _rows(
 
 
 def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
-    """Return the panel of a channel, less the reference if ``curve`` subtracts it."""
+    """Return the panel of a channel, minus its reference if ``curve`` requires it."""
     time, reference_values = (
         channel_bands[0],
         reference[curve.reference] if curve.reference else None,
@@ -135,7 +135,7 @@ def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]
 def flight_curve(
     history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return a flight's channel over time, less the reference if ``curve`` subtracts it."""
+    """Return time and one channel of a flight, minus its reference if ``curve`` requires it."""
     time, values = history["time"], history[curve.channel]
     less = reference[curve.reference] if curve.off_reference else None
     return time, off_reference(time, values, reference.get("time", time), less)
@@ -144,7 +144,7 @@ def flight_curve(
 def _track(
     east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]
 ) -> EnvelopePanel | None:
-    """Return the ground track, north position against median east position, km."""
+    """Return the panel of the ground track: north position against median east position, km."""
     if east is None or north is None:
         return None
     reference_track = reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3

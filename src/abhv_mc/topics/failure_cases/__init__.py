@@ -1,8 +1,8 @@
-"""Survival of flights by failure case and time since the failure.
+"""Survival of flights, by failure case and by time since the failure.
 
-A flight's case is the set of failures drawn before the end of the mission, so each case has the
-same flights for every controller. Unstarts caused by the flight condition belong to no case because
-they depend on the controller.
+A flight's failure case is the set of failures sampled to occur before the end of the mission, so
+each case contains the same flights for every controller. Inlet unstarts caused by the flight
+condition belong to no case because they depend on the controller.
 """
 
 from collections import Counter
@@ -29,7 +29,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """Result of one requirement over the flights of a case."""
+    """Result for one requirement over the flights of a failure case."""
 
     missed: int
     status: str
@@ -37,7 +37,7 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseMargins:
-    """Smallest gain margins of a case's flights."""
+    """Smallest gain margins of the flights of a failure case."""
 
     flights: int
     unstable: int
@@ -46,12 +46,12 @@ class CaseMargins:
 
 @dataclass(frozen=True)
 class CaseFlights:
-    """Flights of a case under one controller."""
+    """Flights of a failure case under one controller."""
 
     flights: int
     lost: int
     lost_before: int  # flights lost before their first failure
-    survived: Interval  # share of surviving flights, with its 95 % interval
+    survived: Interval  # share of the flights that survive, with its 95 % interval
     median_time_to_loss_s: float | None
     # verdicts by requirement text, for requirements on this controller
     requirements: Mapping[str, CaseVerdict]
@@ -60,7 +60,7 @@ class CaseFlights:
 
 @dataclass(frozen=True)
 class FailureCase:
-    """Flights with the same failures."""
+    """Flights with the same set of failures."""
 
     case: str
     flights: int
@@ -69,14 +69,14 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class FailureCases:
-    """All failure cases: no failure first, then by frequency; empty without failures."""
+    """All failure cases: flights without failure first, then the most frequent cases."""
 
     cases: tuple[FailureCase, ...] = ()
     end_s: float | None = None  # end of the mission
 
 
 def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
-    """Return each sample's failure case and time of its first failure, s [flight].
+    """Return the failure case of each flight, and the time of its first failure, s [flight].
 
     The time is infinite if no failure occurs.
     """
@@ -93,13 +93,13 @@ def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
 
 
 def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
-    """Return the names in ``cases`` [flight]: NO_FAILURE, then the most frequent first."""
+    """Return the distinct names in ``cases`` [flight]: NO_FAILURE first, then by frequency."""
     counts = Counter(cases.tolist())
     return sorted(counts, key=lambda name: (name != NO_FAILURE, -counts[name], name))
 
 
 def compute_failure_cases(results: FlownCampaign) -> FailureCases:
-    """Return survival and verdicts of each case and controller."""
+    """Return survival and verdicts for each failure case and controller."""
     cases, first = drawn_cases(results)
     if not cases.size:
         return FailureCases()
@@ -155,7 +155,7 @@ def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargi
 
 
 def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequence[str]:
-    """Return sentences on the survival of each single failure."""
+    """Return sentences on how many flights survive each single failure."""
     clauses = []
     for entry in failure_cases.cases:
         if entry.case != NO_FAILURE and " + " not in entry.case:
@@ -202,7 +202,7 @@ def _row(label: str, cell: CaseFlights) -> Row:
     share = cell.survived
     bounds = (
         f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""
-    )  # NaN bounds are left out
+    )  # NaN bounds are omitted
     time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
     clauses = [
         f"{clauses}: missed by {verdict.missed}, {verdict.status}"

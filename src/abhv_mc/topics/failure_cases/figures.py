@@ -23,10 +23,10 @@ from abhv_mc.topics.figure_style import (
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_MOST_CASES = 8  # maximum number of cases, most frequent first
-_MOST_BANDS = 4  # maximum number of single-failure cases with bands
-_FEWEST_KEPT = 5  # minimum number of histories for a band
-_CHANNELS = (  # channels with axis labels and subtracted references
+_MOST_CASES = 8  # maximum number of failure cases drawn, most frequent first
+_MOST_BANDS = 4  # maximum number of single-failure cases drawn with bands
+_FEWEST_KEPT = 5  # minimum number of stored histories for a band
+_CHANNELS = (  # channels, axis labels and references to subtract
     ("altitude_m", "altitude error (m)", "altitude_reference_m"),
     ("angle_of_attack_deg", "angle of attack (deg)", ""),
     ("bank_deg", "bank (deg)", ""),
@@ -42,7 +42,7 @@ Bands = Mapping[
 def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot the share of flights still flying after a failure, one panel per case."""
+    """Plot the share of flights still flying after a failure, one panel per failure case."""
     colors = controller_colors(tuple(labels))
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
@@ -71,7 +71,7 @@ def plot_survival(
 def plot_case_bands(
     times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot channels after a failure, with a row per channel and a column per case."""
+    """Plot channels after a failure, one row per channel and one column per failure case."""
     colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
     figure, grid = new_panels(
         count, len(cases), 1.2, between=(0.2, 0.2), lettered=False, sharex=True, sharey="row"
@@ -107,7 +107,7 @@ def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Float
 
 
 def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield figures of survival and bands over the time since a case's first failure."""
+    """Yield the figures of survival and of channel bands over time since the first failure."""
     results = names.results
     cases, first = drawn_cases(results)
     frequent_cases = [case for case in cases_by_frequency(cases) if case != NO_FAILURE][
@@ -141,10 +141,10 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
 def _draw_bands(
     names: Names, selected: list[str], cases: NDArray[np.str_], first: Floats
 ) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield bands of stored histories after the first failure.
+    """Yield the figure of the bands of stored histories after the first failure.
 
-    Nothing is drawn if only the worst or failed flights were stored, because they do not represent
-    a case.
+    No figure is drawn if histories were stored only for the worst or failed flights, because these
+    do not represent a failure case.
     """
     results, times, bands = names.results, np.arange(-2.0, 20.0, 0.25), {}
     if any(

@@ -1,4 +1,4 @@
-"""Section on outcomes of the flights, with a linked view and the worst flights."""
+"""Report section on the flights' outcomes, with an interactive view and the worst flights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -32,7 +32,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
     """Return sentences on flights that failed, saturated, oscillated or left the tables.
 
-    With ``off_cards`` they omit the facts on the page's cards.
+    If ``off_cards``, the sentences omit the facts that the cards of the page show.
     """
     sentences = [
         f"{name}: none of {count} flights could be computed, so it is not in this report and meets "
@@ -69,7 +69,7 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
 
 
 def flight_section(flights: Flights, names: Names) -> Section:
-    """Return the section on flights; the linked view is on HTML pages only."""
+    """Return the section on flights; the interactive view exists only on HTML pages."""
     return Section("Flights", tuple(_items(flights, names)))
 
 
@@ -155,9 +155,9 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
 
 
 def _kept_words(names: Names) -> str:
-    """State how many of the worst flights have histories after requirements changed.
+    """State how many of the worst flights have histories after a change of requirements.
 
-    The text is empty if all of them have histories.
+    The text is empty if all of these flights have histories.
     """
     results, number = names.results, names.campaign.worst
     if not (results.requirement_changes and number and names.campaign.channels):
@@ -229,7 +229,7 @@ def _settings(entry: Mapping[str, Any]) -> str:
     settings = {key: value for key, value in entry.items() if key not in ("distribution", "parts")}
     parts = [
         f"{_law(component)} ({_settings(component)})" for component in entry.get("parts", ())
-    ]  # components of a mixture
+    ]  # components of a mixture distribution
     return ", ".join(
         [*parts, *(f"{key.replace('_', ' ')} {value}" for key, value in settings.items())]
     )

@@ -1,4 +1,4 @@
-"""Figures of the worst flights, in the channels of their worst metrics."""
+"""Figure of the worst flights, showing the channels of their worst metrics."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -65,7 +65,8 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> list[str]:
     """Return the channels of the flights' worst metrics, most frequent first.
 
-    An early termination counts for the channel whose limit ended it, if its outcome names one.
+    An early termination counts for the channel whose limit ended the flight, if the outcome names
+    it.
     """
     count: Counter[str] = Counter()
     for flight in (flight_record for own in flights_model.worst.values() for flight_record in own):
@@ -82,7 +83,7 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
 
 
 def _curve(channel: str, names: Names) -> Curve:
-    """Return the display settings of a channel, by default those of the sheet."""
+    """Return the display settings of a channel."""
     curves = {curve.channel: curve for curve in curves_of(names.campaign)}
     signals = {signal.name: signal for signal in names.campaign.channels}
     return curves.get(channel) or Curve(channel, _axis(channel, signals[channel].unit))
@@ -95,7 +96,7 @@ def _axis(channel: str, unit: str) -> str:
 
 
 def _levels(channel: str, names: Names, recorded: set[str]) -> tuple[float, ...]:
-    """Return the limits of requirements in the units of a channel, if comparable."""
+    """Return the limits of requirements that apply to a channel, in its unit."""
     return tuple(
         side * limit
         for metric in dict.fromkeys(item.metric for item in names.requirements)

@@ -20,42 +20,43 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
 _LISTED = 10  # default maximum number of worst flights
-_LARGEST = 3  # number of dispersions listed per flight
+_LARGEST = 3  # number of largest dispersions listed per flight
 
 
 @dataclass(frozen=True)
 class LargeDispersion:
-    """Dispersed value far from the campaign's mean."""
+    """Dispersed value of a flight that is far from the campaign's mean."""
 
     parameter: str
     value: float
-    # distance from the mean in standard deviations; None for events such as failures
+    # distance from the mean, in standard deviations; None for an event such as a failure
     sigma: float | None
 
 
 @dataclass(frozen=True)
 class WorstFlight:
-    """Flight with its worst metric and its dispersions."""
+    """Flight with its worst metric and its largest dispersions."""
 
     flight: int
     outcome: str  # outcome code
-    by: str | None  # worst metric; None for early terminations
+    by: str | None  # name of the worst metric; None after an early termination
     beyond: float  # exceedance of the limit, divided by the limit
     missed: int  # number of missed requirements
-    metrics: Mapping[str, float]  # NaN if the flight was lost before the metric's time window
+    # a metric is NaN if the flight was lost before the metric's time window
+    metrics: Mapping[str, float]
     samples: Mapping[str, float]
     largest: tuple[LargeDispersion, ...]
 
 
 def ended_words(outcome: str, missed: int, required: int) -> str:
-    """Return how a flight ended, e.g. 'sideslip limit' or 'completed; misses 2 of 5'."""
+    """Describe how a flight ended, e.g. 'sideslip limit' or 'completed; misses 2 of 5'."""
     if outcome != Outcome.OK.code:
         return outcome.replace("_", " ")
     return f"completed; misses {missed} of {required}" if missed else "completed"
 
 
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return the channel of a metric: its source, or the channel that starts its name."""
+    """Return the channel of a metric: its source, or the channel with which its name begins."""
     stems = {
         name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
     }
@@ -81,7 +82,7 @@ def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return rows [flight] for a report, worst first, preferably with histories."""
+    """Return the rows of the flights to list, worst first; those with histories are preferred."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
@@ -100,7 +101,7 @@ def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
 
 
 def worst_flights(results: FlownCampaign) -> dict[str, tuple[WorstFlight, ...]]:
-    """Return the worst flights of each controller, preferably with histories."""
+    """Return the worst flights of each controller; flights with histories are preferred."""
     moments = moments_of(results)
     return {name: tuple(_of(results, name, moments)) for name in results.controllers}
 
@@ -143,7 +144,7 @@ def _of(
 def _moments(column: Floats) -> tuple[float, float]:
     """Return mean and standard deviation, both infinite if any value is infinite.
 
-    An infinite value means that the event never occurs in a flight.
+    An infinite value means that the event does not occur in the flight.
     """
     return (
         (float(np.mean(column)), float(np.std(column)))
@@ -159,9 +160,9 @@ def _sigmas(value: float, mean: float, sigma: float) -> float | None:
 def _largest(
     samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]
 ) -> tuple[LargeDispersion, ...]:
-    """Return the dispersions by distance from the mean, largest first.
+    """Return a flight's dispersions by distance from the mean, largest first.
 
-    Events that occur in some flights only, such as failures, come first.
+    Events that occur only in some flights, such as failures, come first.
     """
     moved = [
         LargeDispersion(key, samples[key], _sigmas(samples[key], *spread[key]))
@@ -182,17 +183,17 @@ def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) ->
     return np.where(nothing, np.nan, values)
 
 
-_CYCLES = 5.0  # peak-to-peak ripple that counts as cycling, deg
+_CYCLES = 5.0  # smallest peak-to-peak ripple that counts as an oscillation, deg
 _LIMITS = {
     "saturates": 0.0,
     "leaves_tables": 0.0,
     "cycles": _CYCLES,
-}  # thresholds of findings, by metric
+}  # thresholds by metric
 
 
 @dataclass(frozen=True)
 class FlightCounts:
-    """Outcomes of a controller's flights."""
+    """Numbers of a controller's flights by outcome."""
 
     flown: int
     failed: int
@@ -203,10 +204,11 @@ class FlightCounts:
 
 @dataclass(frozen=True)
 class Findings:
-    """Numbers of flights that saturated, oscillated or left the tables."""
+    """Numbers of flights that saturated, oscillated or left the range of the tables."""
 
     flown: int
-    saturated: int | None  # flights with a surface at a deflection or rate limit; None if unknown
+    # flights with a control surface at its deflection or rate limit; None if unknown
+    saturated: int | None
     outside_tables: int | None
     cycling: Mapping[str, int]  # number of oscillating flights, by channel
     disturbed: bool  # whether gusts, turbulence or noise can cause oscillations
@@ -215,7 +217,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class InputMoments:
-    """Mean and standard deviation of an input, as stated and as found in the table."""
+    """Stated mean and standard deviation of an input, and those of the imported table."""
 
     stated_mean: float
     stated_sigma: float
@@ -228,10 +230,11 @@ class Flights:
     """Outcomes, findings and worst flights of all controllers."""
 
     parameters: tuple[str, ...]  # names of the dispersed parameters
-    dispersions: Mapping[str, Mapping[str, object]]  # distributions as in the campaign file
+    dispersions: Mapping[str, Mapping[str, object]]  # distributions as stated in the campaign file
     derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
-    left_out: Mapping[str, int]  # requested flights of controllers for which none could be computed
+    # number of requested flights of each controller for which none could be computed
+    left_out: Mapping[str, int]
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]
     inputs: Mapping[str, InputMoments]  # inputs of an imported table

@@ -1,4 +1,4 @@
-"""Stability margins of each controller in steady flight and over the flights."""
+"""Report topic: each controller's stability margins in steady flight and in its flights."""
 
 from collections.abc import Iterator, Sequence
 
@@ -31,13 +31,13 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 
 def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
-    """Return a sentence on each controller with known control loops."""
+    """Return a sentence on the margins of each controller whose control loops are known."""
     margin_texts = {name: margin_words(margins, name) for name in names.controllers}
     return [f"{names.label(name)}: {text}." for name, text in margin_texts.items() if text]
 
 
 def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
-    """Return clauses on flights whose margins could not be computed."""
+    """Return clauses on the flights whose margins could not be computed."""
     clauses = []
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
@@ -200,7 +200,7 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 
 
 def _failed_words(entry: FlightMargins) -> str:
-    """Return failure counts by gain margin as text.
+    """Return text on the failures with small and with sufficient gain margins.
 
     For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'. Without requirements the
     text is empty.

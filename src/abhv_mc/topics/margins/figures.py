@@ -1,4 +1,4 @@
-"""Figure of flights' stability margins against their exceedance of limits."""
+"""Figure of the flights' exceedance of limits against their stability margins."""
 
 from collections.abc import Iterator
 
@@ -23,7 +23,7 @@ _MOST_POINTS = 1000  # maximum number of points per controller
 
 
 def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of exceedance against margins, if flights have margins."""
+    """Yield the figure of exceedance against margins, if margins of flights were computed."""
     if not margins.flights:
         return
     required = bool(names.requirements)
@@ -47,7 +47,7 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 @styled
 def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
-    """Plot exceedance against gain and phase margin; filled marks are failures."""
+    """Plot exceedance of limits against gain and phase margin; filled markers are failures."""
     figure, grid = new_panels(2, 2, 2.1, between=(0.3, 0.0), sharey=True)
     colors, results, points = controller_colors(tuple(names.controllers)), names.results, {}
     for name in margins.flights:

@@ -1,4 +1,4 @@
-"""Stability margins in steady flight (nominal and corners) and of the flights."""
+"""Stability margins in steady flight (nominal and at corners) and of the flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.missed_requirements import failed_anyhow
 
-LISTED = 5  # number of listed flights with the smallest margins
+LISTED = 5  # number of flights listed with the smallest margins
 
 
 @dataclass(frozen=True)
@@ -26,26 +26,26 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeastFlight:
-    """Flight with small margins."""
+    """Flight among those with the smallest margins."""
 
     flight: int
-    failed: bool  # whether it terminated early or misses a requirement
+    failed: bool  # whether the flight terminated early or misses a requirement
     margins: Mapping[str, float]  # margins by name (``MARGIN_NAMES``)
-    faults: Mapping[str, float]  # counts by name of the fault (``MARGIN_FAULTS``)
+    faults: Mapping[str, float]  # counts by fault (``MARGIN_FAULTS``)
 
 
 @dataclass(frozen=True)
 class FlightMargins:
-    """Margins of one controller's requested flights."""
+    """Margins of those flights of a controller for which they were requested."""
 
     flights: int
-    unstable: int  # flights that are unstable at one or more points
+    unstable: int  # number of flights that are unstable at one or more points
     at_limit: int
     margins: Mapping[str, Spread]
     least: tuple[LeastFlight, ...]  # flights with the smallest gain margins, smallest first
-    # failed and all flights below the customary gain margin
+    # numbers of failed and of all flights below the customary gain margin
     failed_below: tuple[int, int] | None
-    # failed and all flights above the customary gain margin; None without requirements
+    # numbers for flights above this margin; both None without requirements
     failed_above: tuple[int, int] | None
 
 
@@ -54,7 +54,7 @@ class Margins:
     """Margins in steady flight and of each controller's flights."""
 
     steady: SteadyMargins
-    points: tuple[str | float, ...]  # points of the flights' margins: "trim" or a time in s
+    points: tuple[str | float, ...]  # points at which margins were computed: "trim" or a time in s
     flights: Mapping[str, FlightMargins]
     missing: Mapping[str, tuple[int, ...]]  # flights whose requested margins could not be computed
 
@@ -84,7 +84,7 @@ class LeastMargins:
 
 
 def compute_margins(results: FlownCampaign) -> Margins:
-    """Return the campaign's margins in steady flight and those of its flights."""
+    """Return the margins in steady flight and the margins of the campaign's flights."""
     campaign = results.campaign
     flights = {
         name: _of_flights(results, name)
@@ -144,7 +144,7 @@ def _of_flights(results: FlownCampaign, controller: str) -> FlightMargins:
 
 
 def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
-    """Return the nominal vehicle's smallest margins in steady flight, or None."""
+    """Return the nominal vehicle's smallest margins in steady flight; None if unknown."""
     entry = margins.steady.controllers.get(controller)
     if entry is None or entry.fault is not None:
         return None
@@ -161,12 +161,12 @@ def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
 def corners_unstable(margins: Margins, controller: str) -> tuple[int, int]:
     """Return the numbers of unstable corners and of all corners of the dispersions.
 
-    Both are counted for a controller that is stable without dispersions.
+    Unstable corners are counted only if the controller is stable without dispersions.
     """
     entry = margins.steady.controllers.get(controller)
     return entry.corners_unstable if entry else 0, margins.steady.corners
 
 
 def loop_name(loop: str) -> str:
-    """Return a loop's printed name."""
+    """Return the printed name of a control loop."""
     return {"equivalence_ratio": "throttle", "all": "all at once"}.get(loop, loop)

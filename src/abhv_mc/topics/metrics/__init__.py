@@ -1,4 +1,4 @@
-"""Metrics: quantiles and the worst flight of every metric and controller."""
+"""Report topic: quantiles and worst value of every metric for every controller."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -30,9 +30,9 @@ from abhv_mc.topics.topic import Topic, figures_of
 class ControllerMetric:
     """Statistics of one metric for one controller."""
 
-    # quantiles by level, with 95 % intervals; early terminations rank worst
+    # quantiles by level, with 95 % intervals; early terminations count as the worst
     quantiles: Mapping[str, Interval]
-    worst: float | None  # worst value of completed flights; None if there are none
+    worst: float | None  # worst value among completed flights; None if no flight completed
     worst_flight: int | None
 
 
@@ -41,14 +41,14 @@ class MetricTable:
     """Statistics of one metric for every controller."""
 
     words: Mapping[str, str]  # printed names and units
-    # name of the same metric over the whole flight, if this one excludes transients
+    # name of the same metric with transients, if this metric excludes transients
     same_as: str | None
     controllers: Mapping[str, ControllerMetric]
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """All metrics, with the names of the leading and compared ones."""
+    """All metrics, with the names of the leading and of the compared metrics."""
 
     asked: tuple[str, ...]
     compared: tuple[str, ...]
@@ -115,7 +115,7 @@ _HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
 
 
 def metric_section(metrics: Metrics, names: Names) -> Section:
-    """Return the section on metrics: required ones, then groups."""
+    """Return the section on metrics: first the required metrics, then groups of metrics."""
     text = (
         "Quantiles over the flights with their exact 95 % intervals (order statistics), to the "
         "digits that the number of flights allows, and the worst flight. If small values are bad, "

@@ -28,7 +28,7 @@ from abhv_mc.topics.section import FigureText
 
 @dataclass(frozen=True)
 class Spread:
-    """Values of one metric for every controller."""
+    """Values of one metric in the flights of every controller."""
 
     label: str
     values: Mapping[str, Floats]  # controller -> value per flight; infinite if the flight failed
@@ -39,7 +39,7 @@ class Spread:
 def plot_distributions(
     spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> Figure:
-    """Plot the cumulative share of flights, a panel per metric, a line per controller."""
+    """Plot cumulative shares of flights, with a panel per metric and a line per controller."""
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(
         len(spreads), columns, 1.05, between=(0.25, 0.68), top=0.16, sharey=True
@@ -86,7 +86,7 @@ _TEXT = FigureText(
 
 
 def draw(_found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the distributions of the leading metrics."""
+    """Yield the figure with the distributions of the leading metrics."""
     if names.asked:
         spreads = [_spread(names.results, metric) for metric in names.asked]
         yield (

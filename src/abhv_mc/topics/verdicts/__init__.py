@@ -1,4 +1,4 @@
-"""Verdicts on requirements, for each controller and jointly."""
+"""Report topic: verdicts on the requirements, for each controller and jointly."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from abhv_mc.topics.verdicts.model import (
     compute_verdicts,
 )
 
-_DROPPED = 4  # maximum number of listed verdicts that do not hold jointly
+_DROPPED = 4  # maximum number of verdicts listed that do not hold jointly
 _DASH = "\N{EM DASH}"
 _HEADS = (
     "Verdict",
@@ -39,7 +39,7 @@ _RANDOM = "; run the campaign with `sampling: random` for verdicts"
 
 
 def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
-    """Return counts of met requirements per controller and of joint PASS verdicts.
+    """Return sentences that count each controller's met requirements and joint PASS verdicts.
 
     The result is empty without requirements.
     """
@@ -60,7 +60,7 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
 
 
 def _together_words(verdicts: Verdicts, names: Names) -> str:
-    """State how many PASS verdicts hold jointly at one risk, and which ones do not."""
+    """State how many PASS verdicts hold jointly at one risk, and which PASS verdicts do not."""
     joint = verdicts.held_together
     if joint is None or joint.stand + len(joint.dropped) < 2:
         return ""
@@ -154,7 +154,7 @@ def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, n
 
 
 def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> tuple[str, str]:
-    """Return the tolerance limit, and its margin to the required limit."""
+    """Return the tolerance limit and its margin to the required limit as texts."""
     if verdict.status == "ESTIMATE":
         return _DASH, _DASH
     if verdict.tolerance_limit is None:

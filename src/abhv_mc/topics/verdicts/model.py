@@ -1,4 +1,4 @@
-"""Verdict of each requirement and controller, joint verdicts, and distances to limits."""
+"""Verdict on each requirement for each controller, joint verdicts, and margins to limits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,19 +23,19 @@ _SHARES = (5.0, 50.0, 95.0)  # quantiles in the overview, percent
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerVerdict(Verdict):
-    """Verdict with tolerance limits; bounds are None if flights are not independent."""
+    """Verdict with a tolerance limit; bounds are None if the flights are not independent."""
 
     words: str
     ended_early: int  # number of early terminations among the failures
     advice: str  # advice on the number of flights if the verdict is NOT SHOWN
-    # limit that the required share of flights meets; None if there is none
+    # limit met by the required share of all flights; None if there is no such limit
     tolerance_limit: float | None
-    # margin to the limit, as a share of it or of half the distance of two limits
+    # margin to the limit, as a share of the limit or of half the distance between two limits
     room: float | None
-    beyond_lost: bool  # whether too many lost flights prevent a limit
-    # lower bound on the success probability for a single check
+    beyond_lost: bool  # whether a tolerance limit is impossible because too many flights were lost
+    # lower bound on the success probability, valid for a single check
     one_look_bound: float | None
-    # 95 % Jeffreys interval of the failure rate for a single check
+    # 95 % Jeffreys interval of the failure rate, valid for a single check
     failure_rate: tuple[float, float] | None
 
 
@@ -49,7 +49,7 @@ class JudgedRequirement:
 
     @property
     def name(self) -> str:
-        """ID of the requirement, or its metric."""
+        """ID of the requirement, or else the name of its metric."""
         return self.asked.traced.get("id", self.asked.metric)
 
 
@@ -66,7 +66,7 @@ class Together:
 
 @dataclass(frozen=True)
 class GlanceCell:
-    """Quantiles and verdict of a controller; early terminations rank as infinite."""
+    """Quantiles and verdict for one controller; early terminations count as infinite values."""
 
     low: float
     median: float
@@ -77,15 +77,15 @@ class GlanceCell:
 
 @dataclass(frozen=True)
 class GlanceRow:
-    """Distribution of a metric relative to a limit, or to its median without one."""
+    """Distribution of a metric relative to a limit or, without a limit, to its median."""
 
     metric: str
     label: str
     unit: str
     text: str  # text of the limit
     limit: float
-    below: bool  # whether good values are below the limit
-    # unit of the distance: size of the limit, or the 5 to 95 % range if it is 0
+    below: bool  # whether values below the limit are good
+    # unit of distances: size of the limit or, if this is 0, the 5 to 95 % range
     size: float
     cells: Mapping[str, GlanceCell]
 
@@ -96,15 +96,16 @@ class Verdicts:
 
     requirements: tuple[JudgedRequirement, ...]
     held_together: Together | None  # joint verdicts; None if there are no verdicts
-    family_risk: float | None  # risk of any false PASS among all verdicts, if the campaign sets one
+    # risk of any false PASS among all verdicts, if the campaign sets a joint risk
+    family_risk: float | None
     glance: tuple[GlanceRow, ...]
 
     def statuses(self, controller: str) -> list[str]:
-        """Return all verdicts of a controller."""
+        """Return the statuses of all verdicts on a controller."""
         return [entry.controllers[controller].status for entry in self.requirements]
 
     def kept(self, controller: str) -> int:
-        """Return the number of requirements that a controller met in every flight."""
+        """Return the number of requirements that a controller meets in every flight."""
         return sum(entry.controllers[controller].failures == 0 for entry in self.requirements)
 
 
@@ -136,7 +137,7 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
 
 
 def _at_points(flights: ControllerFlights, requirement: Requirement, points: int) -> list[Verdict]:
-    """Return the verdicts of a requirement and controller at each point of the unknowns."""
+    """Return the verdict on a requirement and controller at each point of the unknowns."""
     failed = requirement_failures(flights, requirement)
     numbers = [flights.flight[failed], flights.flight, flights.absent]
     counts = [np.bincount(number % points, minlength=points).tolist() for number in numbers]
@@ -179,12 +180,12 @@ def find_tolerance(
     points: int = 1,
     judged: Sequence[int] = (0,),
 ) -> tuple[float | None, float | None, bool]:
-    """Return the tolerance limit, its margin and whether too many flights were lost.
+    """Return the tolerance limit, its margin, and whether too many flights were lost.
 
     Limit and margin are the worst over the points of the unknown parameters at which the
-    requirement is ``judged``. Both are None if flights are too few or too many were lost. The
-    margin is a share of the limit. With two limits, the first value is the distance outside them,
-    negative inside, and the margin is a share of half their distance.
+    requirement is ``judged``. Both are None if there are too few flights or too many lost flights.
+    The margin is a share of the limit. With two limits, the first value is the distance outside the
+    limits (negative inside), and the margin is a share of half the distance between them.
     """
     limits = requirement.limits
     worse = limits.worse(flights.metrics[requirement.metric])
@@ -258,7 +259,7 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """Return the row of a metric without requirement, relative to the first median."""
+    """Return the row of a metric without a requirement, relative to the first median."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
@@ -287,7 +288,7 @@ def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:
 def _quantiles(
     results: FlownCampaign, name: str, metric: str, limits: Bounds
 ) -> tuple[float, float, float]:
-    """Return quantiles of a metric, or of the distance outside two limits.
+    """Return the quantiles of a metric, or of its distance outside two limits.
 
     The distance is negative inside the limits. With several points of the unknowns, the result is a
     probability box: its lowest and highest quantiles.
