@@ -1,4 +1,4 @@
-"""Model passed to the ``design`` function of a custom control law, and resulting gains."""
+"""Model passed to the ``design`` function of a control law, and the resulting gains."""
 
 import functools
 from collections import namedtuple
@@ -48,7 +48,7 @@ class LinearPlant(NamedTuple):
 
 
 class Trim(NamedTuple):
-    """Nominal controls of the reference at one time, SI and radians."""
+    """Nominal controls on the reference trajectory at one time, SI and radians."""
 
     angle_of_attack: float
     bank: float
@@ -186,7 +186,7 @@ def _design(
     if recipe is None:
         kind = load_law(source).settings
         settings_tuple = kind and kind(*numbers)
-    else:  # A Python file of the design; all declared files are available.
+    else:  # The design is a Python file that may read all declared files.
         root = source.file.removesuffix(source.files[0][0])
         files = {recipe["design"]: b"", **dict(source.files)}
         source = UserSource(

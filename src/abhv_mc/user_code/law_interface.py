@@ -34,7 +34,7 @@ MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Comman
 
 
 class Measured(NamedTuple):
-    """Measurements of the sensors."""
+    """Quantities measured by the sensors."""
 
     altitude: float  # m
     speed: float  # m/s
@@ -198,8 +198,8 @@ class Thrust(NamedTuple):
 class Motion(NamedTuple):
     """Motion of the vehicle in body axes, passed to custom dynamics.
 
-    Accelerations are due to all other forces at this time: aerodynamics, thrust and, except for
-    the angular ones, gravity. The specific force is ``acceleration`` minus ``gravity``.
+    Accelerations are due to all other loads at this time: aerodynamics, thrust and, for linear
+    accelerations, gravity. The specific force is ``acceleration`` minus ``gravity``.
     """
 
     u: float  # velocity relative to the Earth, m/s
