@@ -57,7 +57,7 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
 
-_SAME = 1e-9  # relative rounding error allowed for nominal values
+_SAME = 1e-9  # relative tolerance within which nominal values are equal
 
 
 def check_derived(
@@ -281,7 +281,7 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
 def _check_asked(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check the controllers that the campaign's question compares.
+    """Check the controllers that the question of the campaign compares.
 
     They must be controllers of the campaign and include the first one.
     """

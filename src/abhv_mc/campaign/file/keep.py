@@ -1,4 +1,4 @@
-"""Settings under ``keep``: flights, channels and rates that are stored besides metrics."""
+"""Settings under ``keep``: the flights, channels and rates of the stored time histories."""
 
 import re
 from typing import Annotated, Any, Literal

@@ -1,4 +1,4 @@
-"""The four kinds of input files: models, recognition by keys, and references."""
+"""The four kinds of input files: their models, recognition by keys, and references."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Campaign file for a custom simulator, whose inputs and outputs have any units."""
+"""Campaign file for a custom simulator, whose inputs and outputs may have any units."""
 
 import os
 from collections.abc import Mapping
@@ -305,7 +305,7 @@ class SimulatorCampaign(Campaign):
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
-    """Return the key under which a campaign file lists the compared systems."""
+    """Return the key of the compared systems in a campaign file."""
     return SYSTEMS if is_own(data) else "controllers"
 
 
@@ -315,7 +315,7 @@ def is_own(data: object) -> bool:
 
 
 def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:
-    """Check the entries on the simulator; append problems to ``errors``."""
+    """Check the entries about the simulator; append problems to ``errors``."""
     try:
         if model.simulator:
             model.simulator.find_files(document.path.parent / model.simulator.folder)

@@ -89,8 +89,7 @@ class MetricEntry(StrictModel):
     empty: float | None = Field(
         None,
         description=(
-            "value if the flight ends before the window; default: no value, which counts as a "
-            "failure"
+            "value if a flight ends before the window; default: no value, which counts as a failure"
         ),
     )
     bad: Bad | None = Field(

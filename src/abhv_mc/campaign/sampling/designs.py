@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.plant.parameters import OURS, Parameters
 
-INDEPENDENT = "random"  # design with independent flights, as binomial statistics require
+INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(
     {"random", "sobol", "halton", "file"}
 )  # designs in which more flights do not change the first ones
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
 _BITS = 30  # bits of a Sobol point: at most 2**30 flights
-_PIECE = 4096  # points per draw; Sobol sequences require a power of two
+_PIECE = 4096  # points drawn together; Sobol sequences require a power of two
 NOMINAL = -1.0  # marks a nominal value in a factorial design
 _WORDS = 4  # 64-bit words of one Philox4x64 counter value
 
@@ -46,7 +46,7 @@ def stream_key(seed: int, name: str, purpose: str = "sample") -> int:
 
 
 def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
-    """Draw a number [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
+    """Draw numbers [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
     generator = np.random.Philox(key=key)
     generator.advance(first)
     raw_numbers = generator.random_raw(_WORDS * count)[::_WORDS]
@@ -54,7 +54,7 @@ def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
 
 
 def make_generator(seed: int, name: str, purpose: str) -> np.random.Generator:
-    """Return a random generator for scrambles and permutations of a campaign."""
+    """Return the random generator for the scrambles and permutations of a campaign."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(stream_key(seed, name, purpose)))
     )
@@ -68,7 +68,7 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # values per parameter; for one_at_a_time per side
+    levels: int = 2  # values per parameter; in one_at_a_time per side
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:
@@ -133,7 +133,7 @@ def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
 
 
 def _dimension(design: Design, name: str) -> int:
-    """Return the dimension of a parameter in the sequence, from 1."""
+    """Return the dimension of the sequence for a parameter, counted from 1."""
     return design.parameters.dispersible.index(name) + 1
 
 
@@ -180,7 +180,7 @@ _COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
 
 
 def normal_correlation(rank_correlation: float) -> float:
-    """Return the correlation of normal variables for a rank correlation."""
+    """Return the correlation of normal variables that has a given rank correlation."""
     return 2.0 * math.sin(math.pi / 6.0 * rank_correlation)
 
 

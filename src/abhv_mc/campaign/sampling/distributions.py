@@ -40,7 +40,7 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the marginal of drawn values of ``parameter``, SI. Raise Refusal if invalid."""
+        """Return the marginal of the drawn values of a parameter, SI. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
         """Return the marginal, SI, including ``probability``. Raise Refusal if invalid."""
@@ -100,7 +100,7 @@ class _Ranged(_Distribution):
 
 
 class Uniform(_Ranged):
-    """Uniform distribution over a range."""
+    """Uniform distribution on a range."""
 
     distribution: Literal["uniform"] = Field(description=_KIND)
 
@@ -200,7 +200,7 @@ class Beta(_Ranged):
 
 
 class Discrete(_Distribution):
-    """Discrete distribution with equal or given weights."""
+    """Discrete distribution with equal or specified weights."""
 
     distribution: Literal["discrete"] = Field(description=_KIND)
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
@@ -224,7 +224,7 @@ class Discrete(_Distribution):
 
 
 class Scipy(_Distribution):
-    """Continuous distribution of scipy.stats, by name with shape, location and scale."""
+    """Continuous distribution of scipy.stats, with shape parameters, location and scale."""
 
     distribution: Literal["scipy"] = Field(description=_KIND)
     law: str = Field(
@@ -267,7 +267,7 @@ _Part = Annotated[
 
 
 class Mixture(_Distribution):
-    """Mixture of distributions with equal or given weights."""
+    """Mixture of distributions with equal or specified weights."""
 
     distribution: Literal["mixture"] = Field(description=_KIND)
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(

@@ -27,7 +27,7 @@ class Marginal(Protocol):
         """Return the probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Return values at fractions 0 to 1 of the range, for factorial designs."""
+        """Return the values at fractions 0 to 1 of the range, for factorial designs."""
 
 
 class _Uniform(NamedTuple):
@@ -152,7 +152,7 @@ class MixtureMarginal:
         low, high = ends.min(axis=0), ends.max(axis=0)
         for _ in range(
             _HALVINGS
-        ):  # Extra steps change nothing, so values do not depend on their batch.
+        ):  # Extra steps change nothing, so a value does not depend on the others.
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
@@ -190,7 +190,7 @@ class MixtureMarginal:
 class SometimesMarginal:
     """Distribution of a value that is drawn with a given probability and nominal otherwise.
 
-    One uniform number determines both whether a value is drawn and which, so that quantiles
+    One uniform number determines both whether a value is drawn and its size, so that quantiles
     increase. If the nominal value is infinite (a failure that never occurs), uniform numbers below
     ``probability`` give drawn values.
     """
