@@ -64,7 +64,7 @@ class FolderInputs:
 
     @property
     def question(self) -> str:
-        """Hash of the campaign without seed and number of flights.
+        """Hash of the campaign without its seed and number of flights.
 
         Campaigns with the same hash can be pooled. With unknown parameters the seed is included,
         because it determines the points at which flights are simulated.
@@ -80,7 +80,7 @@ class FolderInputs:
 
     @property
     def judged_identity(self) -> str:
-        """Hash of the identity and the requirements."""
+        """Hash of :attr:`identity` and the requirements."""
         judging = [self.data.get(key) for key in JUDGING]
         return hashlib.sha256(json.dumps([self.identity, judging]).encode()).hexdigest()
 

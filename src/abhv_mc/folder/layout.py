@@ -29,7 +29,7 @@ _UNWRITABLE = (
     *(*_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT),
     *(errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP),
 )
-_LARGEST_LOG = 1 << 20  # maximum size of a log, bytes
+_LARGEST_LOG = 1 << 20  # maximum size of a log file, bytes
 _recorders: list[Callable[[Path, str], None]] = []  # functions called for each file that is written
 
 

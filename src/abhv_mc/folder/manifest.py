@@ -19,7 +19,7 @@ from abhv_mc.io.input_error import InputError
 Ranges = tuple[tuple[int, int], ...]  # (first, stop) of ranges of flights
 FORMAT = 1  # version of the folder's format
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
-_HASH = "manifest_hash"  # hash of all other entries
+_HASH = "manifest_hash"  # entry with the hash of all other entries
 _REMEDY = "the original manifest, or a new run with --fresh or in another folder (-o DIR)"
 
 
@@ -117,7 +117,7 @@ class Manifest:
     requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for the other controllers
     requirement_sets: tuple[
         RequirementSet, ...
-    ] = ()  # sets in chronological order, if there are several
+    ] = ()  # in chronological order, if there are several
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None
@@ -127,7 +127,7 @@ class Manifest:
     warnings: tuple[str, ...] = ()
     repeatable: Repeatability | None = None  # repeatability of a custom simulator
     not_made: tuple[str, ...] = ()
-    shard: tuple[int, int] | None = None  # (i, n) for shard i of n
+    shard: tuple[int, int] | None = None  # (i, n) if the folder contains shard i of n
     merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
     file_runs: int | None = None  # flights per point in the campaign file, if larger
@@ -219,7 +219,7 @@ def note_flyers(
 def add_events(
     events_by_process: Iterable[Mapping[str, Mapping[str, int]] | None],
 ) -> dict[str, dict[str, int]] | None:
-    """Return the total numbers of simulator events by system, or None without events."""
+    """Return the total numbers of simulator events by system, or None if there are none."""
     sums = defaultdict[str, Counter[str]](Counter)
     for counts in events_by_process:
         for name, events in (counts or {}).items():

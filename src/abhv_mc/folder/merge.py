@@ -1,4 +1,4 @@
-"""Merge of the shards of a campaign into one folder, and functions for any merge."""
+"""Merge of the shards of a campaign into one folder, and functions for all merges."""
 
 import shutil
 from collections.abc import Iterator, Sequence

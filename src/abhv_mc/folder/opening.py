@@ -1,4 +1,4 @@
-"""Opening of a results folder by a run: locking, checking, creating and extending."""
+"""Opening of a results folder by a run: functions that lock, check, create and extend it."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
