@@ -9,7 +9,7 @@ from abhv_mc.array_types import Mask
 from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
-_WORK = 10.0  # duration of a block of a custom simulator, s
+_WORK = 10.0  # computing time of a block of a custom simulator, s
 # Flights of a block without histories: about ten seconds of work, lost if a worker is killed.
 _MOST_FLIGHTS = 8192
 

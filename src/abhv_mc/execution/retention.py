@@ -43,7 +43,7 @@ def select_flights(
         if isinstance(item, int):
             selected.update(
                 {item} & set(range(flights))
-            )  # The campaign may have stopped before this flight.
+            )  # The campaign may have stopped before it ran this flight.
         elif item == "all":
             selected.update(range(flights))
         elif item == "failed":
