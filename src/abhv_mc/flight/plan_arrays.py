@@ -14,7 +14,7 @@ import numpy as np
 from abhv_mc.flight.plan import FlightPlan
 
 REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
-REBUILT = "effectiveness."  # prefix of arrays computed from the vehicle
+REBUILT = "effectiveness."  # prefix of the names of arrays that are computed from the vehicle
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
