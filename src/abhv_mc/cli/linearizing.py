@@ -1,4 +1,4 @@
-"""Commands ``margins`` and ``linearize`` for stability margins and linear models."""
+"""Commands ``margins`` and ``linearize``: stability margins and linear models."""
 
 from itertools import product
 from pathlib import Path
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from abhv_mc.one_flight.linear_models import Place
     from abhv_mc.stability.analysis import Stability, Time
 
-_LISTED = 6  # number of dispersions printed for a smallest margin
+_LISTED = 6  # number of dispersions printed with each smallest margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
     ("gain_margin_high_db", "gain up\ndB", 2),
