@@ -45,7 +45,7 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file and all files that it names, each of them once.
+    """Check a file and all files that it names, each file once.
 
     Raise InputErrors with the problems of all files.
     """

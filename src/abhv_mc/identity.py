@@ -1,4 +1,4 @@
-"""Origin of results: hashes of the imported source and the compiler, commit, and machine.
+"""Origin of results: hash of the imported source and compilers, commit and machine.
 
 The hash covers every package except those that only present results (``_SHOWN``), and the packages
 that register executors, stores, control laws or blocks (:mod:`abhv_mc.entry_points`). A process
@@ -146,7 +146,7 @@ def find_versions() -> dict[str, str]:
 
 
 def find_compiler() -> str:
-    """Return which numba interface compiled the flight code: ``private`` or ``public``."""
+    """Return the numba interface that compiled the flight code, ``private`` or ``public``."""
     from abhv_mc.kernel.jit import compiler  # imported here because it loads numba
 
     return compiler()

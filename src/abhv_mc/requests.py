@@ -24,12 +24,12 @@ Paths: TypeAlias = str | os.PathLike[str]
 
 
 class Option(NamedTuple):
-    """Description of one field of a request, such as a command-line option."""
+    """Description of one field of a request, for Python and the command line."""
 
     help: str
     kind: str  # kind of value in `abhv_mc.cli.request_options`; '' in Python only
     default: str | None = None  # description of the default, if the value needs one
-    low: Any = None  # smallest and largest number
+    low: Any = None  # smallest and largest allowed number
     high: Any = None
 
 
@@ -92,7 +92,13 @@ Seed = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    Option("Number of parallel workers.", "count", "cores", low=1, high=MOST_WORKERS),
+    Option(
+        "Number of blocks of flights computed in parallel.",
+        "count",
+        "cores",
+        low=1,
+        high=MOST_WORKERS,
+    ),
 ]
 Scheduler = Annotated[
     str | None,
@@ -106,7 +112,7 @@ Fresh = Annotated[
 
 
 class CheckedRequest:
-    """Base of requests, whose values are converted and checked on construction."""
+    """Base class of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
         """Convert and check each value. Raise InputError with the field name if it is invalid."""

@@ -54,7 +54,7 @@ class Measured(NamedTuple):
     yaw: float
     latitude: float
     longitude: float
-    north: float  # integral of the northward ground speed at altitude, m
+    north: float  # integral of the northward Earth-relative velocity, m
     east: float
     equivalent_airspeed: float  # referred to sea-level density, m/s
     cross_track: float  # deviation to the left of the reference heading, m
