@@ -55,7 +55,7 @@ _LEFT_OUT = {
 
 @dataclass
 class Setting:
-    """Constant for a property that abhv-mc does not model, and the functions that use it."""
+    """Constant for a property that abhv-mc does not model, with the functions that use it."""
 
     key: str
     value: float
@@ -63,7 +63,7 @@ class Setting:
 
 
 class Aerodynamics:
-    """Functions of a model in order of dependence."""
+    """Aerodynamic functions of a model, in order of dependence."""
 
     def __init__(
         self,
