@@ -1,4 +1,4 @@
-"""Page of a tuned controller: improvement on new flights, Pareto front and parameters."""
+"""Page about a tuned controller: improvement on new flights, Pareto front, parameters."""
 
 from collections.abc import Iterator
 
@@ -136,7 +136,7 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
 
 
 def _comparisons(result: TuneFound) -> Table:
-    """Return the table of the start, result and limit of each metric and margin."""
+    """Return the table of start, result and limit of each metric and margin."""
     rows = []
     for item in result.comparisons:
         limit, is_met = "", ""
