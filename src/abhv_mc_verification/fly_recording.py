@@ -91,7 +91,7 @@ def make_start(
 def make_replay_plan(
     vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing
 ) -> FlightPlan:
-    """Return a plan with prescribed controls, without controller or limits.
+    """Return a plan with prescribed controls, without a controller or limits.
 
     `controls` [tick, 4] are the surfaces (rad) and the equivalence ratio, linear between ticks.
     """

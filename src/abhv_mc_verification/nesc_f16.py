@@ -51,7 +51,7 @@ class AircraftCase(StrictModel):
     latitude: Angle
     longitude: Angle
     law: str
-    engaged: bool  # whether the control law is engaged in the trim
+    engaged: bool  # whether the control law is engaged in trim
     commands: dict[str, float] = {}
     steps: dict[str, Step] = {}
 
@@ -93,7 +93,7 @@ def heading_of(case: AircraftCase) -> float:
 
 
 def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
-    """Return the trimmed initial state, without axial, normal and pitch acceleration."""
+    """Return the trimmed initial state, with zero axial, normal and pitch acceleration."""
     from scipy.optimize import root
 
     north, east = case.velocity
