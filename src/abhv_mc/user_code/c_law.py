@@ -52,7 +52,7 @@ class CLibrary(NamedTuple):
     step: int
     get: int
     set: int
-    state_size: int  # bytes
+    state_size: int  # size of the state of a flight, bytes
     handle: Any
 
 

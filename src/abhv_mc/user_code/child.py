@@ -1,4 +1,4 @@
-"""Separate process or thread for custom code that may crash, hang or read files.
+"""Separate processes and threads for custom code that may crash, hang or read files.
 
 One child process serves all calls. It ends with this process and is replaced if it dies.
 """

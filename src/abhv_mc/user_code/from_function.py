@@ -1,4 +1,4 @@
-"""Conversion of control laws defined in a notebook to the text of a Python file."""
+"""Conversion of control laws defined in a notebook to the source text of a Python file."""
 
 import inspect
 import textwrap

@@ -26,14 +26,14 @@ CONTROLLER, CHANNEL, DYNAMICS = (
     "_abhv_mc_controller",
     "_abhv_mc_channel",
     "_abhv_mc_dynamics",
-)  # attributes set by the decorators
+)  # names of the attributes that the decorators set
 
 
 @dataclass(frozen=True)
 class ControllerMark:
     """Arguments of the decorator ``controller``."""
 
-    units: dict[str, str] = field(default_factory=dict)  # units of settings
+    units: dict[str, str] = field(default_factory=dict)  # unit of each setting, by name
     compiled: bool = True
     dispersable: tuple[str, ...] = ()  # settings that a campaign may disperse
     filters: bool = False  # The function is a measurement filter.

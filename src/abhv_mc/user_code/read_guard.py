@@ -166,7 +166,7 @@ def watch_reads(guard: ReadGuard, folder: str) -> None:
             return
         for path in (*guard.find_reads(event, arguments), *guard.find_programs(event, arguments)):
             if event == "ctypes.dlopen" and os.sep not in path:
-                continue  # The loader searches system libraries.
+                continue  # The loader searches for system libraries.
             real = os.path.realpath(path)
             if is_regular(real) and not guard.allows(real):
                 guard.packages |= set(

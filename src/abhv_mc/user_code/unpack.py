@@ -1,4 +1,4 @@
-"""Cached copies of custom code on disk, from which the code is run."""
+"""Copies of custom code in a cache folder, from which the code is run."""
 
 import contextlib
 import functools

@@ -369,7 +369,7 @@ _FRAMES = {
         "side = made.CY",
     ],
     "stability": ["lift, drag, side = made.CL, made.CD, made.CY"],
-    "wind": [  # CD is opposite to the velocity, CC to the right of it.
+    "wind": [  # CD is opposite to the velocity; CC is positive to the right of the velocity.
         "sin_b, cos_b = _sincos(air.sideslip)",
         "lift = made.CL",
         "drag = made.CD * cos_b + made.CC * sin_b",
