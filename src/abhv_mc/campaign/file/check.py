@@ -429,7 +429,7 @@ def _check_channels(
     own_channels: tuple[Channel, ...],
     errors: list[InputError],
 ) -> None:
-    """Check that the channels of kept histories exist in the program or the vehicle."""
+    """Check that the channels of stored histories exist in the program or the vehicle."""
     channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in channel_names:
@@ -445,7 +445,7 @@ def _check_channels(
 def _check_measured(
     document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
 ) -> None:
-    """Check that measured quantities are channels, with noise in the same units."""
+    """Check that measured quantities are channels, and that their noise has the same units."""
     for name, value in model.measured.items():
         where = ("measured", name)
         if name not in units:
@@ -465,7 +465,7 @@ def _check_runs(
     sample_file: SampleFile | None,
     errors: list[InputError],
 ) -> int:
-    """Return the number of flights given by the file or determined by the design."""
+    """Return the number of flights, which the file states or the design determines."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
         errors.append(

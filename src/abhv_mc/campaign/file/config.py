@@ -54,7 +54,7 @@ class Sampling(StrictModel):
 
     design: DesignName = Field("random", description="name of the sampling design")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
-        2, description="values of each parameter in a grid or one_at_a_time"
+        2, description="number of values of each parameter in the designs grid and one_at_a_time"
     )
     path: File | None = Field(
         None,
@@ -344,7 +344,7 @@ class Campaign(StrictModel):
         None,
         description=(
             "stability margins of dispersed flights as metrics; default: margins of the nominal "
-            "vehicle and of corners only"
+            "vehicle and of the corners of the dispersions"
         ),
     )
     stop: Literal["when proven"] | None = Field(
@@ -374,7 +374,7 @@ class Campaign(StrictModel):
     figures: Literal["paper"] | None = Field(
         None,
         description=(
-            "'paper': the report has the figures of Zhu and Shen (2014) and lists the published "
+            "'paper': the report has the figures of Zhu and Shen (2014) and lists their published "
             "values"
         ),
     )

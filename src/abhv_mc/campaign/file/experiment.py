@@ -88,12 +88,12 @@ class Experiment:
     effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
     states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
     systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
-    columns: tuple[str, ...] | None = None  # samples that replace those of the campaign
-    derived: Derived = ()  # parameters computed from others
+    columns: tuple[str, ...] | None = None  # columns of samples that replace the campaign's
+    derived: Derived = ()  # parameters computed from other parameters
     unknowns: Unknowns = field(default_factory=Unknowns)
-    parameters: Parameters = OURS  # parameters that flights accept
+    parameters: Parameters = OURS  # all parameters of a flight, dispersed or nominal
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
-    file_runs: int | None = None  # number in the campaign file
+    file_runs: int | None = None  # number of flights in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
     later_choices: frozenset[int] = frozenset()  # indices of requirements set after the results
 
@@ -243,7 +243,7 @@ class Experiment:
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of the flights by name, including requested stability margins.
+        """Metrics of the flights by name, with requested stability margins.
 
         Requirements define which values of a metric are worse. If they limit both sides, the
         distance outside the limits counts.

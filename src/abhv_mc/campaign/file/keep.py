@@ -83,7 +83,7 @@ class KeepEnvelopes(StrictModel):
 
 
 class Keep(StrictModel):
-    """Outputs of a campaign besides metrics."""
+    """Outputs that a campaign stores in addition to metrics."""
 
     histories: KeepHistories = Field(
         KeepHistories(), description="flights whose full time histories are stored"

@@ -30,7 +30,7 @@ _KEYS: dict[str, set[str]] = {
 def find_kind(path: Path | Document, expected: str | None = None) -> str:
     """Return the kind of an input file. Raise InputError if no kind matches.
 
-    The result is ``expected`` unless another kind has at least two more matching keys.
+    The result is ``expected`` unless at least two more keys match another kind.
     """
     document = read_document(path)
     keys = set(document.data) if isinstance(document.data, dict) else set()

@@ -154,7 +154,7 @@ class OwnChannel(StrictModel):
     """Column of the history that a flight returns."""
 
     unit: Unit = Field("-", description="unit as any text; '-' for a dimensionless number")
-    doc: str = Field("", description="description for the report")
+    doc: str = Field("", description="description of the quantity in the report")
 
 
 class Input(OwnChannel):
@@ -171,12 +171,10 @@ class OwnMetric(OwnChannel):
 
     bad: Bad | None = Field(
         None,
-        description=(
-            "which values are worse: high, low, or those of largest magnitude; default: high"
-        ),
+        description=("which values are worse: high, low, or large in magnitude; default: high"),
     )
     label: str | None = Field(
-        None, description="name in the report, without the unit; default: the key"
+        None, description="name of the metric in the report, without unit; default: the key"
     )
 
     def record(self, name: str) -> Metric:

@@ -100,7 +100,7 @@ class Unknowns:
     """Bounds of the unknowns, and the simulated points; one empty point without unknowns."""
 
     names: tuple[str, ...] = ()
-    low: Floats = field(default_factory=lambda: np.empty(0))  # [unknown], SI
+    low: Floats = field(default_factory=lambda: np.empty(0))  # lower and upper bounds [unknown], SI
     high: Floats = field(default_factory=lambda: np.empty(0))
     points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
     tried: int = 0

@@ -21,7 +21,7 @@ from abhv_mc.plant.parameters import OURS, Parameters
 
 DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # name of a parameter, not a number
 _DOT = "__"  # replaces the dots, which identifiers cannot contain
-_sincos = np.vectorize(sincos, otypes=(float, float))  # same bits on every processor
+_sincos = np.vectorize(sincos, otypes=(float, float))  # gives the same bits on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.ADD: np.add,
     Operation.SUBTRACT: np.subtract,

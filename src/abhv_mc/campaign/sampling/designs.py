@@ -148,7 +148,7 @@ def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
 
 
 def _open(values: Floats) -> Floats:
-    """Clip probabilities to (0, 1), because unbounded distributions are infinite at the ends."""
+    """Clip probabilities to (0, 1), because quantiles at 0 and 1 may be infinite."""
     return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
 
 
@@ -212,7 +212,7 @@ class Copula:
 
 
 def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Copula:
-    """Return the copula for pairwise correlations of normal variables.
+    """Return the copula with the given pairwise correlations of normal variables.
 
     Raise numpy.linalg.LinAlgError if the matrix is not positive definite.
     """

@@ -73,8 +73,8 @@ class _Ranged(_Distribution):
             "distance from the nominal value (mean, mode) to either end; replaces low and high"
         ),
     )
-    low: Value | None = Field(None, description="lower end")
-    high: Value | None = Field(None, description="upper end")
+    low: Value | None = Field(None, description="lower end of the range")
+    high: Value | None = Field(None, description="upper end of the range")
 
     def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
         """Return the range from ``half_width`` about ``center``, or from ``low`` and ``high``."""
@@ -231,7 +231,7 @@ class Scipy(_Distribution):
         description="name of a continuous distribution of scipy.stats, such as weibull_min"
     )
     shapes: dict[str, float] = Field({}, description="shape parameters by name")
-    loc: Value | None = Field(None, description="location; default: 0")
+    loc: Value | None = Field(None, description="location in SI units; default: 0")
     scale: Value | None = Field(None, description="scale in SI units; default: 1")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
@@ -243,7 +243,7 @@ class Scipy(_Distribution):
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
-        ]  # in the order of scipy
+        ]  # in the order in which scipy takes them
         if sorted(self.shapes) != sorted(shapes):
             problem = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")

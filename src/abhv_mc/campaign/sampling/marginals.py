@@ -254,7 +254,7 @@ def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) 
 
 
 def find_atoms(marginal: Marginal) -> Floats:
-    """Return the values with positive probability."""
+    """Return the values that a distribution takes with positive probability."""
     if isinstance(marginal, SometimesMarginal):
         return np.union1d(find_atoms(marginal.drawn), [marginal.nominal])
     if isinstance(marginal, MixtureMarginal):

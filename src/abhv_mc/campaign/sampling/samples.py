@@ -37,7 +37,7 @@ _WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 class SampleSource:
     """Source from which the samples of any flights are computed."""
 
-    names: tuple[str, ...]  # sampled parameters
+    names: tuple[str, ...]  # names of the sampled parameters
     flights: int
     draw: Callable[
         [int, int], Floats
