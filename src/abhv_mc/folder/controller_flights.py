@@ -32,7 +32,7 @@ class ControllerFlights:
     """Flights of one controller in ascending order, without flights that failed to run."""
 
     flight: NDArray[np.int64]  # [flight]
-    outcome: NDArray[np.uint8]  # [flight], codes of `Outcome`
+    outcome: NDArray[np.uint8]  # [flight] codes of `Outcome`
     metrics: Mapping[str, Floats]  # name -> [flight]; each access returns a copy
     absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
     records: Mapping[str, Metric] = field(

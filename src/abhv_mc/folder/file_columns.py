@@ -1,4 +1,4 @@
-"""Tables that are read one column at a time to save memory in large campaigns."""
+"""Tables of which one column is read at a time, to save memory in large campaigns."""
 
 import os
 import tempfile
@@ -93,7 +93,7 @@ class SpooledColumns(_Columns):
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__(names)
         self._waiting: list[Floats] = []  # pieces not yet written
-        self._chunks: list[int] = []  # rows of each written chunk
+        self._chunks: list[int] = []  # number of rows in each written chunk
         self._order: NDArray[np.intp] | None = None
         self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
         weakref.finalize(self, self._file.close)

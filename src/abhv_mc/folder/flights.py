@@ -121,7 +121,7 @@ class FlightRows:
     @property
     def cases(self) -> list[str]:
         """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
-        if ENGINE_FAILED not in self.columns:  # as for a custom simulator
+        if ENGINE_FAILED not in self.columns:  # This metric does not exist for custom simulators.
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))

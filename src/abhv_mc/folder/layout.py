@@ -72,13 +72,13 @@ class CampaignFolder:
 
     @property
     def report(self) -> tuple[Path, ...]:
-        """Files and folders that belong to the report."""
+        """Paths of the files and folders that belong to the report."""
         pages = (self.root / f"report.{kind}" for kind in ("html", "json"))
         return (*pages, self.matrix, self.metrics, self.root / "figures")
 
     @property
     def contents(self) -> tuple[Path, ...]:
-        """Files and folders that a campaign writes, except the lock."""
+        """Paths of the files and folders that a campaign writes, except the lock."""
         files = (
             self.campaign,
             self.manifest,

@@ -22,7 +22,7 @@ from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 _PATIENCE = 0.5  # waiting time, s, because `runs` briefly holds a lock to test it
-_POLL = 0.01  # s between attempts
+_POLL = 0.01  # time between attempts, s
 _SETTLE = 0.2  # time for another process to restore a wrongly moved lease, s
 
 

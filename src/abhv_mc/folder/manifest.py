@@ -16,7 +16,7 @@ from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
 
-Ranges = tuple[tuple[int, int], ...]  # (first, stop) of ranges of flights
+Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights
 FORMAT = 1  # version of the folder's format
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
 _HASH = "manifest_hash"  # entry with the hash of all other entries
@@ -114,7 +114,7 @@ class Manifest:
     requirements: tuple[
         RequirementVerdict, ...
     ] = ()  # verdicts for controllers that must meet the requirements
-    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for the other controllers
+    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for all other controllers
     requirement_sets: tuple[
         RequirementSet, ...
     ] = ()  # in chronological order, if there are several
@@ -123,7 +123,7 @@ class Manifest:
     commit: str | None = None
     machine: Mapping[str, str | int] = field(default_factory=dict)
     command: tuple[str, ...] = ()
-    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of inputs by path
+    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of each input file by path
     warnings: tuple[str, ...] = ()
     repeatable: Repeatability | None = None  # repeatability of a custom simulator
     not_made: tuple[str, ...] = ()
@@ -134,7 +134,7 @@ class Manifest:
     stopped_at: int | None = None  # number of flights at which a campaign stopped when proven
     search: Mapping[str, Any] | None = None  # settings of a search
     result: Mapping[str, Any] | None = None  # result of a search
-    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of files by path
+    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of each stored file by path
     flown_by: tuple[FlownBy, ...] = ()
     # Events of a custom simulator by system: "surplus", "repeated" and "restarts".
     simulator_events: Mapping[str, Mapping[str, int]] | None = None

@@ -77,7 +77,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
 def _require_same_campaign(
     folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
 ) -> None:
-    """Raise InputError if the campaign of a shard differs from that of the first."""
+    """Raise InputError if the campaign of a shard differs from the first shard's campaign."""
     for shard in (first, folder):
         read_checked(shard, [shard.campaign])
     expected = read_folder_inputs(first, first_manifest)

@@ -52,7 +52,9 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
         return "", ""
     candidates = []
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
-        with contextlib.suppress(InputError):  # The manifest may not be that of a campaign.
+        with contextlib.suppress(
+            InputError
+        ):  # The manifest may belong to a search instead of a campaign.
             other = read_manifest(path)
             same = (other.question, other.source_hash) == (manifest.question, manifest.source_hash)
             if same and other.complete and _required(other) == _required(manifest):

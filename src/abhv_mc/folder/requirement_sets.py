@@ -59,7 +59,7 @@ def _write(
 
 
 def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Replace the requirements of a locked folder by those of a campaign."""
+    """Replace the requirements of a locked folder by the requirements of a campaign."""
     manifest = read_manifest(folder.manifest)
     before = read_folder_inputs(folder, manifest)
     judged = before.judged_by(campaign.document.entries)

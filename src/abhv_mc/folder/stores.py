@@ -1,4 +1,4 @@
-"""Stores of results folders, selected by path or address."""
+"""Stores of results folders; a path or an address selects the store."""
 
 import contextlib
 import os

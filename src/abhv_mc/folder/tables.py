@@ -1,4 +1,4 @@
-"""Tables of a campaign as CSV files, and as an SQL database without file access."""
+"""Tables of a campaign, as CSV files and as an SQL database without file access."""
 
 import contextlib
 import threading
