@@ -13,7 +13,7 @@ _FIRST_JUDGED = 64  # number of flights before the first assessment in a campaig
 
 
 class Completion:
-    """Counts of the stored flights, by controller."""
+    """Counts of the stored flights of each controller."""
 
     def __init__(
         self, campaign: Experiment, shard: tuple[int, int], requested: tuple[str, ...]

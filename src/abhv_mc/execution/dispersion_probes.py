@@ -50,7 +50,7 @@ def make_trials(campaign: Experiment) -> Floats:
 
 
 def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
-    """Simulate the trials with each controller; the first flight is nominal.
+    """Simulate the trials with each controller; the first trial is the nominal flight.
 
     Raise InputError if a dispersion has no effect, if a metric is not finite in a nominal flight
     that ends as planned, or if flights exceed the time limit.

@@ -30,7 +30,7 @@ class Estimate:
 
     flights: int  # flights per controller
     controllers: int
-    kind: str  # noun: 'controller' or 'system'
+    kind: str  # noun for a compared system: 'controller' or 'system'
     workers: int
     batch: int  # flights per block
     flight_s: float  # time of one flight on one core, s, averaged over controllers

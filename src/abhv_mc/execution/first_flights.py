@@ -26,7 +26,7 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
 _LONG = 1.0  # If a flight takes longer, s, only one flight is repeated in each process.
-_CHECKED = 8  # number of checked rows
+_CHECKED = 8  # number of rows of inputs that are checked
 _PAIRS = 4  # maximum number of pairs of processes
 
 

@@ -26,7 +26,7 @@ class RequirementCount:
 
     requirement: Requirement
     binds: bool  # whether the requirement applies to the controller
-    missed: Mask  # [flight] requirement not met
+    missed: Mask  # [flight] whether the requirement is missed
     flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
     ended_early: NDArray[np.int64]  # [point] flights that failed only by early termination
     measured: NDArray[np.int64]  # [point] flights whose metric violates the limits
@@ -48,7 +48,7 @@ class FlightCounts:
 
     controller: str
     requirements: list[RequirementCount]
-    uncomputed: Mask  # [flight] failed to run
+    uncomputed: Mask  # [flight] whether the flight failed to run
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
     # Numbers of the flights that terminated early, possibly millions.

@@ -17,7 +17,7 @@ from abhv_mc.io.input_error import InputError, one_of
 if TYPE_CHECKING:
     import pandas as pd
 
-_ROWS = 65536  # rows per block
+_ROWS = 65536  # number of rows per block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
 _ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
@@ -28,10 +28,10 @@ _ECHO = 1e-4  # tolerance for repeated inputs, relative to the largest value
 class FlightTable:
     """Flights of all systems, in the units of the campaign."""
 
-    path: Path  # path of the inputs
+    path: Path  # path of the table of inputs
     samples: Floats  # [flight, input], equal for all systems
     lines: Ints  # [flight] line of the inputs in the file
-    factors: Floats  # [input] from the file's units to those of the campaign
+    factors: Floats  # [input] from units of the file to units of the campaign
     blocks: tuple[FlightRows, ...]
 
 

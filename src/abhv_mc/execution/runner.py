@@ -145,7 +145,7 @@ class _Run:
         is_complete = self.manifest.complete and self.completion.is_complete()
         adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
-            if self._judge() != self.manifest:  # such as after a change of the order of controllers
+            if self._judge() != self.manifest:  # if the order of controllers changed
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)

@@ -54,7 +54,7 @@ class OpenCampaign:
     folder: CampaignFolder
     campaign: Experiment  # campaign stored in the folder, with plans
     manifest: Manifest
-    requested: tuple[str, ...]  # controllers to run
+    requested: tuple[str, ...]  # names of the controllers to run
     files: FileHashes
 
     @property

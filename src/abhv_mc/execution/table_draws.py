@@ -1,4 +1,4 @@
-"""Tests of whether imported flights are draws from the campaign's dispersions."""
+"""Tests of whether imported flights are draws from the dispersions of the campaign."""
 
 from collections.abc import Iterator
 from pathlib import Path

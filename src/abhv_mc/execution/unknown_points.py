@@ -1,4 +1,4 @@
-"""Selection of the values of the unknowns at which requirements are judged."""
+"""Selection of the points of the unknowns at which requirements are judged."""
 
 import sys
 from collections.abc import Mapping

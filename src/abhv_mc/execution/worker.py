@@ -93,7 +93,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
 
 
 def _end_with_parent() -> None:
-    """Let this process end with its parent, even if a flight hangs."""
+    """Make this process end when its parent ends, even if a flight hangs."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
