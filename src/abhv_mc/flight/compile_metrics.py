@@ -44,7 +44,7 @@ class SourceRow(NamedTuple):
     """Row of the lane memory that contains a source, with its unit."""
 
     unit: str
-    row: int  # row of the lane memory
+    row: int  # index of the row
     factor: float
     nonnegative: bool = False
 
@@ -73,7 +73,7 @@ def source_rows(
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),
 ) -> dict[str, SourceRow]:
-    """Return the rows of all sources, by name.
+    """Return the lane-memory rows of all sources, by name.
 
     Sources are built in, or belong to ``effectors`` with actuators, custom ``states`` (names and
     units), or custom channels [channel, 2] (names and units).

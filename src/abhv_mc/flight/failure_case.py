@@ -1,4 +1,4 @@
-"""Failure cases of flights, by which verdicts and envelopes are grouped."""
+"""Failure cases of flights, used to group verdicts and envelopes."""
 
 from collections.abc import Sequence
 

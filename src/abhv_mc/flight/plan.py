@@ -1,4 +1,4 @@
-"""Flight plan of one controller as arrays, and blocks of results."""
+"""Flight plan of one controller as arrays, and blocks of flight results."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -108,7 +108,7 @@ class FlightPlan:
     period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
     # built-in law, "tlc" or "lqr", whose measurement custom code filters
     around: str = ""
-    # dispersed settings of control laws, after those of the vehicle
+    # dispersed settings of control laws; they follow the vehicle's settings
     law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
     filter_settings: Floats = field(
         default_factory=lambda: np.empty(0)

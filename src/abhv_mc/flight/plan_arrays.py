@@ -1,4 +1,4 @@
-"""Flight plans as named arrays of nested records.
+"""Conversion of flight plans, which are nested records, to and from named arrays.
 
 Index arrays are not stored but rebuilt from the inputs, because compiled code does not check index
 bounds. Only floating-point numbers of the expected shapes are read.

@@ -1,4 +1,4 @@
-"""Compiled custom code of a plan: control law, channels and vehicle functions."""
+"""Compilation of the custom code of a plan: control law, channels, vehicle functions."""
 
 import contextlib
 import re
