@@ -60,7 +60,7 @@ def output_folder(path: Path | None) -> Path | None:
 
 
 def campaign_folder(path: Path | None) -> Path | None:
-    """Return the path of a new or existing results folder. Raise InputError if unusable."""
+    """Return the path of a new or existing results folder. Raise InputError if invalid."""
     return None if path is None else _check_folder(path, campaign=True)
 
 

@@ -54,7 +54,7 @@ def report(
         output(output_folder, "DIR", "Folder for the report.", "DIR; reports/NAME for an address"),
     ] = None,
     baseline: Baseline = None,
-    svg: Annotated[bool, typer.Option("--svg", help="Write the figures also as SVG.")] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="Also write the figures as SVG.")] = False,
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Write report.pdf (A4); requires Chromium.")
     ] = False,
