@@ -21,7 +21,7 @@ _ORDER = sorted(
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
-    """Return sentences on the end of a flight, which may be re-run to find the cause.
+    """Return sentences about the end of a flight, which may be re-run to find the cause.
 
     ``parameters`` is a row [1, parameter].
     """
