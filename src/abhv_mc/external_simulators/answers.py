@@ -1,4 +1,4 @@
-"""Replies of a custom simulator: validation, and sampling of histories."""
+"""Replies of a custom simulator: their validation, and the sampling of histories."""
 
 import json
 import math

@@ -209,7 +209,7 @@ class _Flights:
         return True
 
     def _take(self, is_proven: bool = False) -> Process:
-        """Return an idle process without output since its last reply, or a new process."""
+        """Return an idle process that has written nothing since its last reply, or a new one."""
         while True:
             begun = time.monotonic()
             process = self.pool.take(self.plan)
