@@ -249,7 +249,7 @@ def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[f
     onboard
         Nominal vehicle with the control derivatives of the moments.
     roll, pitch, yaw
-        Moment to add to that of the last command, N m.
+        Moment to add to the moment of the last command, N m.
 
     Returns
     -------

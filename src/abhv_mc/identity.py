@@ -35,7 +35,7 @@ class Flyer(NamedTuple):
     code: str  # result of code_hash()
     versions: str
     processor: str
-    features: str  # hash of the processor's features
+    features: str  # hash of the features of the processor
     host: str
     process: int
 

@@ -102,7 +102,7 @@ class Simulator(Protocol):
     channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities
     independent: bool | None  # declared independence; None: follows from the sampling
-    states_noise: bool  # Flights are declared to have noise besides their inputs.
+    states_noise: bool  # Flights are declared to have noise that is not an input.
     origin: str  # source of flights computed elsewhere; '' if ``fly`` computes them
     method: str  # sentence for the page about the method and its source, or ''
 

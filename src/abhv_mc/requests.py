@@ -73,7 +73,9 @@ def _check_side(value: object, name: str, _option: Option) -> object:
     return value
 
 
-_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # checks by kind of option
+_CHECKS: dict[
+    str, Callable[[Any, str, Option], Any]
+] = {  # functions that check a value, by kind of option
     **dict.fromkeys(
         ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
     ),

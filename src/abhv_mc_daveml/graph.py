@@ -75,7 +75,7 @@ class CheckShot:
     """Check shot: inputs with expected outputs."""
 
     name: str
-    inputs: dict[str, float]  # values by varID
+    inputs: dict[str, float]  # input values by varID
     outputs: tuple[CheckValue, ...]
     line: int
 
@@ -284,7 +284,7 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
 
 
 def _conversion(signal: Node, variable: Variable) -> float:
-    """Return the factor from a signal's units to those of its variable."""
+    """Return the factor from the units of a signal to the units of its variable."""
     units = signal.words("signalUnits")
     if not units or units == variable.units:
         return 1.0

@@ -102,7 +102,7 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 
 
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
-    """Return an argument, clamped if the range of the function is narrower than the table."""
+    """Return an argument, clamped if the function has a narrower range than the table."""
     argument = look_up.arguments[axis]
     ends = (
         look_up.coordinates(axis)[[0, -1]]

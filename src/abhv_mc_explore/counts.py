@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
 MOST_POINTS = 4000  # maximum number of single points; more are counted in cells
-_ROWS = 10_000  # rows fetched at a time
+_ROWS = 10_000  # number of rows fetched at a time
 _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
@@ -47,10 +47,10 @@ class Selection:
     y: str
     controllers: tuple[str, ...]
     outcome: str
-    brushes: dict[str, tuple[float, float]]  # column -> inclusive range
+    brushes: dict[str, tuple[float, float]]  # column -> inclusive range of values
     fit: bool = False  # fit the axes to the selected flights
     sort: str = "rank"  # sort key of the list
-    down: bool = False  # descending order
+    down: bool = False  # whether the order is descending
 
 
 @dataclass(frozen=True)

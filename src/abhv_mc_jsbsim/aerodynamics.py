@@ -87,7 +87,7 @@ class Aerodynamics:
         self._functions: dict[str, tuple[Node, str | None]] = {}  # property -> (function, axis)
         self._done: dict[str, str] = {}  # property -> expression
         self._pending: list[str] = []
-        self._terms: dict[str, list[str]] = {}  # axis -> names of coefficients
+        self._terms: dict[str, list[str]] = {}  # axis -> names of the coefficients that are added
         axes = {}
         for child in node.children:
             if child.name in _LEFT_OUT:

@@ -143,7 +143,7 @@ class Expressions:
             value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        is_integer = abs(value) <= 64 and value == int(value)  # A negative base is allowed.
+        is_integer = abs(value) <= 64 and value == int(value)  # The base may be negative.
         return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
 
     def _table(self, node: Node, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Objects in a folder of object storage, and the lease of its writer.
+"""Objects in a folder of object storage, and the lease of the process that writes.
 
 An object store (accessed by pyarrow.fs) has neither locks nor renames, but objects appear complete
 and with the time of the store. One object, the lease, therefore names the writing process, which

@@ -46,7 +46,7 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Return files by (case, simulator). Raise InputError if there are none."""
+    """Return the files in a folder by (case, simulator). Raise InputError without files."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of check-cases")
     files: dict[tuple[str, str], Path] = {}
@@ -166,7 +166,7 @@ _QUANTITIES = (
     ("euler_angles", "deg"),
     ("body_rates", "deg/s"),
 )
-_ANGLES = ("longitude", "euler_angles")  # angles that wrap around
+_ANGLES = ("longitude", "euler_angles")  # quantities that are angles and wrap around
 
 
 def _differences(first: list[Floats], second: list[Floats]) -> list[Floats]:

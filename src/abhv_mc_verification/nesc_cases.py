@@ -25,7 +25,7 @@ class CheckCase:
 
     title: str
     earth: Earth = ELLIPSOID
-    vehicle: str = "sphere"  # file in configs/vehicle/nesc
+    vehicle: str = "sphere"  # name of a file in configs/vehicle/nesc
     rates: tuple[float, float, float] = _AT_REST  # inertial body rates
     altitude: float = _DROP
     velocity_ned: tuple[float, float, float] = _AT_REST

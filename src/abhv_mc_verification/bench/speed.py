@@ -141,7 +141,7 @@ def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:
 
 
 def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
-    """Return the ratio of flights per second of two threads to those of one thread."""
+    """Return the speed of two threads relative to one thread, in flights per second."""
     with ThreadPoolExecutor(2) as pool:
         start = time.perf_counter()
         pool.submit(fly, plan, parameters).result()
