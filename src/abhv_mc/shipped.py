@@ -36,7 +36,7 @@ def shipped_campaigns() -> Path:
 
 
 def shipped_files(kind: str) -> dict[str, Path]:
-    """Return the shipped files of a given kind, by name.
+    """Return the shipped files of one kind, by name.
 
     The kind is ``campaign``, ``vehicle``, ``mission`` or ``control``. Controllers made for one
     vehicle are in a folder with its name.

@@ -75,7 +75,7 @@ class Aerodynamics:
     ) -> None:
         """Read the functions of the element ``node``.
 
-        ``metrics``, ``values`` and full deflections (rad) are given by property; ``reserved`` lists
+        ``metrics``, ``values`` and full deflections (rad) are by property; ``reserved`` lists
         names that the generated module must not define.
         """
         self.settings: dict[str, Setting] = {}  # settings by property

@@ -163,5 +163,5 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
 
 
 def wrap_degrees(differences: Floats) -> Floats:
-    """Return differences of angles wrapped to +-180 deg."""
+    """Return differences between angles, wrapped to +-180 deg."""
     return np.remainder(differences + 180.0, 360.0) - 180.0

@@ -33,7 +33,7 @@ from abhv_mc_verification.fly_recording import (
 )
 
 # Earth of CADAC++: flattening, and J2 from the normalised C20. The meridional part of the J2
-# acceleration in its output has the wrong sign.
+# acceleration in the output of CADAC++ has the wrong sign.
 CADAC_EARTH = Earth(
     6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0
 )

@@ -181,7 +181,7 @@ MOST_TIMES = 10_000  # maximum number of times of the option --at
 def _read_times(text: str) -> "list[Time]":
     """Return the operating points of the option --at: times, s, or "trim".
 
-    Times may be given as first:last:step. Raise InputError if the option is invalid.
+    Times may have the form first:last:step. Raise InputError if the option is invalid.
     """
     from abhv_mc.io.units import TIME
 

@@ -104,7 +104,7 @@ def write_kept_histories(
 ) -> list[str]:
     """Re-run the flights of the ``expected`` files and write their histories.
 
-    Current files are kept, and all other history files are deleted. Return a message for each
+    Files that are current are kept; all other history files are deleted. Return a message for each
     flight without a history.
     """
     missing = [file for file in expected if not file.product.is_current(hashes)]

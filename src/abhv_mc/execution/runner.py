@@ -168,7 +168,7 @@ class _Run:
         return RunResult(self.folder.root, self.manifest)
 
     def _keeps_products(self) -> bool:
-        """Return whether existing histories are kept although requirements select others.
+        """Return whether stored histories are kept although requirements select other flights.
 
         One version of the program cannot add histories to flights of another version.
         """

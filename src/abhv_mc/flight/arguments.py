@@ -220,7 +220,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
-    """Raise ValueError unless an array has the given shape; None allows any length."""
+    """Raise ValueError unless an array has the expected shape; None allows any length."""
     if array.ndim != len(shape) or any(
         expected_length not in (None, length)
         for length, expected_length in zip(array.shape, shape, strict=True)

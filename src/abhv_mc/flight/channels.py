@@ -237,7 +237,7 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
 
 
 def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Return channels of custom states, given by name and SI unit; angles are in degrees."""
+    """Return the channels of custom states (name, SI unit); angles are in degrees."""
     display_units = {"rad": "deg", "rad/s": "deg/s"}
     return tuple(
         Channel(

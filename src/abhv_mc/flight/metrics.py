@@ -115,7 +115,7 @@ def default_bad(statistic: Statistic) -> Bad:
 
 
 def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:
-    """Return whether a statistic is never negative, given the sign of the quantity."""
+    """Return whether a statistic of a quantity is never negative."""
     return statistic in _SIZES or nonnegative
 
 

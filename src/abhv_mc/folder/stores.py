@@ -25,7 +25,7 @@ class LocalStore:
 
     @contextlib.contextmanager
     def reading(self, pattern: str = "*") -> Iterator[Path]:
-        """Yield the local folder for writing."""
+        """Yield the local folder for reading."""
         yield self.local
 
     @contextlib.contextmanager

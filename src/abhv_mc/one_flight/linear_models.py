@@ -104,7 +104,7 @@ class LinearModel:
     """
 
     plant_continuous: StateSpace  # continuous plant, from commands to path coordinates
-    plant: StateSpace  # sampled plant under held commands
+    plant: StateSpace  # sampled plant, with commands held between the ticks
     law: StateSpace  # controller, from measurements to commands
     loop: StateSpace  # open loop, from actuator inputs to minus the commands
     closed: StateSpace  # closed loop, from command disturbances to coordinates and commands
@@ -200,7 +200,7 @@ def analyse_place(
 ) -> "tuple[Linear, Stability, list[str]]":
     """Return the linear model at a point, the stability margins, and notes.
 
-    `hold` names slow states that are held constant; the notes give the removed poles. Raise
+    `hold` names slow states that are held constant; the notes list the removed poles. Raise
     InputError for other names.
     """
     import numpy as np

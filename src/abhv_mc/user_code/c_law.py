@@ -1,4 +1,4 @@
-"""Control laws in C: loading the library, and the compiled loop that calls it.
+"""Loading of control laws in C, and the compiled loop that calls them.
 
 The loop over the lanes fills the structs of abhv_law.h and calls the step function. The lane of a
 flight holds the index of its state in memory. Native code runs in workers and the child process,

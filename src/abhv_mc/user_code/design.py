@@ -41,7 +41,7 @@ class LinearPlant(NamedTuple):
     inputs: tuple[str, ...]
 
     def take(self, states: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[Floats, Floats]:
-        """Return A and B reduced to the given states and inputs, in the given order."""
+        """Return A and B for a selection of states and inputs, in the order of the selection."""
         rows = [self.states.index(name) for name in states]
         columns = [self.inputs.index(name) for name in inputs]
         return self.A[np.ix_(rows, rows)], self.B[np.ix_(rows, columns)]
@@ -150,7 +150,7 @@ def watched_design(
 ) -> tuple[tuple[str, ...], Floats]:
     """Return the names and columns [tick, gain] of the gains designed for a control law.
 
-    The design runs in the child process, which checks its file reads. Raise InputError if it fails.
+    The design runs in the child process, which checks file reads. Raise InputError if it fails.
     """
     recipe = source.recipe
     design: Any = load_law(source).design if recipe is None else recipe["design"]

@@ -55,7 +55,10 @@ def commands_effectors(source: UserSource) -> bool:
 
 
 def parse_law(source: UserSource) -> ast.Module:
-    """Parse a law, with effectors as tuples. Raise InputError if Commands name unequal sets."""
+    """Return the syntax tree of a law, with effectors as tuples.
+
+    Raise InputError if its Commands name different effectors.
+    """
     tree = ast.parse(source.text)
     names = find_commanded(source)
     calls = _commands(tree)

@@ -17,7 +17,7 @@ def make_law_text(function: Callable[..., Any]) -> str:
     """Return the text of a Python file with the control law and all names that it uses.
 
     The names include Settings, Memory, design and their dependencies. Raise InputError for values
-    without source text, such as arrays, which ``design`` has to return.
+    without source text, such as arrays, which ``design`` must return.
     """
     if not isinstance(function, types.FunctionType):
         raise InputError(

@@ -247,7 +247,7 @@ Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED 
 Filtered.__doc__ = """Result of a measurement filter; omitted fields keep the measured values."""
 FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
-# Classes of the arguments that the program defines.
+# Classes of the arguments that the program supplies.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "design"}
 ARGUMENTS = (

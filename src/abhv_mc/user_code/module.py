@@ -68,7 +68,7 @@ class Module:
     names: dict[str, Any]  # global names of the file
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
-        """Return the functions with a given decorator of ``abhv_mc.extend``, by name."""
+        """Return the functions that carry one decorator of ``abhv_mc.extend``, by name."""
         functions = {
             name: value for name, value in self.names.items() if type(value) is types.FunctionType
         }

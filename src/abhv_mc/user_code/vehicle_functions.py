@@ -170,7 +170,7 @@ def _is_constant(value: ast.expr | None) -> bool:
 def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
     """Raise InputError if custom dynamics do not return an Effect with one rate per state.
 
-    Each 'return Effect(rates=(...), ...)' is read, because a trial reaches only one of them.
+    Each 'return Effect(rates=(...), ...)' is checked, because a trial reaches only one of them.
     Arithmetic errors in the trial evaluation are ignored.
     """
     text = module.texts[function]

@@ -183,7 +183,7 @@ class Family(StrictModel):
     """Joint risk of a false PASS among all pairs of a requirement and a controller."""
 
     method: Literal["holm"] = Field(
-        "holm", description="procedure for the joint risk: step-down procedure of Holm"
+        "holm", description="correction for multiple verdicts: step-down procedure of Holm"
     )
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10, description="largest probability that at least one PASS is false"

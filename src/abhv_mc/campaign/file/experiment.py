@@ -42,7 +42,7 @@ _MIDDLE = 0.6  # middle, as a fraction of the range; differs from the nominal
 
 @dataclass(frozen=True)
 class Requirement:
-    """Requirement: limits that a metric must meet in a given share of the flights."""
+    """Requirement: limits that a metric must meet in a specified share of the flights."""
 
     metric: str
     limits: Bounds  # limits in the metric's unit
@@ -55,7 +55,7 @@ class Requirement:
     traced: dict[str, str]  # id, text, source and rationale, if present
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
-        """Return the verdict for the given counts of failures and flights.
+        """Return the verdict for numbers of failures and flights.
 
         ``flights`` includes the flights that were not computed, ``failures`` does not.
         """
@@ -196,7 +196,7 @@ class Experiment:
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
-        """Channels that are written for flights with kept histories."""
+        """Channels of the stored time histories."""
         requested = self.model.keep.histories.channels
         return tuple(
             channel.name

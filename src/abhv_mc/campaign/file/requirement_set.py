@@ -34,7 +34,7 @@ class _Set(StrictModel, extra="ignore"):
 def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries of a campaign on which the simulated flights depend.
 
-    Entries on execution, requirements, questions and labels are omitted.
+    Entries about execution, requirements, questions and labels are omitted.
     """
     left_out = ("execution", *JUDGING, *_PRESENTING)
     row_data = {key: value for key, value in data.items() if key not in left_out}

@@ -1,4 +1,4 @@
-"""Unknowns: parameters with one value for the whole programme, known only within bounds."""
+"""Unknowns: parameters with a single value for the programme, known only by its bounds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -209,7 +209,7 @@ def match_requirements(
     points: UnknownPoints | None,
     requirements: Sequence[Mapping[str, Any]],
 ) -> Unknowns:
-    """Return the unknowns with the search results matched to the given requirements."""
+    """Return the unknowns with the search results assigned to ``requirements``."""
     if points is None or points.requirements is None:
         return unknowns
     searched = [_severity(entry) for entry in points.requirements]

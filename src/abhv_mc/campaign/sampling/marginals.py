@@ -83,7 +83,7 @@ _PLAIN: dict[str, Callable[..., Any]] = {"uniform": _Uniform, "norm": _Normal}
 
 @dataclass(frozen=True)
 class ContinuousMarginal:
-    """Continuous distribution of scipy.stats, given by name, shape, location and scale."""
+    """Continuous distribution of scipy.stats, with a name, shapes, location and scale."""
 
     law: str
     arguments: tuple[float, ...]
@@ -188,7 +188,7 @@ class MixtureMarginal:
 
 @dataclass(frozen=True)
 class SometimesMarginal:
-    """Distribution of a value that is drawn with a given probability and nominal otherwise.
+    """Distribution of a value that is drawn with some probability and nominal otherwise.
 
     One uniform number determines both whether a value is drawn and its size, so that quantiles
     increase. If the nominal value is infinite (a failure that never occurs), uniform numbers below
