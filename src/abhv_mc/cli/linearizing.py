@@ -207,7 +207,7 @@ def _take(
 ) -> "Place":
     """Return an operating point of the nominal flight, and print its warnings.
 
-    The bank angle applies only to the trim; at a time of the flight it follows from the flight.
+    The bank angle applies only to the trim; at a time of the flight, the flight determines it.
     """
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point

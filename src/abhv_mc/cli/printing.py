@@ -41,7 +41,7 @@ _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 def say(*values: Any, sep: str = " ", folds: bool = True, **options: Any) -> None:
     """Print text like the built-in ``print``, with control characters escaped.
 
-    On a terminal verdicts are coloured and long sentences wrapped.
+    On a terminal, verdicts are coloured and long sentences are wrapped.
     """
     text, file = printable(sep.join(map(str, values))), options.get("file") or sys.stdout
     if file is not None and file.isatty():
@@ -149,7 +149,7 @@ def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
     """Return the lines of a table whose first column is printed above the others.
 
     The other columns are split into pieces that fit; each piece repeats the first ``keys``
-    columns. An empty list if the first column is short, or a row would not fit on a line.
+    columns. The list is empty if the first column is short or a row would not fit on a line.
     """
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
     longest = max(map(len, columns[0]), default=0) if columns else 0

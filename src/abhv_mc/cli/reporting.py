@@ -122,7 +122,7 @@ def show(
     """Print the sentences and tables of a report topic, or its numbers with --json.
 
     Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes,
-    margins, simulator, convergence, provenance, and those of installed packages.
+    margins, simulator, convergence, provenance, and topics of installed packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.json_data import json_data
@@ -243,7 +243,7 @@ def place(
 ) -> None:
     """Compare test flights with a campaign, to check whether the dispersed model covers them.
 
-    Prints the rank of each metric among the simulated flights, the joint p-value of all metrics,
+    Print the rank of each metric among the simulated flights, the joint p-value of all metrics,
     and where a history first leaves the simultaneous 95 % band. For several test flights a joint
     test is also printed.
     """

@@ -95,7 +95,7 @@ class Process:
         """Yield the reply to each of ``requests``, each within ``limit`` s of the previous one.
 
         ``start`` gives additional seconds for the first reply of the process; with ``ahead``
-        several requests are sent at a time. Raise LostFlightError or OutOfStepError.
+        several requests are sent in advance. Raise LostFlightError or OutOfStepError.
         """
         size = max(1, min(_AHEAD, _FITS // (16 + max(map(len, requests), default=1))))
         step = size if ahead else 1

@@ -115,7 +115,7 @@ class FlownCampaign:
     def _excluded(self) -> tuple[str, ...]:
         """Columns that are not metrics, and margins unless all flights have margins.
 
-        Margins of some flights are shown only in the section on stability.
+        Margins computed for only some flights are shown only in the section on stability.
         """
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
         return (

@@ -108,7 +108,7 @@ def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
 def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
     """Call :func:`refuse_changes` at the end of the context, also after an error.
 
-    Such changes then explain the error.
+    If there was an error, such changes explain it.
     """
     try:
         yield

@@ -51,7 +51,7 @@ def write_histories(
 ) -> None:
     """Write ``channels`` of ``history[flight, time, channel]`` to a Parquet file.
 
-    The last axis of ``history`` is ``recorded``. A flight that terminated early has rows while the
+    ``recorded`` is the last axis of ``history``. A flight that terminated early has rows while the
     first channel is not NaN.
     """
     rows = ~np.isnan(history[:, :, 0])
@@ -143,7 +143,7 @@ class EnvelopeTable:
     def columns(self, points: int) -> dict[str, Floats]:
         """Return the columns of the Parquet file.
 
-        The lower edge is used for quantiles up to the median, the upper edge for those above.
+        The lower edge is used for quantiles up to the median, the upper edge for higher ones.
         """
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]

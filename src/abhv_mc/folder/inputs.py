@@ -35,7 +35,7 @@ To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 class FolderInputs:
     """Campaign file with references into a results folder, and the files copied there.
 
-    File names are paths relative to the folder.
+    File names are relative to the folder.
     """
 
     document: Document

@@ -203,7 +203,7 @@ def note_flyers(
 ) -> tuple[FlownBy, ...]:
     """Return the entries after ``flyers`` computed flights ``first`` to ``stop - 1``.
 
-    The flights are removed from the entries of other processes.
+    These flights are removed from the entries of other processes.
     """
     updated = []
     for entry in entries:

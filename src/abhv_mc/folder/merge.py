@@ -217,7 +217,7 @@ def begin_merged(
 ) -> Iterator[FileHashes]:
     """Lock the folders, and start their merge in the locked target.
 
-    The target is emptied and receives the first folder's inputs, plans, nominal flights and
+    The target is emptied and then receives the first folder's inputs, plans, nominal flights and
     ``extra_files``.
     """
     first = folders[0]
