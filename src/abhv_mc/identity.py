@@ -3,9 +3,8 @@
 The hash covers every package except those that only present results (``_SHOWN``), and the packages
 that register executors, stores, control laws or blocks (:mod:`abhv_mc.entry_points`). A process
 whose source is edited still runs the old code: the hash is computed when this module is imported,
-and modules that are imported later are compared with it. Compiled code is cached by another,
-smaller hash (:mod:`abhv_mc.kernel.cache`), so that an edit of a table in ``execution`` does not
-recompile the kernels.
+and modules that are imported later are compared with it. Compiled code is cached by another
+hash (:mod:`abhv_mc.kernel.cache`).
 """
 
 import functools

@@ -215,7 +215,6 @@ class Executor(Protocol):
 # Opens an executor for an engine and a limit on the time of 16 flights, s, or None.
 OpenExecutor = Callable[[Engine, float | None], Executor]
 # Connects to the scheduler at an address, or raises InputError, before any file is written.
-# The entry point group is ``abhv_mc.executors``; the name is the scheme of the address.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 

@@ -64,10 +64,10 @@ class StateSpace(NamedTuple):
     ['aileron', 'rudder', 'elevator', 'equivalence_ratio']
     """
 
-    A: "pd.DataFrame"  # [state, state]
-    B: "pd.DataFrame"  # [state, input]
-    C: "pd.DataFrame"  # [output, state]
-    D: "pd.DataFrame"  # [output, input]
+    A: "pd.DataFrame"
+    B: "pd.DataFrame"
+    C: "pd.DataFrame"
+    D: "pd.DataFrame"
 
 
 @dataclass(frozen=True)
@@ -103,15 +103,15 @@ class LinearModel:
     ((18, 18), 0)
     """
 
-    plant_continuous: StateSpace  # continuous plant, from commands to path coordinates
-    plant: StateSpace  # sampled plant, with commands held between the ticks
-    law: StateSpace  # controller, from measurements to commands
-    loop: StateSpace  # open loop, from actuator inputs to minus the commands
-    closed: StateSpace  # closed loop, from command disturbances to coordinates and commands
-    period_s: float  # control period, s
+    plant_continuous: StateSpace
+    plant: StateSpace
+    law: StateSpace
+    loop: StateSpace
+    closed: StateSpace
+    period_s: float
     measurement_delay_periods: int
     point: "pd.Series"  # values of the states at the point, with ``attrs["units"]``
-    warnings: tuple[str, ...]  # for example about a nearby table node
+    warnings: tuple[str, ...]
 
 
 def take_point(

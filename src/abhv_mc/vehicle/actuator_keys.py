@@ -330,13 +330,9 @@ class Surfaces(SurfaceActuator):
 class Effector(SurfaceActuator):
     """Control surface: deflection per axis command, and optionally an actuator."""
 
-    aileron: float = Field(
-        0.0, description="deflection of the effector per unit of aileron command"
-    )
-    rudder: float = Field(0.0, description="deflection of the effector per unit of rudder command")
-    elevator: float = Field(
-        0.0, description="deflection of the effector per unit of elevator command"
-    )
+    aileron: float = Field(0.0, description="deflection per unit of aileron command")
+    rudder: float = Field(0.0, description="deflection per unit of rudder command")
+    elevator: float = Field(0.0, description="deflection per unit of elevator command")
     limits: tuple[Angle, Angle] | None = Field(
         default=None, description="minimum and maximum deflection"
     )
