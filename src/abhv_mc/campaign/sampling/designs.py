@@ -2,7 +2,8 @@
 
 Random numbers depend only on a seed, a name and a flight. Each (seed, name) keys a counter-based
 Philox generator whose counter is the flight's number. Flight k is therefore independent of the
-number and order of flights, of added parameters and of neighbouring seeds. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
+number and order of flights, of added parameters and of neighbouring seeds. Salmon et
+al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
 
 A design gives each flight and parameter a number in [0, 1], the probability at which the inverse of
 the parameter's distribution is evaluated. ``random``, ``sobol`` and ``halton`` give flight k the
