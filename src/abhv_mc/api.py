@@ -67,7 +67,7 @@ class Campaign:
     name, question
         Name of the campaign and the question that it answers.
     runs
-        Flights of each controller.
+        Number of flights of each controller.
     controllers
         Names of the controllers; the first is compared with the others.
     parameters

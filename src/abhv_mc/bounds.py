@@ -34,12 +34,12 @@ class Bounds(NamedTuple):
 
     @property
     def both(self) -> bool:
-        """True if there are two limits."""
+        """Whether there are two limits."""
         return self.low is not None and self.high is not None
 
     @property
     def sign(self) -> float:
-        """-1 if small values violate the limit, else 1."""
+        """Sign of the limit: -1 if small values violate it, else 1."""
         return -1.0 if self.high is None else 1.0
 
     def worse(self, values: Floats) -> Floats:

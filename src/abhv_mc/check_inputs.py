@@ -45,7 +45,7 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file and all files that it names, each of them once.
+    """Check a file and all files that it names, each file once.
 
     Raise InputErrors with the problems of all files.
     """
@@ -109,7 +109,7 @@ def _try_law(
 ) -> Iterator[str]:
     """Compile a controller, simulate one tick and yield warnings.
 
-    The vehicle and mission are those of the campaign, or shipped ones. Code in a results folder
+    The vehicle and mission are named by the campaign, or shipped. Code in a results folder
     that the user has not run before is skipped. Raise InputError if the tick fails.
     """
     location = law_place(controller)

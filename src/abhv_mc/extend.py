@@ -6,14 +6,17 @@ return identical bits in compiled code and in plain Python. ``docs/tutorials/own
 an introduction.
 
 ============================================= =====================================================
-``controller``, ``measurement_filter``,       decorators for the function of a file ``dynamics``,
-``channel`` ``Measured``, ``Reference``, ``Onboard``,     arguments of laws, with ``Moment`` and
-``Inertia`` ``Command``, ``Filtered``                     results of a law and of a filter
+``controller``, ``measurement_filter``,       decorators for the function of a file
+``dynamics``, ``channel``
+``Measured``, ``Reference``, ``Onboard``,     arguments of laws, with ``Moment`` and ``Inertia``
+``Command``, ``Filtered``                     results of a law and of a filter
 ``Coefficients``, ``Thrust``, ``Effect``,     results of aerodynamics, engine and custom dynamics
-``Sensed`` ``sqrt``, ``exp``, ``log``, ``power``         elementary functions of floats ``sin``,
-``cos``, ``sincos``, ``tan``,        trigonometric functions, in radians ``asin``, ``acos``,
-``atan2`` ``clamp``, ``larger``, ``smaller``, ``wrap``  limits, and angles in [-pi, pi] ``table``,
-``scattered``, ``allocate``        look-ups and control allocation
+``Sensed``
+``sqrt``, ``exp``, ``log``, ``power``         elementary functions of floats
+``sin``, ``cos``, ``sincos``, ``tan``,        trigonometric functions, in radians
+``asin``, ``acos``, ``atan2``
+``clamp``, ``larger``, ``smaller``, ``wrap``  limits, and angles in [-pi, pi]
+``table``, ``scattered``, ``allocate``        look-ups and control allocation
 ============================================= =====================================================
 
 Examples
@@ -246,7 +249,7 @@ def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[f
     onboard
         Nominal vehicle with the control derivatives of the moments.
     roll, pitch, yaw
-        Moment to add to that of the last command, N m.
+        Moment to add to the moment of the last command, N m.
 
     Returns
     -------

@@ -1,11 +1,10 @@
-"""Origin of results: hashes of the imported source and the compiler, commit, and machine.
+"""Origin of results: hash of the imported source and compilers, commit and machine.
 
 The hash covers every package except those that only present results (``_SHOWN``), and the packages
 that register executors, stores, control laws or blocks (:mod:`abhv_mc.entry_points`). A process
 whose source is edited still runs the old code: the hash is computed when this module is imported,
-and modules that are imported later are compared with it. Compiled code is cached by another,
-smaller hash (:mod:`abhv_mc.kernel.cache`), so that an edit of a table in ``execution`` does not
-recompile the kernels.
+and modules that are imported later are compared with it. Compiled code is cached by another
+hash (:mod:`abhv_mc.kernel.cache`).
 """
 
 import functools
@@ -35,7 +34,7 @@ class Flyer(NamedTuple):
     code: str  # result of code_hash()
     versions: str
     processor: str
-    features: str  # hash of the processor's features
+    features: str  # hash of the features of the processor
     host: str
     process: int
 
@@ -146,7 +145,7 @@ def find_versions() -> dict[str, str]:
 
 
 def find_compiler() -> str:
-    """Return which numba interface compiled the flight code: ``private`` or ``public``."""
+    """Return the numba interface that compiled the flight code, ``private`` or ``public``."""
     from abhv_mc.kernel.jit import compiler  # imported here because it loads numba
 
     return compiler()

@@ -22,7 +22,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.user_code.source import UserSource
 
-Recorded = Recording | int | None  # an int is the number of ticks between samples
+Recorded = Recording | int | None  # int: number of control ticks between samples
 
 
 class Plan(Protocol):
@@ -57,7 +57,7 @@ class StoredPlans(NamedTuple):
 
     root: Path  # folder with the input files of Simulator.pack
     # Convert the stored arrays of a system by a function, which raises KeyError, ValueError or
-    # TypeError for damaged arrays. Raises InputError.
+    # TypeError for damaged arrays. Raise InputError in that case.
     read: Callable[[str, Callable[[Arrays], Any]], Any]
     read_campaign: Callable[[], Any]  # return the campaign model, or raise InputError
 
@@ -87,7 +87,7 @@ class Engine:
     # Return the content of margins.json for a campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
     is_stability_compiled: Callable[[], bool] = lambda: True
-    checked: bool = False  # ``source`` is identity.code_hash() in each computing process
+    checked: bool = False  # ``source`` must equal identity.code_hash() in each worker
     isolation: str = "threads"  # meaning of "auto"; "processes" needs an importable ``fly``
     # End the processes started by the engine.
     close: Callable[[], None] | None = None
@@ -97,14 +97,14 @@ class Simulator(Protocol):
     """Source of a campaign's flights: a program that computes them, or a table of results."""
 
     kind: str  # noun for a compared system, such as 'controller'
-    systems: tuple[str, ...]  # names of systems; the first must meet the requirements
+    systems: tuple[str, ...]  # names; the first system must meet the requirements
     outcomes: Outcomes  # possible outcomes of flights
     channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities
     independent: bool | None  # declared independence; None: follows from the sampling
-    states_noise: bool  # Flights are declared to have noise besides their inputs.
+    states_noise: bool  # Flights are declared to have noise that is not an input.
     origin: str  # source of flights computed elsewhere; '' if ``fly`` computes them
-    method: str  # sentence on the method and its source for the page, or ''
+    method: str  # sentence for the page about the method and its source, or ''
 
     @property
     def engine(self) -> Engine:
@@ -132,7 +132,7 @@ class Simulator(Protocol):
         """Return the stored plans of the named systems. Raise InputError if they are invalid."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
-        """Return the plans with requested stability margins; empty if none are requested."""
+        """Return the plans with the requested stability margins, empty if none are requested."""
 
     def fit_plans(
         self, plans: Mapping[str, Any], names: Sequence[str], rows: Floats
@@ -165,7 +165,7 @@ class Simulator(Protocol):
         """Return warnings about events in a system's flights (:attr:`FlightBlock.events`)."""
 
     def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:
-        """Return undeclared files that flights have read since a time, s."""
+        """Return undeclared files that flights have read since the time ``since``, s."""
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         """Return sentences that explain how the flight with inputs ``row`` [1, input] ended."""
@@ -178,25 +178,25 @@ class Simulator(Protocol):
 
 
 class Executor(Protocol):
-    """Resource that computes blocks of flights: worker processes, this process or a cluster.
+    """Resource that computes blocks of flights, such as worker processes or a cluster.
 
     An executor must promise:
 
     - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's
-      ``Engine.fly`` computes it, or raises. Each process that computes signs its block with
+      ``Engine.fly`` computes it, or raises. Each process signs the blocks that it computes with
       :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is rejected by
       name; :func:`abhv_mc.execution.worker.compute` does both.
     - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one
-      block each. Blocks may finish in any order: no result depends on it.
+      block each. Blocks may finish in any order; no result depends on the order.
     - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise
       ``FlightLostError``. The run then computes the block again in smaller pieces, and records a
       flight that is lost alone as ``failed_to_run``. A lost worker is replaced by the executor.
-    - **Failure of the machine.** ``UnusableError`` if no flight can be computed at all: the run
+    - **Failure of the machine.** If no flight can be computed, ``UnusableError`` is raised: the run
       stops, and completed flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
     - **Interrupts.** :meth:`close` waits for no flight, leaves no process behind, and may be called
       while other threads are in :meth:`fly`, which then raises.
-    - **Memory.** A block belongs to the caller once it is returned; the run has at most two for
-      each worker.
+    - **Memory.** A returned block belongs to the caller; the run holds at most two blocks for each
+      worker.
 
     The run handles retries, checks and files.
     """
@@ -215,7 +215,6 @@ class Executor(Protocol):
 # Opens an executor for an engine and a limit on the time of 16 flights, s, or None.
 OpenExecutor = Callable[[Engine, float | None], Executor]
 # Connects to the scheduler at an address, or raises InputError, before any file is written.
-# The entry point group is ``abhv_mc.executors``; the name is the scheme of the address.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
@@ -226,24 +225,23 @@ class Store(Protocol):
     store must promise:
 
     - **Whole files.** A reader gets each file as it was written, or not at all. ``manifest.json``
-      names the SHA-256 of the others and is copied after them, so that a reader never misses a file
-      that it names.
-    - **One writer.** While one process is in :meth:`writing`, another one gets an InputError that
-      names the first, on any host. The claim of a process that died ends by itself, by the store's
+      lists the SHA-256 of the other files and is copied last, so that a reader never misses a
+      listed file.
+    - **One writer.** While one process is in :meth:`writing`, any other process, on any host, gets
+      an InputError that names the writer. The claim of a process that died expires, by the store's
       clock if it has one; but on a file system without ``flock`` the lease of another host must
       be removed by hand. A local folder is locked by the command that writes, not by the store.
       A process whose claim was taken over is interrupted and writes nothing more.
-    - **Nothing lost.** :meth:`writing` begins with the content of the store, so that a run resumes.
-      What is in the local folder when it ends, by an error or an interrupt too, is in the store, or
-      is kept in a local folder that ``StorageFullError`` names. During a run new files are copied
-      every few seconds.
+    - **No loss.** :meth:`writing` begins with the content of the store, so that a run resumes. When
+      it ends, even by an error or an interrupt, the content of the local folder is copied to the
+      store, or kept in a local folder that ``StorageFullError`` names. During a run new files are
+      copied every few seconds.
     - **Safety.** File names that point outside the folder are rejected. No content of a folder is
-    executed
-      or unpickled.
+      executed or unpickled.
 
     The package adds the following to each store: readers check every hash and name a damaged file;
-    flights are evidence and are never replaced by those of other code or inputs; all other files
-    (envelopes, histories, margins, pages) follow from them and are remade if they are missing.
+    flights are evidence and are never replaced by flights of other code or inputs; all other files
+    (envelopes, histories, margins, pages) follow from the flights and are remade if missing.
 
     A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``;
     the constructor takes an :class:`abhv_mc.io.address.Address`.

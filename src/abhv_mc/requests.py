@@ -24,12 +24,12 @@ Paths: TypeAlias = str | os.PathLike[str]
 
 
 class Option(NamedTuple):
-    """Description of one field of a request, such as a command-line option."""
+    """Description of one field of a request, for Python and the command line."""
 
     help: str
     kind: str  # kind of value in `abhv_mc.cli.request_options`; '' in Python only
     default: str | None = None  # description of the default, if the value needs one
-    low: Any = None  # smallest and largest number
+    low: Any = None  # smallest and largest allowed number
     high: Any = None
 
 
@@ -73,7 +73,9 @@ def _check_side(value: object, name: str, _option: Option) -> object:
     return value
 
 
-_CHECKS: dict[str, Callable[[Any, str, Option], Any]] = {  # checks by kind of option
+_CHECKS: dict[
+    str, Callable[[Any, str, Option], Any]
+] = {  # functions that check a value, by kind of option
     **dict.fromkeys(
         ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
     ),
@@ -92,7 +94,13 @@ Seed = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    Option("Number of parallel workers.", "count", "cores", low=1, high=MOST_WORKERS),
+    Option(
+        "Number of blocks of flights computed in parallel.",
+        "count",
+        "cores",
+        low=1,
+        high=MOST_WORKERS,
+    ),
 ]
 Scheduler = Annotated[
     str | None,
@@ -106,7 +114,7 @@ Fresh = Annotated[
 
 
 class CheckedRequest:
-    """Base of requests, whose values are converted and checked on construction."""
+    """Base class of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
         """Convert and check each value. Raise InputError with the field name if it is invalid."""

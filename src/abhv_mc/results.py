@@ -73,7 +73,7 @@ class Results:
 
     @property
     def complete(self) -> bool:
-        """True if all flights were run."""
+        """Whether all flights were run."""
         return self.manifest.complete
 
     @property
@@ -83,7 +83,7 @@ class Results:
 
     @cached_property
     def flights(self) -> "pd.DataFrame":
-        """Table with one row per flight and controller: outcome, dispersions, metrics."""
+        """Table with outcome, dispersions and metrics in one row per flight and controller."""
         table = self._read("flights")
         order = {name: i for i, name in enumerate(self.controllers)}
         return table.sort_values(
@@ -94,7 +94,7 @@ class Results:
 
     @cached_property
     def samples(self) -> "pd.DataFrame":
-        """Dispersed parameters of each flight in SI units."""
+        """Values of the dispersed parameters in each flight, in SI units."""
         return self._read("samples").set_index("flight")
 
     @cached_property
@@ -309,7 +309,7 @@ class Results:
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
-        """Return a figure of a failed flight, its causes alone, and the nominal flight."""
+        """Return a figure of a failed flight, a flight with only its causes, and the nominal."""
         from abhv_mc.report.pages.single_flights import make_explained_figure
 
         return _on_white(make_explained_figure(explanation), dpi)
@@ -428,7 +428,7 @@ class Results:
 
 
 def _on_white(figure: "Figure", dpi: float) -> "Figure":
-    """Give the figure a white background, so that its text is legible in dark notebooks."""
+    """Give a figure a white background, so that its text is legible in dark notebooks."""
     figure.set_dpi(dpi)
     figure.set_facecolor("white")
     return figure

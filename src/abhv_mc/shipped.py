@@ -36,7 +36,7 @@ def shipped_campaigns() -> Path:
 
 
 def shipped_files(kind: str) -> dict[str, Path]:
-    """Return the shipped files of a given kind, by name.
+    """Return the shipped files of one kind, by name.
 
     The kind is ``campaign``, ``vehicle``, ``mission`` or ``control``. Controllers made for one
     vehicle are in a folder with its name.
@@ -50,7 +50,7 @@ def shipped_files(kind: str) -> dict[str, Path]:
 
 
 def find_input(name: str | Path, *kinds: str) -> Path:
-    """Return the path ``name``, or the shipped file of that name; the first kind has priority.
+    """Return the path ``name``, or a shipped file of that name; earlier kinds come first.
 
     Folders are ignored, because a campaign's results may have the name of the shipped campaign.
     Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.

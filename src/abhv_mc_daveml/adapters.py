@@ -12,7 +12,7 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 
-# number in the units of the file, signal of the program, or open
+# number in units of the file, signal of the program, or no answer yet
 Answer = float | str | None
 
 _AIR = {
@@ -42,7 +42,7 @@ SOURCES: dict[str, dict[str, str]] = {
 _TERM = re.compile(
     r"\s*([+-]?)\s*(?:([0-9]+\.?[0-9]*|\.[0-9]+)\s*\*?\s*)?([A-Za-z_]\w*)\s*", re.ASCII
 )
-MEASURED = "_measured"  # suffix of commands that enable the measured value
+MEASURED = "_measured"  # suffix of commands that enable the use of the measured value
 FORCES = {"body": ("CX", "CY", "CZ"), "stability": ("CL", "CD", "CY")}
 MOMENTS = ("Cl", "Cm", "Cn")
 THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", "moment_z")
@@ -63,7 +63,7 @@ def find_questions(model: Model) -> list[Variable]:
 def parse_answer(
     model: Model, variable: Variable, answer: str, effectors: Collection[str]
 ) -> list[tuple[float, str]]:
-    """Parse a sum such as 'elevator + aileron' or '-0.5 rudder' to factors and names.
+    """Parse a sum such as 'elevator + aileron' or '-0.5 rudder' into factors and names.
 
     Raise Refusal if the answer is invalid.
     """
@@ -91,7 +91,7 @@ def _factor_of(model: Model, variable: Variable, name: str) -> float:
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor to the unit of a quantity. Raise InputError if incompatible."""
+    """Return the factor from a variable's unit to a quantity's. Raise InputError if invalid."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:
@@ -178,7 +178,7 @@ def write_coefficients(
     chord: float,
     effectors: Collection[str] = (),
 ) -> list[Line]:
-    """Return a coefficient function for section ``aerodynamics`` of a vehicle file."""
+    """Return a coefficient function for the section ``aerodynamics`` of a vehicle file."""
     frame = frame_of(model)
     called = _call(model, "aerodynamics", answers, effectors)
     about = f"Coefficients in {frame} axes about the moment reference of the file."
@@ -194,7 +194,7 @@ def write_coefficients(
 
 
 def frame_of(model: Model) -> str:
-    """Return the axes of the forces. Raise InputError if no set of axes is complete."""
+    """Return the axes of the forces. Raise InputError if no set of forces is complete."""
     outputs = find_signals(model.outputs)
     for frame, forces in FORCES.items():
         if any(name in outputs for name in forces if name != "CY"):
@@ -203,7 +203,7 @@ def frame_of(model: Model) -> str:
 
 
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
-    """Return a thrust function for section ``propulsion`` of a vehicle file."""
+    """Return a thrust function for the section ``propulsion`` of a vehicle file."""
     body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
     return define(
         "def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body

@@ -18,7 +18,7 @@ _GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
 def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     """Return a CSV table of density, or of pressure and temperature.
 
-    The table has pressure and temperature if the model has a pressure. Answers replace missing
+    The table has pressure and temperature if the model computes a pressure. Answers replace missing
     inputs. Raise InputError if the density is not positive below 80 km.
     """
     function, inputs = make_function(model), dict[str, tuple[float, float]]()

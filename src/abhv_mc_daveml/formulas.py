@@ -74,7 +74,7 @@ _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
 
 
 def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
-    """Return the Python expression of a MathML element and the variables (varID) used.
+    """Return the Python expression of a MathML element and the variables (varID) in it.
 
     Raise InputError for unknown elements, operators or variables.
     """
@@ -156,7 +156,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         return patterns[operator].format(*operands), is_truth
 
     def read(element: Node) -> tuple[str, bool]:
-        """Return the Python expression, and whether it is a truth value."""
+        """Return the Python expression, and whether its value is a truth value."""
         if element.name == "ci":
             if element.text not in names:
                 raise element.refuse(

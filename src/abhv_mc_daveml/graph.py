@@ -1,4 +1,4 @@
-"""DAVE-ML file as a graph: variables in computable order, functions and check shots."""
+"""DAVE-ML file as a graph: variables in order of computation, functions, check shots."""
 
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -20,14 +20,14 @@ class Uncertainty:
     """Uncertainty of a variable, described by two numbers if possible."""
 
     effect: str  # additive, multiplicative (relative), percentage or absolute
-    half_width: float | None  # None: from a table, other variables, or asymmetric bounds
+    half_width: float | None  # None if from a table, other variables or asymmetric bounds
     sigmas: float | None  # half-width in standard deviations; None: uniform
     correlations: tuple[tuple[str, float], ...]  # (varID, coefficient)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Variable: computed by a formula or look-up, an input, or with an initial value."""
+    """Variable: computed by a formula or look-up, an input, or given an initial value."""
 
     identifier: str  # varID of the variable
     key: str  # name in Python, equal to the identifier if possible
@@ -62,7 +62,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class CheckValue:
-    """Output of a check shot, or an internal value with a tolerance."""
+    """Expected output of a check shot, or expected internal value, with a tolerance."""
 
     identifier: str  # varID of the output
     value: float
@@ -75,14 +75,14 @@ class CheckShot:
     """Check shot: inputs with expected outputs."""
 
     name: str
-    inputs: dict[str, float]  # values by varID
+    inputs: dict[str, float]  # input values by varID
     outputs: tuple[CheckValue, ...]
     line: int
 
 
 @dataclass(frozen=True)
 class Model:
-    """Content of a DAVE-ML file: header, and variables in computable order."""
+    """Content of a DAVE-ML file: header, and variables in order of computation."""
 
     path: Path
     name: str
@@ -100,7 +100,7 @@ class Model:
 
     @property
     def outputs(self) -> list[Variable]:
-        """Variables marked as outputs or, without marks, those not used by other variables."""
+        """Variables marked as outputs or, without marks, variables that no other one uses."""
         everything = self.variables.values()
         needed = {name for variable in everything for name in variable.needs}
         left = [
@@ -284,7 +284,7 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
 
 
 def _conversion(signal: Node, variable: Variable) -> float:
-    """Return the factor from a signal's units to those of its variable."""
+    """Return the factor from the units of a signal to the units of its variable."""
     units = signal.words("signalUnits")
     if not units or units == variable.units:
         return 1.0

@@ -273,7 +273,7 @@ def _vehicle(
 
 
 def _limits(models: Sequence[Model]) -> list[str]:
-    """Return limits at the ends of the tables in angle of attack and sideslip."""
+    """Return flight limits at the ends of the tables in angle of attack and sideslip."""
     ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
     for model in models:
         for look_up in (

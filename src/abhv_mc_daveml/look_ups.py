@@ -25,7 +25,7 @@ class Argument:
     variable: str  # varID of the variable
     low: float | None  # bounds to which the variable is clamped
     high: float | None
-    extrapolate: str  # end with extrapolation: neither, min, max or both
+    extrapolate: str  # ends at which values are extrapolated: neither, min, max or both
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
                 f"the function '{name}' has no dependent variable", "dependentVarRef with its varID"
             )
         arguments = tuple(map(_read_argument, node.all("independentVarRef", "independentVarPts")))
-        if dependent.name == "dependentVarPts":  # The function contains its points itself.
+        if dependent.name == "dependentVarPts":  # The function element itself contains the points.
             parts = node.all("independentVarPts")
             axes = tuple(
                 (axis_node.attributes.get("varID", ""), _rising(axis_node, axis_node))

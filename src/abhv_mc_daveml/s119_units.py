@@ -36,7 +36,7 @@ def parse_s119_unit(text: str) -> tuple[float, Exponents]:
 
 
 def _words(text: str, unit: str) -> str:
-    """Split a unit into symbols with powers, for :func:`abhv_mc.io.units.parse_unit`."""
+    """Split a unit into symbols with exponents, for :func:`abhv_mc.io.units.parse_unit`."""
     symbols, position = [], 0
     while position < len(text):
         match = _TOKEN.match(text, position) or _ANY_CASE.match(text, position)

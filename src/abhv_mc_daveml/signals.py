@@ -1,4 +1,4 @@
-"""S-119 signals of a vehicle: names with synonyms, signs and units."""
+"""S-119 signals of a vehicle: names and their synonyms, signs and units."""
 
 import re
 from collections.abc import Iterable
@@ -155,7 +155,7 @@ def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
 
 
 def kinds_of(model: Model) -> tuple[str, ...]:
-    """Return the kinds of a file by its outputs.
+    """Return the kinds of a model, which follow from its outputs.
 
     The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if there is no other.
     """

@@ -1,4 +1,4 @@
-"""Python source text of a model with tables, constants and a function; check shots.
+"""Python source text of a model: tables, constants and a function; check-shot runs.
 
 Statements consist of text of this module, identifiers and numbers. Text of the file is written only
 to comments and docstrings, folded so that it cannot end them.
@@ -102,7 +102,7 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 
 
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
-    """Return an argument, clamped if the range of the function is narrower than the table."""
+    """Return an argument, clamped if the function has a narrower range than the table."""
     argument = look_up.arguments[axis]
     ends = (
         look_up.coordinates(axis)[[0, -1]]

@@ -1,1 +1,1 @@
-"""Interactive view of up to a million flights in the browser, counted by DuckDB."""
+"""Interactive browser view of up to a million flights, which DuckDB counts."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
 MOST_POINTS = 4000  # maximum number of single points; more are counted in cells
-_ROWS = 10_000  # rows fetched at a time
+_ROWS = 10_000  # number of rows fetched at a time
 _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
@@ -47,15 +47,15 @@ class Selection:
     y: str
     controllers: tuple[str, ...]
     outcome: str
-    brushes: dict[str, tuple[float, float]]  # column -> inclusive range
+    brushes: dict[str, tuple[float, float]]  # column -> inclusive range of values
     fit: bool = False  # fit the axes to the selected flights
     sort: str = "rank"  # sort key of the list
-    down: bool = False  # descending order
+    down: bool = False  # whether the order is descending
 
 
 @dataclass(frozen=True)
 class FlightTable:
-    """Database of flights in memory, with a description of the view."""
+    """In-memory database of flights, with a description of the view."""
 
     connection: "DuckDBPyConnection"
     ranges: Mapping[str, tuple[float, float]]  # column -> range of the axis
@@ -88,7 +88,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
         enum_names = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
         connection.execute(
             f"create type controllers as enum ({enum_names})"
-        )  # Enumerations are three times as fast as text.
+        )  # Queries of enumerations are three times as fast as queries of text.
         connection.execute(
             "create table shown as select controller::controllers as controller, flight, "
             "replace(outcome::varchar, '_', ' ') as outcome, ranks.* exclude (controller, flight), "
@@ -260,7 +260,7 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
 
 
 def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], Iterator[list[Any]]]:
-    """Return headings with units, and the rows of the selected flights in order."""
+    """Return headings with units, and rows of the selected flights in the list's order."""
     where, values = _condition(table, selection)
     columns = table.view["columns"]
     named = ", ".join(_finite(column["name"]) for column in columns)
@@ -325,7 +325,7 @@ def _finite(name: str) -> str:
 
 
 def _ends(name: str) -> str:
-    """Return the SQL of the smallest and largest finite values of a column, or 0."""
+    """Return SQL for the smallest and largest finite values of a column, or 0."""
     return f"coalesce(min({_finite(name)}), 0), coalesce(max({_finite(name)}), 0)"
 
 

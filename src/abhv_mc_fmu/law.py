@@ -298,9 +298,9 @@ def open_fmu(
     _: int,
     effectors: tuple[str, ...],
 ) -> OpenLaw:
-    """Open the law for ``width`` lanes, with instances for ``flights`` flights.
+    """Open the law for ``width`` lanes, with an instance for each of ``flights`` flights.
 
-    ``effectors`` are those of the vehicle. With ``memory`` the rows of the lanes store the declared
+    ``effectors`` are the vehicle's effectors. With ``memory``, the lanes' rows store the declared
     states of the FMU, like the memory of a compiled law, and an instance is reset and receives the
     states at each tick. Raise InputError if the FMU or the assignment is unsuitable.
     """

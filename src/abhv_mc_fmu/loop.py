@@ -35,11 +35,11 @@ class Wire(NamedTuple):
     reference: int
     factor: float
     offset: float
-    kind: str = FLOAT  # FMI 3.0 type; Boolean with the number of bytes
+    kind: str = FLOAT  # FMI 3.0 type; for Boolean, with its number of bytes
 
 
 def _ends(kind: str) -> tuple[float, float]:
-    """Return the range of an integer type, within that of a signed 64-bit integer."""
+    """Return the range of an integer type, within the range of signed 64-bit integers."""
     signed, bits = _INTEGERS[kind]
     if bits == 64:
         return (-(2.0**63) if signed else 0.0), 2.0**63 - 1024.0

@@ -55,7 +55,7 @@ _LEFT_OUT = {
 
 @dataclass
 class Setting:
-    """Constant for a property that abhv-mc does not model, and the functions that use it."""
+    """Constant for a property that abhv-mc does not model, with the functions that use it."""
 
     key: str
     value: float
@@ -63,7 +63,7 @@ class Setting:
 
 
 class Aerodynamics:
-    """Functions of a model in order of dependence."""
+    """Aerodynamic functions of a model, in order of dependence."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class Aerodynamics:
     ) -> None:
         """Read the functions of the element ``node``.
 
-        ``metrics``, ``values`` and full deflections (rad) are given by property; ``reserved`` lists
+        ``metrics``, ``values`` and full deflections (rad) are by property; ``reserved`` lists
         names that the generated module must not define.
         """
         self.settings: dict[str, Setting] = {}  # settings by property
@@ -87,7 +87,7 @@ class Aerodynamics:
         self._functions: dict[str, tuple[Node, str | None]] = {}  # property -> (function, axis)
         self._done: dict[str, str] = {}  # property -> expression
         self._pending: list[str] = []
-        self._terms: dict[str, list[str]] = {}  # axis -> names of coefficients
+        self._terms: dict[str, list[str]] = {}  # axis -> names of the coefficients that are added
         axes = {}
         for child in node.children:
             if child.name in _LEFT_OUT:

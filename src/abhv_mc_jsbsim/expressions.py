@@ -50,7 +50,7 @@ Resolve = Callable[[str, Node], str]
 
 
 def operand_of(function: Node) -> Node:
-    """Return the element that defines a function. Raise InputError unless there is one."""
+    """Return the element that defines a function. Raise InputError unless exactly one does."""
     operands = [child for child in function.children if child.name not in _WORDS]
     if len(operands) != 1:
         raise function.refuse(f"the function has {len(operands)} elements", "one element")
@@ -100,7 +100,7 @@ class Expressions:
             ) from None
 
     def value(self, node: Node, name: str) -> str:
-        """Return the expression of an element, possibly with superfluous brackets."""
+        """Return the expression of an element; it may have superfluous brackets."""
         kind = node.name
         if kind in _PROPERTY:
             sign, property_name = property_of(node)
@@ -143,7 +143,7 @@ class Expressions:
             value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        is_integer = abs(value) <= 64 and value == int(value)  # A negative base is allowed.
+        is_integer = abs(value) <= 64 and value == int(value)  # The base may be negative.
         return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
 
     def _table(self, node: Node, name: str) -> str:

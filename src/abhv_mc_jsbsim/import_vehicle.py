@@ -34,7 +34,7 @@ from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_b
 from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG, SPAN, SQUARE_FOOT
 
 _MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
-_LIMIT = 30.0  # assumed deflection limit, deg; limits in the model are not read
+_LIMIT = 30.0  # assumed deflection limit, deg; the limits in the model are not read
 _ANGLES = (-20.0, 45.0)  # widest range of angles of attack, deg
 _LOW_SPEED = {
     "altitude": 0.0,
@@ -147,7 +147,7 @@ def _read_metrics(metrics: Node) -> dict[str, float]:
 
 
 def _full_deflections(root: Node) -> dict[str, float]:
-    """Return full deflections (rad) by output property of the flight control components."""
+    """Return full deflections (rad) by output property of flight-control components."""
     deflections = {"": math.radians(_LIMIT)}
     pending = list(root.all("flight_control"))
     while pending:
@@ -233,7 +233,7 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
         try:
             coefficients = function(air, controls, rates, settings)
-        except (ArithmeticError, ValueError):  # such as a division by an angle of 0
+        except (ArithmeticError, ValueError):  # for example from a division by an angle of 0
             return _ANGLES
         lift.append(
             coefficients.CL + coefficients.CX * np.sin(angle) - coefficients.CZ * np.cos(angle)

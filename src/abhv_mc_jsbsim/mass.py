@@ -1,4 +1,4 @@
-"""Mass of a JSBSim model: empty vehicle, point masses and contents of tanks."""
+"""Mass of a JSBSim model: empty vehicle, point masses and contents of the tanks."""
 
 from dataclasses import dataclass
 

@@ -10,7 +10,7 @@ FOOT, INCH, POUND, SLUG = (
     14.593902937206364,
 )  # conversion factors to m, m, kg and kg
 SQUARE_FOOT = FOOT**2
-CONSTANTS = {  # constants, defined in a generated module if used
+CONSTANTS = {  # constants that a generated module defines if it uses them
     "DEGREE": (3.141592653589793 / 180.0, "rad"),
     "FOOT": (FOOT, "m"),
     "PSF": (47.88025898033584, "Pa"),

@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray]
 
-_LIMIT = 600.0  # time limit of one flight, or of 16 in a batch, s
-_CONNECT = 10.0  # time to connect to the scheduler, s
-_PER_THREAD = 2  # submitted blocks per thread, so that threads need not wait
+_LIMIT = 600.0  # time limit for one flight, or for 16 flights of a batch, s
+_CONNECT = 10.0  # time limit for connecting to the scheduler, s
+_PER_THREAD = 2  # blocks submitted per worker thread, so that threads need not wait
 _MOST_PLANS = 32  # maximum number of plans stored on the cluster
 _FEWEST = 16  # minimum number of submitted blocks, for workers that join later
 _COMPILING = "abhv-mc-compiling"  # topic of events sent by workers
@@ -103,7 +103,7 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Tell the launching command that this worker compiles, unless another worker does."""
+    """Report to the launching command that this worker compiles, unless another one does."""
     from distributed import get_worker
 
     with suppress(ValueError):  # The thread may not belong to a worker.
@@ -238,7 +238,7 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
         raise InputError("--scheduler", "Dask is not installed", expected) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
-    except Exception as error:  # Another program at this address may send any answer.
+    except Exception as error:  # Another program at this address may send any reply.
         reason = (str(error) or type(error).__name__).splitlines()[0]
         problem = f"no scheduler at '{address}' ({reason})"
         raise InputError("--scheduler", problem, "an address such as tcp://host:8786") from None

@@ -1,4 +1,4 @@
-"""Objects in a folder of object storage, and the lease of its writer.
+"""Objects in a folder of object storage, and the lease of the process that writes.
 
 An object store (accessed by pyarrow.fs) has neither locks nor renames, but objects appear complete
 and with the time of the store. One object, the lease, therefore names the writing process, which
@@ -23,11 +23,11 @@ from pyarrow import fs as pyarrow_fs
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 
-_PATIENCE = 20.0  # time limit for replies of Google's stores, s
+_PATIENCE = 20.0  # time limit for replies of Google Cloud Storage, s
 _OBJECT_STORES = ("s3", "gcs", "abfs")
 LEASE_NAME = ".lock"
 LEASE = 60.0  # time after which a lease expires unless renewed, s
-RENEWAL = 15.0  # interval between renewals in a thread, s
+RENEWAL = 15.0  # interval between renewals of a lease, s
 _SETTLE = 1.0  # time until all readers of a store see the same content, s
 
 
@@ -77,7 +77,7 @@ def open_objects(address: Address) -> Objects:
     """Return the folder at an address. Raise InputError if the address is invalid."""
     uri = address.uri()
     if uri.startswith(("gs:", "gcs:")) and "retry_limit_seconds=" not in uri:
-        # The default of the library is 900 s.
+        # The default limit of the library is 900 s.
         uri += f"{'&' if '?' in uri else '?'}retry_limit_seconds={_PATIENCE:g}"
     try:
         system, base = pyarrow_fs.FileSystem.from_uri(uri)

@@ -126,7 +126,7 @@ class ObjectStore:
     def reading(self, pattern: str = "*") -> Iterator[Path]:
         """Yield a temporary copy of the files whose names match ``pattern``."""
         with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-            copy = Path(folder) / "copy"  # The temporary folder contains only this copy.
+            copy = Path(folder) / "copy"  # The temporary folder contains nothing else.
             with _explain_store_error(self._objects.address):
                 Remote(self._objects, copy).pull(pattern)
             yield copy

@@ -1,1 +1,1 @@
-"""Tuning of controller parameters, validated against the initial values on new flights."""
+"""Tuning of controller parameters, with validation against the initial values."""

@@ -1,4 +1,4 @@
-"""Candidates of a tuning: plans of a controller with changed parameters."""
+"""Candidates in a tuning: plans of a controller with changed parameters."""
 
 import os
 import re
@@ -54,7 +54,7 @@ class ControllerNumbers:
         }
 
     def at_ends(self, point: Floats) -> list[str]:
-        """Return the keys of free parameters that are at an end of their range."""
+        """Return the keys of the free parameters that are at an end of their range."""
         return [
             entry.key
             for entry, x in zip(self.free, point.tolist(), strict=True)
@@ -83,8 +83,8 @@ def read_controller_numbers(
 ) -> ControllerNumbers:
     """Read a controller file and find the free parameters.
 
-    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError at an entry of
-    the block whose parameter the file does not have.
+    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError, at the entry of
+    the block, for a parameter that the file does not have.
     """
     read_controller(path)
     document = read_document(path)
@@ -128,7 +128,7 @@ def _numbers(data: Any, prefix: str = "") -> Any:
 
 
 def _scaled(entry: Any, factor: float) -> str | float:
-    """Return an entry multiplied by a factor, with six digits and its unit."""
+    """Return an entry multiplied by a factor, with its unit and six digits."""
     match: Any = _NUMBER.match(str(entry))
     number, unit = match.groups()
     value = f"{float(number) * factor:.6g}"

@@ -19,7 +19,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator
 
 _STALE = 15  # generations without improvement before a restart at the best candidate
-_SMALL = 0.3  # step after a restart, as a fraction of the initial step
+_SMALL = 0.3  # step after a restart, relative to the initial step
 
 
 class Scores(NamedTuple):

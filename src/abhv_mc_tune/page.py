@@ -1,4 +1,4 @@
-"""Page of a tuned controller: improvement on new flights, Pareto front and parameters."""
+"""Page about a tuned controller: improvement on new flights, Pareto front, parameters."""
 
 from collections.abc import Iterator
 
@@ -94,7 +94,7 @@ def plot_front(
 
 
 def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
-    """Return sentences on the improvement, its limits and its validity."""
+    """Return sentences about the improvement, the limits and the validity of the result."""
     gain, block, main = result.difference, result.block, result.comparisons[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
@@ -136,7 +136,7 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
 
 
 def _comparisons(result: TuneFound) -> Table:
-    """Return the table of the start, result and limit of each metric and margin."""
+    """Return the table of start, result and limit of each metric and margin."""
     rows = []
     for item in result.comparisons:
         limit, is_met = "", ""

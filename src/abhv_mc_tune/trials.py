@@ -26,7 +26,7 @@ from abhv_mc.vehicle_simulator.corner_margins import make_corners
 from abhv_mc_tune.candidates import Candidate, Candidates, Time
 from abhv_mc_tune.constrained_search import Scores
 
-_BLOCK = 128  # flights per call
+_BLOCK = 128  # number of flights per call
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def severities_of(trial: Trial, metric: Metric) -> Floats:
 
 
 def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
-    """Return a quantile of a metric over the flights, counted from the better side.
+    """Return a quantile of a metric over the flights, ordered from best to worst.
 
     Lost flights count as the worst value.
     """

@@ -61,7 +61,7 @@ class Comparison:
     limit: float | None = None
     keeps: bool = True  # whether the result meets the limit
     floor: bool = False  # whether the limit is a lower bound
-    band: Bounds | None = None  # two limits; values are then distances outside
+    band: Bounds | None = None  # both limits, if values are distances outside them
 
     @property
     def label(self) -> str:
@@ -81,7 +81,7 @@ class TuneFound:
     block: Tune
     numbers: ControllerNumbers
     tuning: Tuning
-    validation: Interval  # result minus start of the objective; negative is better
+    validation: Interval  # objective of the result minus objective of the start; negative is better
     comparisons: tuple[Comparison, ...]  # objective, limits, control effort, nominal margins
     metrics: Mapping[str, Metric]
 
@@ -92,7 +92,7 @@ class TuneFound:
 
     @property
     def difference(self) -> Interval:
-        """Quantile of the result minus quantile of the start, in the unit of the metric."""
+        """Quantile for the result minus quantile for the start, in the metric's unit."""
         return self.validation.in_sense(self.objective.bad)
 
     @property

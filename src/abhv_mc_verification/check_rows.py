@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Row:
-    """Largest difference of one quantity in one case."""
+    """Largest difference of one quantity in one check-case."""
 
     case: str
     simulator: str  # simulator used as the reference
@@ -23,7 +23,7 @@ class Row:
 
     @property
     def judged(self) -> bool:
-        """True if there is a tolerance."""
+        """Whether there is a tolerance."""
         return math.isfinite(self.tolerance)
 
 

@@ -91,7 +91,7 @@ def make_start(
 def make_replay_plan(
     vehicle: Vehicle, earth: Earth, start: Floats, controls: Floats, timing: Timing
 ) -> FlightPlan:
-    """Return a plan with prescribed controls, without controller or limits.
+    """Return a plan with prescribed controls, without a controller or limits.
 
     `controls` [tick, 4] are the surfaces (rad) and the equivalence ratio, linear between ticks.
     """
@@ -163,5 +163,5 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
 
 
 def wrap_degrees(differences: Floats) -> Floats:
-    """Return differences of angles wrapped to +-180 deg."""
+    """Return differences between angles, wrapped to +-180 deg."""
     return np.remainder(differences + 180.0, 360.0) - 180.0

@@ -1,4 +1,4 @@
-"""Replay of the surfaces and throttle of a CADAC++ GHAME6 flight (Zipfel).
+"""Replay of the surface deflections and throttle of a CADAC++ GHAME6 flight (Zipfel).
 
 Frames: I is inertial; E rotates with the Earth (x through the equator at longitude 0, z through the
 north pole) and coincides with I at time 0; N is local north, east, down.
@@ -33,7 +33,7 @@ from abhv_mc_verification.fly_recording import (
 )
 
 # Earth of CADAC++: flattening, and J2 from the normalised C20. The meridional part of the J2
-# acceleration in its output has the wrong sign.
+# acceleration in the output of CADAC++ has the wrong sign.
 CADAC_EARTH = Earth(
     6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0
 )
@@ -51,7 +51,7 @@ RATES = [f"wbib{i}" for i in (1, 2, 3)]  # inertial body rates, rad/s
 CONTROLS = ["delax", "delrx", "delex", "throttle"]  # units deg, deg, deg, -
 COMPARED = ["alt", "dvbe", "thtvdx", "alphax", "betax"]
 
-# Differences of an independent replay (DOP853, rtol 1e-10); tolerances are three times as large.
+# Differences in an independent replay (DOP853, rtol 1e-10); the tolerances are three times these.
 _REPLAYED = {
     "altitude": ("m", 0.03),
     "speed": ("m/s", 0.0009),

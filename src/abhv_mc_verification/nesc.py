@@ -36,8 +36,8 @@ STEP = 0.01  # default integration step of abhv-mc, s
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
 # tolerance of F-16 cases relative to the largest difference of two simulators
 _NEEDED = 1.25
-_LIKE = 6  # case of a simple body whose tolerances are added
-_LONGEST = 3600.0  # maximum duration, s
+_LIKE = 6  # simple-body case whose tolerances are added
+_LONGEST = 3600.0  # maximum duration of a case, s
 
 VELOCITY = [f"feVelocity_ft_s_{axis}" for axis in "XYZ"]  # velocity north, east and down
 EULER = [f"eulerAngle_deg_{angle}" for angle in ("Yaw", "Pitch", "Roll")]
@@ -46,7 +46,7 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Return files by (case, simulator). Raise InputError if there are none."""
+    """Return the files in a folder by (case, simulator). Raise InputError without files."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of check-cases")
     files: dict[tuple[str, str], Path] = {}
@@ -166,7 +166,7 @@ _QUANTITIES = (
     ("euler_angles", "deg"),
     ("body_rates", "deg/s"),
 )
-_ANGLES = ("longitude", "euler_angles")  # angles that wrap around
+_ANGLES = ("longitude", "euler_angles")  # quantities that are angles and wrap around
 
 
 def _differences(first: list[Floats], second: list[Floats]) -> list[Floats]:

@@ -1,4 +1,4 @@
-"""Ten atmospheric check-cases of NASA/TM-2015-218675, with differences of simulators."""
+"""Ten atmospheric check-cases of NASA/TM-2015-218675, with the simulators' differences."""
 
 import math
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ class CheckCase:
 
     title: str
     earth: Earth = ELLIPSOID
-    vehicle: str = "sphere"  # file in configs/vehicle/nesc
+    vehicle: str = "sphere"  # name of a file in configs/vehicle/nesc
     rates: tuple[float, float, float] = _AT_REST  # inertial body rates
     altitude: float = _DROP
     velocity_ned: tuple[float, float, float] = _AT_REST
@@ -68,7 +68,7 @@ CASES: dict[int, CheckCase] = {
 
 
 def tolerances(case: int) -> tuple[float, ...]:
-    """Return the tolerances of a case: differences of the published simulators.
+    """Return the tolerances of a case: differences between the published simulators.
 
     Units are ft for altitude, ft/s for velocity, deg for angles and deg/s for rates.
     """

@@ -37,7 +37,7 @@ _FULL_STICK = math.radians(-25.0)  # elevator at full aft stick, rad
 
 
 class Step(StrictModel):
-    """Step of a command at a given time."""
+    """Step of a command at a specified time."""
 
     at: Time
     by: str | float
@@ -51,7 +51,7 @@ class AircraftCase(StrictModel):
     latitude: Angle
     longitude: Angle
     law: str
-    engaged: bool  # whether the control law is engaged in the trim
+    engaged: bool  # whether the control law is engaged in trim
     commands: dict[str, float] = {}
     steps: dict[str, Step] = {}
 
@@ -93,7 +93,7 @@ def heading_of(case: AircraftCase) -> float:
 
 
 def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
-    """Return the trimmed initial state, without axial, normal and pitch acceleration."""
+    """Return the trimmed initial state, with zero axial, normal and pitch acceleration."""
     from scipy.optimize import root
 
     north, east = case.velocity
@@ -133,9 +133,9 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
 def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     """Return the commands: initial course and airspeed, and the steps of the case.
 
-    Stick and throttle are solved with the autopilot off, as its notes require. In cases 13 they
-    also compensate for the difference between the design point of the autopilot and this trim,
-    because in the published flights the elevator does not move at the start.
+    The stick and throttle commands are solved for with the autopilot off, as its notes require. In
+    cases 13 they also compensate for the difference between the autopilot's design point and this
+    trim, because in the published flights the elevator does not move at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])

@@ -1,7 +1,4 @@
-"""Commands, which parse arguments, call the library and print results.
-
-Modules that load slowly are imported inside the functions of the commands.
-"""
+"""Commands, which parse arguments, call the library and print results."""
 
 import os
 import sys

@@ -16,7 +16,7 @@ from abhv_mc.entry_points import COMMANDS, find_entry_points
 
 
 class Commands(MutableMapping[str, Any]):
-    """Commands of a group, including commands that packages add."""
+    """Commands of one group, including commands that packages add."""
 
     def __init__(
         self,

@@ -89,7 +89,7 @@ _EXAMPLES = {  # examples printed after the options
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
-_PANELS: dict[str, tuple[Any, ...]] = {  # Commands of packages are given by name.
+_PANELS: dict[str, tuple[Any, ...]] = {  # Commands of packages are listed by name.
     "First day": (
         *(starting.new, starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),

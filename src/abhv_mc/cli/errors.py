@@ -29,7 +29,7 @@ _TYPER_INTERRUPTED = 130
 def exit_code_of(error: BaseException) -> int | str | None:
     """Print an error to standard error and return the exit code."""
     if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
-        return ExitCode.INCOMPLETE  # The reader of the output has ended; typer would exit with 1.
+        return ExitCode.INCOMPLETE  # The process reading the output has ended; typer would exit 1.
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
     if isinstance(error, OSError):
@@ -37,7 +37,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
     code, message = ExitCode.INCOMPLETE, str(error)
     is_interrupt = isinstance(error, (SystemExit, KeyboardInterrupt))
     if is_interrupt or message == "Query interrupted":  # DuckDB raises this message.
-        # After an interrupt in exec(), Python would exit by the signal; eval() clears that state.
+        # After an interrupt in exec(), Python would end itself with SIGINT; eval() prevents this.
         eval("0")  # noqa: S307
         message = "interrupted: completed flights are kept; run the same command to resume"
     elif isinstance(error, MemoryError):
@@ -76,9 +76,7 @@ def open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(
-                os.devnull, os.O_RDWR
-            )  # opens the lowest free number, that of the closed stream
+            os.open(os.devnull, os.O_RDWR)  # uses the lowest free number, which the stream had
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):

@@ -1,4 +1,4 @@
-"""Commands ``margins`` and ``linearize`` for stability margins and linear models."""
+"""Commands ``margins`` and ``linearize``: stability margins and linear models."""
 
 from itertools import product
 from pathlib import Path
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from abhv_mc.one_flight.linear_models import Place
     from abhv_mc.stability.analysis import Stability, Time
 
-_LISTED = 6  # number of dispersions printed for a smallest margin
+_LISTED = 6  # number of dispersions printed with each smallest margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
     ("gain_margin_high_db", "gain up\ndB", 2),
@@ -181,7 +181,7 @@ MOST_TIMES = 10_000  # maximum number of times of the option --at
 def _read_times(text: str) -> "list[Time]":
     """Return the operating points of the option --at: times, s, or "trim".
 
-    Times may be given as first:last:step. Raise InputError if the option is invalid.
+    Times may have the form first:last:step. Raise InputError if the option is invalid.
     """
     from abhv_mc.io.units import TIME
 
@@ -207,7 +207,7 @@ def _take(
 ) -> "Place":
     """Return an operating point of the nominal flight, and print its warnings.
 
-    The bank angle applies only to the trim; at a time of the flight it follows from the flight.
+    The bank angle applies only to the trim; at a time of the flight, the flight determines it.
     """
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point

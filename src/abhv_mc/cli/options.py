@@ -14,7 +14,7 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
 def _of_kinds(*kinds: str) -> dict[str, Any]:
-    """Return the parser, completion and help of an argument for input files of given kinds.
+    """Return the parser, completion and help of an argument for input files of some kinds.
 
     Shells complete the names of shipped files and paths.
     """

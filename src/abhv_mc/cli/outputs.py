@@ -29,7 +29,7 @@ def output_file(path: Path | None) -> Path | None:
     """Return the path of an output file. Raise InputError if it cannot be written."""
     if path is None:
         return None
-    # Writing by root to /dev/null would replace the device.
+    # Writing as root to /dev/null would replace the device.
     if path.exists() and not path.is_file():
         raise InputError(path, "the path is a folder or a device", "the name of a file")
     return _check(path, path.absolute().parent)
@@ -60,7 +60,7 @@ def output_folder(path: Path | None) -> Path | None:
 
 
 def campaign_folder(path: Path | None) -> Path | None:
-    """Return the path of a new or existing results folder. Raise InputError if unusable."""
+    """Return the path of a new or existing results folder. Raise InputError if invalid."""
     return None if path is None else _check_folder(path, campaign=True)
 
 

@@ -41,7 +41,7 @@ _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 def say(*values: Any, sep: str = " ", folds: bool = True, **options: Any) -> None:
     """Print text like the built-in ``print``, with control characters escaped.
 
-    On a terminal verdicts are coloured and long sentences wrapped.
+    On a terminal, verdicts are coloured and long sentences are wrapped.
     """
     text, file = printable(sep.join(map(str, values))), options.get("file") or sys.stdout
     if file is not None and file.isatty():
@@ -91,7 +91,7 @@ def show_result(result: Any, file: Path | None, print_text: Callable[[], None]) 
 def new_table(
     left: Iterable[str], right: Iterable[str], title: str | None = None, **options: Any
 ) -> "Table":
-    """Return an empty table with the headings of text columns and number columns.
+    """Return an empty table with headings for text columns and number columns.
 
     ``options`` are options of ``rich.table.Table``.
     """
@@ -118,7 +118,7 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     from rich.console import Console
     from rich.measure import Measurement
 
-    if table.title:  # rich would wrap it to the width of the columns
+    if table.title:  # rich would wrap the title to the width of the columns
         say(table.title, **options)
         table.title = None
     console = Console()
@@ -149,7 +149,7 @@ def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
     """Return the lines of a table whose first column is printed above the others.
 
     The other columns are split into pieces that fit; each piece repeats the first ``keys``
-    columns. An empty list if the first column is short, or a row would not fit on a line.
+    columns. The list is empty if the first column is short or a row would not fit on a line.
     """
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
     longest = max(map(len, columns[0]), default=0) if columns else 0
@@ -233,7 +233,7 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
 
 
 def print_section_table(table: "SectionTable") -> None:
-    """Print a table of a section without columns of commands, which are too wide."""
+    """Print a table of a section without its columns of commands, which are too wide."""
     rows = table.plain_rows()
     visible = [
         k
@@ -249,7 +249,7 @@ def print_section_table(table: "SectionTable") -> None:
             if any(cell.columns > 1 for cell in cells):
                 notes.append(": ".join(dict.fromkeys(row)))
                 continue
-            # A cell that spans several rows is printed in the first row.
+            # A cell that spans several rows is printed only in the first row.
             spans = [cell.rows for cell in group[0]]
             spans += [1] * (len(table.heads) - len(spans))
             printed_table.add_row(

@@ -1,4 +1,4 @@
-"""Command ``verify``, which checks a results folder; packages add validation checks."""
+"""Command ``verify``, which checks a results folder; packages add further checks."""
 
 import typer
 

@@ -254,7 +254,7 @@ def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -
 
 
 def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict[str, object]]:
-    """Return each row as a dictionary. Raise InputError if columns share a name."""
+    """Return each row as a dictionary. Raise InputError if two columns share a name."""
     repeated = sorted({name for name in columns if columns.count(name) > 1})
     if repeated:
         problem = f"several columns named {', '.join(repeated)}"

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from abhv_mc.report.numbers.whatif import Whatif
 
 _REPORTS = Path("reports")
-_TEXT_WIDTH = 100  # columns of sentences
+_TEXT_WIDTH = 100  # width of sentences, columns
 
 
 def report(
@@ -54,7 +54,7 @@ def report(
         output(output_folder, "DIR", "Folder for the report.", "DIR; reports/NAME for an address"),
     ] = None,
     baseline: Baseline = None,
-    svg: Annotated[bool, typer.Option("--svg", help="Write the figures also as SVG.")] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="Also write the figures as SVG.")] = False,
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Write report.pdf (A4); requires Chromium.")
     ] = False,
@@ -122,7 +122,7 @@ def show(
     """Print the sentences and tables of a report topic, or its numbers with --json.
 
     Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes,
-    margins, simulator, convergence, provenance, and those of installed packages.
+    margins, simulator, convergence, provenance, and topics of installed packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.json_data import json_data
@@ -243,7 +243,7 @@ def place(
 ) -> None:
     """Compare test flights with a campaign, to check whether the dispersed model covers them.
 
-    Prints the rank of each metric among the simulated flights, the joint p-value of all metrics,
+    Print the rank of each metric among the simulated flights, the joint p-value of all metrics,
     and where a history first leaves the simultaneous 95 % band. For several test flights a joint
     test is also printed.
     """

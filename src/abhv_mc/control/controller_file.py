@@ -37,9 +37,11 @@ Inputs = TypeVar("Inputs", bound=StrictModel)
 class TimePoint(StrictModel):
     """Bandwidth at a time of the flight."""
 
-    time: Annotated[Time, Field(ge=0.0)] = Field(description="time since the start of the flight")
+    time: Annotated[Time, Field(ge=0.0)] = Field(
+        description="time of the point since the start of the flight"
+    )
     bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency at that time"
+        description="natural frequency of the closed loop at that time"
     )
 
 
@@ -47,10 +49,10 @@ class PressurePoint(StrictModel):
     """Bandwidth at a dynamic pressure of the reference."""
 
     dynamic_pressure: Annotated[Pressure, Positive] = Field(
-        description="dynamic pressure of the reference"
+        description="dynamic pressure on the reference trajectory"
     )
     bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency at that dynamic pressure"
+        description="natural frequency of the closed loop at that dynamic pressure"
     )
 
 
@@ -110,35 +112,35 @@ class Channel(StrictModel):
 class VelocityLoop(StrictModel):
     """Poles of sub-loop 2, for the velocity."""
 
-    flight_path_angle: Channel = Field(description="poles of the flight path angle error")
-    heading: Channel = Field(description="poles of the heading error")
-    speed: Channel = Field(description="poles of the speed error")
+    flight_path_angle: Channel = Field(description="poles of the flight-path-angle error dynamics")
+    heading: Channel = Field(description="poles of the heading error dynamics")
+    speed: Channel = Field(description="poles of the speed error dynamics")
 
 
 class AttitudeLoop(StrictModel):
     """Poles of sub-loop 3, for the attitude."""
 
-    angle_of_attack: Channel = Field(description="poles of the angle of attack error")
-    sideslip: Channel = Field(description="poles of the sideslip error")
-    bank: Channel = Field(description="poles of the bank error")
+    angle_of_attack: Channel = Field(description="poles of the angle-of-attack error dynamics")
+    sideslip: Channel = Field(description="poles of the sideslip error dynamics")
+    bank: Channel = Field(description="poles of the bank error dynamics")
 
 
 class RateLoop(StrictModel):
     """Poles of sub-loop 4, for the body rates about the forward, right and down axes."""
 
-    roll_rate: Channel = Field(description="poles of the roll rate error")
-    pitch_rate: Channel = Field(description="poles of the pitch rate error")
-    yaw_rate: Channel = Field(description="poles of the yaw rate error")
+    roll_rate: Channel = Field(description="poles of the roll-rate error dynamics")
+    pitch_rate: Channel = Field(description="poles of the pitch-rate error dynamics")
+    yaw_rate: Channel = Field(description="poles of the yaw-rate error dynamics")
 
 
 class Differentiators(StrictModel):
     """Bandwidths of the pseudo-differentiators, equation (21) of Zhu and Shen 2014."""
 
     attitude: Annotated[AngularRate, Positive] = Field(
-        0.3, description="bandwidth for the commands to sub-loop 3"
+        0.3, description="bandwidth for differentiating the commands to sub-loop 3"
     )
     rates: Annotated[AngularRate, Positive] = Field(
-        1.5, description="bandwidth for the commands to sub-loop 4"
+        1.5, description="bandwidth for differentiating the commands to sub-loop 4"
     )
 
 
@@ -150,7 +152,7 @@ class CommandLimits(StrictModel):
         description="minimum and maximum commanded angle of attack",
     )
     bank: Annotated[Angle, Field(gt=0.0, lt=1.5)] = Field(
-        1.2217304763960306, description="maximum commanded bank in either direction"
+        1.2217304763960306, description="maximum commanded bank angle in either direction"
     )
 
 
@@ -167,9 +169,9 @@ _OUTER_AND_INNER = (
 class TlcController(ControllerModel):
     """Trajectory linearization controller (TLC)."""
 
-    law: Literal["tlc"] = Field(description="the control law")
+    law: Literal["tlc"] = Field(description="kind of control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
-    altitude: Channel = Field(description="sub-loop 1: poles of the altitude error")
+    altitude: Channel = Field(description="sub-loop 1: poles of the altitude error dynamics")
     velocity: VelocityLoop = Field(description="sub-loop 2: flight path angle, heading, speed")
     attitude: AttitudeLoop = Field(description="sub-loop 3: angle of attack, sideslip, bank")
     rates: RateLoop = Field(description="sub-loop 4: roll, pitch and yaw rate")
@@ -198,8 +200,8 @@ class TlcController(ControllerModel):
 class Weights(StrictModel, Generic[States, Inputs]):
     """Weights of a linear quadratic regulator."""
 
-    states: States = Field(description="diagonal of Q, one value per deviation")
-    inputs: Inputs = Field(description="diagonal of R, one value per input")
+    states: States = Field(description="diagonal of the matrix Q, one weight for each deviation")
+    inputs: Inputs = Field(description="diagonal of the matrix R, one weight for each input")
 
 
 class GuidanceStates(StrictModel):
@@ -219,7 +221,7 @@ class GuidanceInputs(StrictModel):
     angle_of_attack: InputWeight = Field(
         description="weight of the squared angle of attack, 1/rad2"
     )
-    bank: InputWeight = Field(description="weight of the squared bank, 1/rad2")
+    bank: InputWeight = Field(description="weight of the squared bank angle, 1/rad2")
     equivalence_ratio: InputWeight = Field(description="weight of the squared equivalence ratio")
 
 
@@ -237,13 +239,13 @@ class LongitudinalStates(StrictModel):
 class LongitudinalInputs(StrictModel):
     """Weight of the longitudinal input, which is in degrees."""
 
-    elevator: InputWeight = Field(description="weight of the squared elevator, 1/deg2")
+    elevator: InputWeight = Field(description="weight of the squared elevator deflection, 1/deg2")
 
 
 class LateralStates(StrictModel):
     """Weights of the deviations of the lateral states, which are in radians."""
 
-    bank: Weight = Field(description="weight of the squared deviation of the bank, 1/rad2")
+    bank: Weight = Field(description="weight of the squared deviation of the bank angle, 1/rad2")
     sideslip: Weight = Field(description="weight of the squared deviation of the sideslip, 1/rad2")
     roll_rate: Weight = Field(
         description="weight of the squared deviation of the roll rate, s2/rad2"
@@ -254,26 +256,26 @@ class LateralStates(StrictModel):
 class LateralInputs(StrictModel):
     """Weights of the lateral inputs, which are in degrees."""
 
-    aileron: InputWeight = Field(description="weight of the squared aileron, 1/deg2")
-    rudder: InputWeight = Field(description="weight of the squared rudder, 1/deg2")
+    aileron: InputWeight = Field(description="weight of the squared aileron deflection, 1/deg2")
+    rudder: InputWeight = Field(description="weight of the squared rudder deflection, 1/deg2")
 
 
 class LqrController(ControllerModel):
     """Linear quadratic regulator with gains scheduled along the reference."""
 
-    law: Literal["lqr"] = Field(description="the control law")
+    law: Literal["lqr"] = Field(description="kind of control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
     guidance: Weights[GuidanceStates, GuidanceInputs] = Field(
-        description="weights of the guidance regulator (22)"
+        description="weights of the guidance regulator, equation (22)"
     )
     longitudinal: Weights[LongitudinalStates, LongitudinalInputs] = Field(
-        description="weights of the pitch regulator (23)"
+        description="weights of the pitch regulator, equation (23)"
     )
     lateral: Weights[LateralStates, LateralInputs] = Field(
-        description="weights of the roll and yaw regulator (23)"
+        description="weights of the roll and yaw regulator, equation (23)"
     )
     spacing: Annotated[Time, Field(gt=0.0)] = Field(
-        1.0, description="time between the points where gains are computed"
+        1.0, description="time between the reference points at which gains are computed"
     )
     limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
 

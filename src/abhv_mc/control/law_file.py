@@ -33,8 +33,8 @@ class ControllerModel(StrictModel):
 class PythonController(ControllerModel):
     """Custom control law in a Python file."""
 
-    law: Literal["python"] = Field(description="the control law")
-    file: File = Field(description="Python file of the control law, see abhv_mc.extend")
+    law: Literal["python"] = Field(description="kind of control law")
+    file: File = Field(description="Python file of the control law; see abhv_mc.extend")
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
@@ -64,13 +64,13 @@ class PythonController(ControllerModel):
 class CController(ControllerModel):
     """Custom control law in C with the interface of abhv_law.h."""
 
-    law: Literal["c"] = Field(description="the control law")
+    law: Literal["c"] = Field(description="kind of control law")
     library: File | None = Field(None, description="shared library of the control law")
     sources: tuple[File, ...] = Field(
         (), description="C sources of the control law, compiled by cc; replaces library"
     )
     flags: tuple[str, ...] = Field(
-        ("-O2",), description="flags of cc in addition to -ffp-contract=off"
+        ("-O2",), description="compiler flags for cc in addition to -ffp-contract=off"
     )
     design: File | None = Field(
         None, description="gains: a Python file with design(), or a CSV file over time"
@@ -83,8 +83,8 @@ class CController(ControllerModel):
     )
     units: dict[str, str] = Field(
         {},
-        description="SI units of settings, such as {bank_limit: rad}, which require a unit of this "
-        "dimension",
+        description="SI units of settings, such as {bank_limit: rad}; the values of these settings "
+        "need a unit",
     )
     effectors: tuple[str, ...] = Field(
         (),
@@ -93,7 +93,7 @@ class CController(ControllerModel):
     )
     onboard: bool = Field(
         False,
-        description="whether measured->onboard provides the nominal vehicle, as in Python",
+        description="whether measured->onboard contains the nominal vehicle, as in Python laws",
     )
 
     @model_validator(mode="after")
@@ -134,15 +134,15 @@ class CController(ControllerModel):
 class FmuController(ControllerModel):
     """Custom control law as a Functional Mock-up Unit for co-simulation."""
 
-    law: Literal["fmu"] = Field(description="the control law")
-    file: File = Field(description="the FMU, of FMI 2.0 or 3.0")
+    law: Literal["fmu"] = Field(description="kind of control law")
+    file: File = Field(description="FMU file (FMI 2.0 or 3.0)")
     inputs: dict[str, bool | float | str] = Field(
         description="source of each input: measured.NAME, reference.NAME, onboard.NAME, "
         "gains.NAME, time, or a constant such as true, 3 or 20 deg"
     )
     outputs: dict[str, str] = Field(
-        description="output for each field of the command, such as elevator, or effector of the "
-        "vehicle"
+        description="FMU output for each field of the command, such as elevator, or for an "
+        "effector of the vehicle"
     )
     params: dict[str, Any] = Field(
         {}, description="initial values of the FMU's parameters, with units if they have any"

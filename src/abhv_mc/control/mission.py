@@ -50,18 +50,18 @@ class Start(StrictModel):
     needs from the start.
     """
 
-    altitude: Length = Field(description="geodetic altitude")
-    speed: Annotated[Speed, Positive] = Field(description="speed relative to the Earth")
-    heading: Angle = Field(description="direction of the velocity, clockwise from north")
+    altitude: Length = Field(description="initial geodetic altitude")
+    speed: Annotated[Speed, Positive] = Field(description="initial speed relative to the Earth")
+    heading: Angle = Field(description="initial heading, clockwise from north")
     latitude: Annotated[Angle, Field(gt=-_NORTHMOST, lt=_NORTHMOST)] = Field(
-        description="geodetic latitude, at most 89.99 deg"
+        description="initial geodetic latitude, at most 89.99 deg in magnitude"
     )
-    longitude: Angle = Field(0.0, description="positive to the east")
+    longitude: Angle = Field(0.0, description="initial longitude, positive to the east")
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
         0.0, description="initial flight path angle, if the flight starts in a climb or descent"
     )
     bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(
-        0.0, description="bank about the velocity, positive to the right"
+        0.0, description="initial bank angle about the velocity, positive to the right"
     )
 
 
@@ -75,7 +75,7 @@ class Phase(StrictModel):
     """Manoeuvre with an optional name."""
 
     name: str | None = Field(
-        None, description="name of the time window, for 'phase' of a campaign's metric"
+        None, description="name for the key 'phase' of a metric, which selects this time window"
     )
 
 
@@ -116,13 +116,13 @@ class SManoeuvre(Phase):
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
     offset: Length = Field(
-        description="displacement, positive to the left of the initial heading (north if flying "
+        description="displacement, positive to the left of the initial heading (north when flying "
         "east)"
     )
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
         0.0,
-        description="duration of the bank ramp at both ends; at most half the length",
+        description="duration of the bank ramp at each end, at most half the length",
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
@@ -159,14 +159,14 @@ class Waypoints(StrictModel):
     """Several changes of heading, which add up if they overlap."""
 
     kind: Literal["waypoints"] = Field(description=_KIND)
-    turns: list[WaypointTurn] = Field(min_length=1, description="the heading changes")
+    turns: list[WaypointTurn] = Field(min_length=1, description="heading changes of the mission")
 
 
 class Recorded(StrictModel):
     """Trajectory from a CSV file with columns time_s, altitude_m, speed_mps and heading_deg."""
 
     kind: Literal["recorded"] = Field(description=_KIND)
-    file: File = Field(description="CSV file, relative to the mission file")
+    file: File = Field(description="CSV file of the trajectory, relative to the mission file")
 
 
 class LevelPhase(Phase):
@@ -198,7 +198,7 @@ class MissionLimits(LoadLimits):
     """Limits that end a flight."""
 
     altitude: Annotated[tuple[Length, Length], Rising] = Field(
-        (10e3, 40e3), description="lowest and highest altitude"
+        (10e3, 40e3), description="minimum and maximum altitude"
     )
     speed: Annotated[Speed, Positive] | None = Field(
         None, description="maximum speed; default: twice the largest speed of the reference"
@@ -252,7 +252,7 @@ class End(StrictModel):
 class AirTable(StrictModel):
     """Table over altitude, such as a sounding, with units in the header."""
 
-    file: File = Field(description="CSV file, relative to the mission file")
+    file: File = Field(description="CSV file of the table, relative to the mission file")
     columns: dict[str, str] = Field(
         {}, description="headers of the table's columns, such as {altitude: HGHT}"
     )
@@ -285,7 +285,7 @@ class EarthNumbers(StrictModel):
     )
     gravitational_parameter: Annotated[GravitationalParameter, Positive] = Field(
         WGS84.gravitational_parameter,
-        description="gravitational constant times the mass of the Earth",
+        description="product of the gravitational constant and the mass of the Earth",
     )
     j2: Annotated[float, Field(ge=0.0, lt=0.01)] = Field(
         WGS84.j2, description="second zonal harmonic; 0: a central field"
@@ -314,8 +314,10 @@ class Mission(StrictModel):
     earth: Annotated[
         Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("given")],
         _BY_NAME,
-    ] = Field("wgs84", description="wgs84, or custom constants of the Earth")
-    end: End = Field(End(), description="conditions that end a flight before its duration")
+    ] = Field("wgs84", description="model of the Earth: wgs84, or custom constants")
+    end: End = Field(
+        End(), description="conditions that complete the mission before its duration has elapsed"
+    )
     wind: Annotated[
         Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME
     ] = Field(
@@ -326,10 +328,10 @@ class Mission(StrictModel):
     density: Annotated[
         Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")],
         _BY_NAME,
-    ] = Field("standard", description="density of the nominal air")
+    ] = Field("standard", description="air density of the nominal flight: standard, or a table")
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="measured quantities; default: those of the vehicle",
+        description="reference of the measured quantities; default: the vehicle file's",
     )
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
         0.01, description="time step of the integrator"

@@ -1,4 +1,4 @@
-"""Attestation of blocks by the process that computed them, and check of its code."""
+"""Signatures of blocks by the process that computed them, and checks of its code."""
 
 import sys
 import threading
@@ -25,7 +25,7 @@ def sign(block: FlightBlock) -> FlightBlock:
 
 
 class Attestation:
-    """Thread-safe check of the code and results of workers."""
+    """Thread-safe check of the code and the results of workers."""
 
     def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """Prepare the check of all workers.

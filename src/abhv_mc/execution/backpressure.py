@@ -1,4 +1,4 @@
-"""Work on threads, with a limit on the number of results that wait for the disk."""
+"""Function calls on threads, with a limit on the results that wait for the disk."""
 
 import threading
 import warnings
@@ -11,7 +11,7 @@ T = TypeVar("T")
 def work_ahead(
     workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]
 ) -> Generator[T, None, None]:
-    """Yield the results of ``work`` for each of ``calls`` in order of completion.
+    """Yield the result of ``work`` for each of ``calls``, in order of completion.
 
     At most two results per worker are being computed or waiting. Without this limit, workers that
     are faster than the disk would fill the memory with finished blocks. Closing the generator ends
@@ -25,7 +25,7 @@ def work_ahead(
     def call(arguments: tuple[Any, ...]) -> T:
         slots.acquire()
         if closed.is_set():
-            slots.release()  # The next waiting thread can then end as well.
+            slots.release()  # Then the next waiting thread can end, too.
             raise RuntimeError("the results are no longer needed")
         return work(*arguments)
 

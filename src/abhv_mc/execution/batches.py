@@ -9,7 +9,7 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Fly, Recorded
 
-BATCH_FLIGHTS = 256  # flights per call: enough for all lanes, few to lose in a crash
+BATCH_FLIGHTS = 256  # flights per call: enough to fill all lanes, but few to lose in a crash
 
 
 def fly_in_batches(

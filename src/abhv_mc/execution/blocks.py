@@ -9,8 +9,8 @@ from abhv_mc.array_types import Mask
 from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
-_WORK = 10.0  # duration of a block of a custom simulator, s
-# Flights of a block without histories: about ten seconds of work, lost if a worker is killed.
+_WORK = 10.0  # computing time of a block of a custom simulator, s
+# Flights of a block without histories: ten seconds of work, which a killed worker loses.
 _MOST_FLIGHTS = 8192
 
 
@@ -30,19 +30,19 @@ class Block:
 
 
 def choose_batch(flights: int, workers: int) -> int:
-    """Return the block size for full lanes and at least two blocks per worker."""
+    """Return the block size that fills all lanes and gives at least two blocks per worker."""
     share = -(-flights // (2 * workers))
     return max(LANES, min(BATCH_FLIGHTS, -(-share // LANES) * LANES))
 
 
 def choose_unrecorded(flights: int, workers: int, batch: int) -> int:
-    """Return the block size without recording: full batches, four blocks per worker."""
+    """Return the block size for unrecorded flights: full batches, four blocks per worker."""
     share = -(-flights // (4 * workers))
     return batch * max(1, min(_MOST_FLIGHTS, share) // batch)
 
 
 def choose_timed(flights: int, workers: int, seconds: float) -> int:
-    """Return the block size for a custom simulator: about ten seconds of work.
+    """Return the block size for a custom simulator: about ten seconds of computing time.
 
     ``seconds`` is the computing time of one flight, s.
     """

@@ -1,4 +1,4 @@
-"""Completion of a campaign: which flights are stored, and which are missing."""
+"""Completion of a campaign: its stored flights and its missing flights."""
 
 import numpy as np
 
@@ -9,16 +9,16 @@ from abhv_mc.folder.envelope_states import Collector
 from abhv_mc.folder.flights import Digest, FlightRows
 from abhv_mc.statistics.evidence import flights_to_pass
 
-_FIRST_JUDGED = 64  # flights before the first assessment in a campaign with 'stop'
+_FIRST_JUDGED = 64  # number of flights before the first assessment in a campaign with 'stop'
 
 
 class Completion:
-    """Counts of the stored flights, by controller."""
+    """Counts of the stored flights of each controller."""
 
     def __init__(
         self, campaign: Experiment, shard: tuple[int, int], requested: tuple[str, ...]
     ) -> None:
-        """Initialize the counts without flights.
+        """Initialize the counts to zero.
 
         ``shard`` is the range of flights in the folder; ``requested`` lists the controllers to run.
         """

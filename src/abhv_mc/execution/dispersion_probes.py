@@ -19,7 +19,7 @@ from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # number of trials for each dispersion
-_DEFAULT_LIMIT = 600.0  # default time limit of 16 flights, s
+_DEFAULT_LIMIT = 600.0  # default time limit for 16 flights, s
 _COMPILING = 1800.0  # time allowed for compilation on a busy machine, s
 
 
@@ -50,7 +50,7 @@ def make_trials(campaign: Experiment) -> Floats:
 
 
 def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
-    """Simulate the trials with each controller; the first flight is nominal.
+    """Simulate the trials with each controller; the first trial is the nominal flight.
 
     Raise InputError if a dispersion has no effect, if a metric is not finite in a nominal flight
     that ends as planned, or if flights exceed the time limit.
@@ -79,7 +79,7 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
 def find_ineffective(
     campaign: Experiment, trials: Floats, flown: Collection[FlightBlock]
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield the dispersions without effect in the trials, with the ends of their range."""
+    """Yield dispersions that have no effect in the trials, with the ends of their ranges."""
     for i, name in enumerate(campaign.dimensions):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
         if not any(differs(block, row, unchanged) for block in flown for row in rows):

@@ -1,4 +1,4 @@
-"""Estimate of a campaign's time and disk space from a few of its flights."""
+"""Estimate of the time and disk space of a campaign from a few of its flights."""
 
 import tempfile
 import time
@@ -30,21 +30,21 @@ class Estimate:
 
     flights: int  # flights per controller
     controllers: int
-    kind: str  # noun: 'controller' or 'system'
+    kind: str  # noun for a compared system: 'controller' or 'system'
     workers: int
     batch: int  # flights per block
     flight_s: float  # time of one flight on one core, s, averaged over controllers
     flying_s: float  # wall time of all flights, s
     rows_bytes: int
     histories_bytes: int
-    searched: int  # flights per controller in the search for the worst unknowns
-    kept: int  # flights with histories per controller, without 'failed'
+    searched: int  # flights per controller in the search for the worst values of unknowns
+    kept: int  # flights per controller with histories, except 'failed'
     envelope_bytes: int  # disk space of envelope data during the run
     warnings: tuple[str, ...]  # warnings about the mission
 
     @property
     def search_s(self) -> float:
-        """Wall time of the search for the worst unknowns, s, included in ``flying_s``."""
+        """Wall time of the search for worst values of unknowns, s, included in ``flying_s``."""
         return self.controllers * self.flight_s * self.searched / self.workers
 
     @property
@@ -56,7 +56,7 @@ class Estimate:
 def estimate_campaign(
     campaign: Experiment, engine: Engine | None = None, workers: int | None = None
 ) -> Estimate:
-    """Estimate the cost from a few flights of each controller, without leaving files.
+    """Estimate the cost from a few flights of each controller; no files are left behind.
 
     Raise InputError for errors that only a flight reveals, such as a dispersion without effect.
     """

@@ -1,4 +1,4 @@
-"""Executors of blocks: worker processes, this process, and executors of packages.
+"""Executors of blocks: worker processes, this process, or executors from packages.
 
 Worker processes are the default, because a crash in compiled code ends its process. Threads start
 one second faster but tolerate only flights that raise an exception. ``--scheduler`` selects the
@@ -30,7 +30,7 @@ class FlightRunner:
     """Executor with retries of lost flights and checks of blocks."""
 
     fly: Fly  # thread-safe; flights that cannot be computed get ``failed_to_run``
-    workers: int  # number of simultaneous calls
+    workers: int  # number of simultaneous calls of ``fly``
 
     def fly_parallel(
         self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None
@@ -46,7 +46,7 @@ class FlightRunner:
 
 @contextlib.contextmanager
 def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield a pool of threads whose flights are not awaited after an interrupt.
+    """Yield a pool of threads, whose flights are not awaited after an interrupt.
 
     The executor of the flights ends them.
     """
@@ -94,7 +94,7 @@ def open_executor(
     number = workers or execution.workers or count_cores()
     isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
     if isolation == PROCESSES and multiprocessing.current_process().daemon:
-        if execution.isolation == PROCESSES:  # Daemonic processes cannot start processes.
+        if execution.isolation == PROCESSES:  # Daemonic processes cannot start child processes.
             raise InputError(
                 "execution",
                 "a process of multiprocessing.Pool cannot start worker processes",

@@ -1,4 +1,4 @@
-"""Counts of outcomes and of failures of requirements, and the digest of flights."""
+"""Counts of the outcomes and requirement failures of flights, and their digest."""
 
 from array import array
 from collections import Counter
@@ -26,10 +26,10 @@ class RequirementCount:
 
     requirement: Requirement
     binds: bool  # whether the requirement applies to the controller
-    missed: Mask  # [flight] requirement not met
+    missed: Mask  # [flight] whether the requirement is missed
     flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
-    ended_early: NDArray[np.int64]  # [point] failures due to early termination alone
-    measured: NDArray[np.int64]  # [point] failures of the metric itself
+    ended_early: NDArray[np.int64]  # [point] flights that failed only by early termination
+    measured: NDArray[np.int64]  # [point] flights whose metric violates the limits
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by the value of the metric; NaN is a failure."""
@@ -48,10 +48,10 @@ class FlightCounts:
 
     controller: str
     requirements: list[RequirementCount]
-    uncomputed: Mask  # [flight] failed to run
+    uncomputed: Mask  # [flight] whether the flight failed to run
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
-    # Numbers of possibly millions of early terminations.
+    # Numbers of the flights that terminated early, possibly millions.
     failed: "array[int]" = field(default_factory=lambda: array("q"))
 
     def add(self, rows: FlightRows, digest: Digest) -> None:

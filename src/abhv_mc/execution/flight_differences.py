@@ -23,7 +23,7 @@ class Difference(NamedTuple):
 def find_difference(
     campaign: Experiment, name: str, pairs: Iterable[tuple[Floats, Floats, Floats]]
 ) -> Difference:
-    """Return the largest difference, which is infinite for different outcomes.
+    """Return the largest difference, which is infinite if outcomes differ.
 
     Each pair is a row of inputs and the values of its two flights in the system ``name``.
     """

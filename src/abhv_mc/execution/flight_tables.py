@@ -17,9 +17,9 @@ from abhv_mc.io.input_error import InputError, one_of
 if TYPE_CHECKING:
     import pandas as pd
 
-_ROWS = 65536  # rows per block
+_ROWS = 65536  # number of rows per block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
-_ROW, _LINE = "#row", "#line"  # column names that no input can have
+_ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 _ECHO = 1e-4  # tolerance for repeated inputs, relative to the largest value
 
@@ -28,10 +28,10 @@ _ECHO = 1e-4  # tolerance for repeated inputs, relative to the largest value
 class FlightTable:
     """Flights of all systems, in the units of the campaign."""
 
-    path: Path  # path of the inputs
+    path: Path  # path of the table of inputs
     samples: Floats  # [flight, input], equal for all systems
     lines: Ints  # [flight] line of the inputs in the file
-    factors: Floats  # [input] from the file's units to those of the campaign
+    factors: Floats  # [input] from units of the file to units of the campaign
     blocks: tuple[FlightRows, ...]
 
 
@@ -45,7 +45,7 @@ class _Rows:
     frame: "pd.DataFrame"
 
     def error(self, row: Any, name: str, problem: str, expected: str) -> InputError:
-        """Return the InputError for a cell, given by row and column name."""
+        """Return the InputError for the cell in a row and a named column."""
         column = self.columns.get(name)
         return self.table.error(int(row), column.position if column else None, problem, expected)
 

@@ -25,7 +25,7 @@ def merge_campaign(
     trust_code: bool = False,
     requirements: Path | None = None,
 ) -> RunResult:
-    """Merge complete shards, or campaigns that differ only in seed, into ``out``.
+    """Merge complete shards, or campaigns that differ only in their seeds, into ``out``.
 
     The envelopes, histories and verdicts of all flights are created too. The same call resumes an
     interrupted merge. ``trust_code`` permits running custom code of the folders that the user has

@@ -1,4 +1,4 @@
-"""Progress display on standard error: a bar or clock on a terminal, else text lines."""
+"""Progress display on standard error: a bar or clock on a terminal, otherwise lines."""
 
 import contextlib
 import sys
@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # interval of plain lines and of a clock on a terminal, s
+_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # intervals of plain lines and of updates of the clock, s
 _printed = [time.monotonic()]  # time of the last plain line of any task, s
 
 

@@ -1,4 +1,4 @@
-"""Storage of time histories of selected flights at the end of a campaign.
+"""Storage of the time histories of selected flights at the end of a campaign.
 
 The selected flights are run again, because the worst flights are known only at the end. The
 repeated flights are bit-identical.
@@ -43,7 +43,7 @@ def select_flights(
         if isinstance(item, int):
             selected.update(
                 {item} & set(range(flights))
-            )  # The campaign may have stopped before this flight.
+            )  # The campaign may have stopped before it ran this flight.
         elif item == "all":
             selected.update(range(flights))
         elif item == "failed":
@@ -104,7 +104,7 @@ def write_kept_histories(
 ) -> list[str]:
     """Re-run the flights of the ``expected`` files and write their histories.
 
-    Current files are kept, and all other history files are deleted. Return a message for each
+    Files that are current are kept; all other history files are deleted. Return a message for each
     flight without a history.
     """
     missing = [file for file in expected if not file.product.is_current(hashes)]

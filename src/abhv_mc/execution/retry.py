@@ -1,4 +1,4 @@
-"""Retries of lost blocks of flights in smaller pieces, down to single flights.
+"""Retries of lost blocks of flights, in smaller pieces down to single flights.
 
 A flight that cannot be computed has the outcome ``failed_to_run``. If native code of a control law
 may have ended or blocked the process, the outcome is ``law_crashed`` or ``law_hung``, which count
@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # Worker processes do not import these modules.
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights in the first smaller pieces, and per time limit
+PIECE = 16  # flights in the first smaller pieces, and flights per time limit
 _reported: set[str] = set()  # messages on losses that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
@@ -119,7 +119,7 @@ def _fly(
 
 
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
-    """Return a block of one flight that could not be computed."""
+    """Return the block of one flight that could not be computed."""
     return make_failed_block(
         plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), count_metrics(plan)
     )

@@ -1,4 +1,4 @@
-"""Run of a campaign: simulation of missing flights, envelopes and histories."""
+"""Run of a campaign, which computes missing flights, envelopes and histories."""
 
 import json
 import sys
@@ -145,7 +145,7 @@ class _Run:
         is_complete = self.manifest.complete and self.completion.is_complete()
         adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
-            if self._judge() != self.manifest:  # for example if the order of controllers changed
+            if self._judge() != self.manifest:  # if the order of controllers changed
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
@@ -168,7 +168,7 @@ class _Run:
         return RunResult(self.folder.root, self.manifest)
 
     def _keeps_products(self) -> bool:
-        """Return whether existing histories are kept although requirements select others.
+        """Return whether stored histories are kept although requirements select other flights.
 
         One version of the program cannot add histories to flights of another version.
         """
@@ -229,7 +229,7 @@ class _Run:
             self._fly_missing(missing)
 
     def _time_flights(self) -> None:
-        """Set the block size from the time of a flight, if the simulator measures it."""
+        """Set the block size by the computing time of a flight, if the simulator measures it."""
         plans = [system.plan for system in self.campaign.systems.values()]
         if (seconds := self.simulator.time_of_flight(plans)) is None:
             return
@@ -411,7 +411,7 @@ class _Run:
             print(f"{problem}; run the same command to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
-            # Values are kept for re-runs of failed flights and for extensions of slow simulations.
+            # The values are needed to re-run failed flights and to extend slow simulations.
             if (
                 self.simulator.capabilities.is_repeatable
                 and not self.completion.all_counts[name].uncomputed.any()

@@ -52,9 +52,9 @@ class OpenCampaign:
     """Campaign with plans and a locked folder, ready to run."""
 
     folder: CampaignFolder
-    campaign: Experiment  # campaign of the folder, with plans
+    campaign: Experiment  # campaign stored in the folder, with plans
     manifest: Manifest
-    requested: tuple[str, ...]  # controllers to run
+    requested: tuple[str, ...]  # names of the controllers to run
     files: FileHashes
 
     @property
@@ -149,7 +149,7 @@ def _start_workers(request: Request, engine: Engine) -> None:
 
 
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
-    """Compile the computation of margins in another process, unless it is cached."""
+    """Compile the code for margins in another process, unless it is cached."""
     engine = campaign.simulator.engine
     if engine.find_stability is None or engine.isolation != PROCESSES:
         return

@@ -1,4 +1,4 @@
-"""Simulation of rows of inputs; all simulators are called through this module."""
+"""Simulation of flights from rows of inputs, by any simulator."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Check of stored flights of a custom simulator by re-running some flights.
+"""Check of the stored flights of a custom simulator: some flights are re-run.
 
 The first flights reveal noise of a simulator, but not files that change later or workers that
 disturb each other. Re-running stored flights at the end of a run reveals these changes.
@@ -30,7 +30,7 @@ class StoredFlights:
     """Rows of the flights of each system that are re-run."""
 
     def __init__(self, campaign: Experiment, shard: tuple[int, int]) -> None:
-        """Choose flights of a shard at random; an extension chooses other flights."""
+        """Choose flights of a shard at random; an extension of a campaign chooses others."""
         first, stop = shard
         self._campaign = campaign
         count = min(stop - first, max(_LEAST, min(_MOST, (stop - first) // _SHARE)))
@@ -39,7 +39,7 @@ class StoredFlights:
         self._rows: dict[str, list[tuple[Floats, Floats]]] = {}
 
     def add(self, rows: FlightRows) -> None:
-        """Keep the inputs and values of the chosen flights in a block."""
+        """Record the inputs and values of the chosen flights of a block."""
         campaign, stored = self._campaign, self._rows.setdefault(rows.controller, [])
         is_inside = (self._numbers >= rows.first) & (self._numbers < rows.stop)
         for i in (self._numbers[is_inside] - rows.first).tolist():
@@ -49,7 +49,7 @@ class StoredFlights:
                 stored.append((rows.samples[i], np.append(float(outcome), metrics)))
 
     def run_again(self, fly: Fly, workers: int) -> Difference:
-        """Re-run the chosen flights and return the largest difference from stored values."""
+        """Re-run the chosen flights and return the largest difference from the stored values."""
         calls = [(name, i) for name, rows in self._rows.items() for i in range(len(rows))]
 
         def run(name: str, i: int) -> Difference:

@@ -1,4 +1,4 @@
-"""Tests of whether imported flights are draws from the campaign's dispersions."""
+"""Tests of whether imported flights are draws from the dispersions of the campaign."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +18,7 @@ _MISSING = "rows of failed flights may be missing"
 def check_draws(
     path: Path, campaign: Experiment, samples: Floats, factors: Floats, lines: Ints
 ) -> tuple[str, ...]:
-    """Return sentences on why the rows of a table are not independent draws.
+    """Return sentences that say why the rows of a table are not independent draws.
 
     ``samples`` [flight, input] are in the units of the campaign, ``factors`` [input] convert from
     the units of the table, and ``lines`` [flight] are lines of the table. Raise InputErrors if a
@@ -87,7 +87,7 @@ def _normal_correlations(campaign: Experiment) -> Floats:
 def _contradictions(
     findings: TableFindings, campaign: Experiment, columns: list[Column], lines: Ints
 ) -> Iterator[tuple[str, str, int]]:
-    """Yield (problem, expected value, line) for contradictions to independent draws."""
+    """Yield (problem, expected value, line) for findings that contradict independence."""
     names = list(campaign.marginals)
     levels = {level.column: level for level in reversed(findings.levels)}
     for j in sorted({*findings.too_far, *levels}):

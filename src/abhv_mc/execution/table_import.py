@@ -36,10 +36,10 @@ def import_tables(
 ) -> RunResult:
     """Import flights into a results folder, or resume the import.
 
-    The campaign has no simulator. One table contains inputs and results, or two tables, of inputs
-    and of results, are paired by flight number. Requirements get verdicts if tests do not reject
-    the independence of the inputs, and estimates otherwise. Raise InputError, with the row, if a
-    table is invalid.
+    The campaign has no simulator. Either one table contains inputs and results, or a table of
+    inputs and a table of results are paired by flight number. Requirements get verdicts if tests
+    do not reject the independence of the inputs, and estimates otherwise. Raise InputError, with
+    the row, if a table is invalid.
     """
     campaign = read_campaign(campaign_file, runs=1)
     if campaign.can_rerun:

@@ -1,4 +1,4 @@
-"""Selection of the values of the unknowns at which requirements are judged."""
+"""Selection of the points of the unknowns at which requirements are judged."""
 
 import sys
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ def select_points(
     workers: int | None,
     baseline: Unknowns | None = None,
 ) -> Experiment:
-    """Search the worst points for each controller, and return the campaign with them.
+    """Search for the worst points of each controller; return the campaign with the points.
 
     Points of a baseline within the bounds are added. A campaign without unknowns, or with points in
     its file, is returned unchanged. The flights of the search are not judged.

@@ -20,7 +20,7 @@ from abhv_mc.user_code.child import allow_here
 if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Fly, Recorded
 
-_LEAST = 30.0  # minimum time limit of 16 flights, s
+_LEAST = 30.0  # minimum time limit for 16 flights, s
 _TIMES = 20.0  # time limit as a multiple of the processor time of 16 nominal flights
 
 
@@ -93,7 +93,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
 
 
 def _end_with_parent() -> None:
-    """Let this process end with its parent, even if a flight hangs."""
+    """Make this process end when its parent ends, even if a flight hangs."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -28,10 +28,10 @@ from abhv_mc.flight.user_law import must_run_in_child
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
-# Give up after 20 + workers consecutive failed starts; a crash counts as four.
+# Give up after 20 + workers consecutive failed starts; a crash counts as four starts.
 _FAILED_STARTS = 20
 _CRASH = 4
-_PAUSE = 0.05  # pause before a start per failed start, s
+_PAUSE = 0.05  # pause before a start, multiplied by the number of failed starts, s
 _COMPILE_LIMIT = 600.0  # time to start a process and load or compile a flight, s
 _RESPONSE_LIMIT = 60.0  # time for a ready process to begin the next block, s
 # Limit on wall time: the larger of seconds and a multiple of processor time.
@@ -144,7 +144,7 @@ class WorkerPool:
         self._limits: dict[int, float | None] = {}  # time limits by key of the plan, s
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
-        self._failed_starts = 0  # weighted number of consecutive failed starts
+        self._failed_starts = 0  # consecutive failed starts, weighted
         self._last_end = ""
         self._closed = False
 
@@ -159,7 +159,7 @@ class WorkerPool:
         return self._attempt(key, plan, parameters, recorded)
 
     def _find_limit(self, plan: FlightPlan) -> float | None:
-        """Return the time limit for all workers from a nominal flight in this process.
+        """Derive the time limit for all workers from a nominal flight in this process.
 
         Return None if the flight must not run in this process; each worker then finds its own
         limit.
@@ -242,7 +242,7 @@ class WorkerPool:
 
 @contextlib.contextmanager
 def _starting_processes() -> Iterator[None]:
-    """Let new processes of multiprocessing ignore Ctrl-C and use the parent's sys.path.
+    """Make new processes of multiprocessing ignore Ctrl-C and use the parent's sys.path.
 
     Ctrl-C reaches all processes of the terminal, and the parent handles it. The script of the
     caller is not run again. The fork server and its helper are started with ``python -c``, which

@@ -1,4 +1,4 @@
-"""Replies of a custom simulator: validation, and sampling of histories."""
+"""Replies of a custom simulator: their validation, and the sampling of histories."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats, Singles
 from abhv_mc.external_simulators.user_plan import UserPlan
 
 _NEAR = 1e-6  # tolerance of sample times relative to the sampling interval
-_LARGEST = 1 << 1023  # limit of integers that can be converted to float
+_LARGEST = 1 << 1023  # bound on integers that can be converted to float
 
 
 class Answer(NamedTuple):
@@ -116,7 +116,7 @@ def sample_histories(
 def find_extremes(
     histories: Mapping[int, Floats], times: Floats, sampled: Singles
 ) -> tuple[Singles, Singles]:
-    """Return extremes [time, channel] of all flights between neighbouring times.
+    """Return the extremes [time, channel] over all flights between neighbouring times.
 
     Extremes cover returned samples and the lines between samples. ``times`` extend beyond all
     flights.

@@ -32,7 +32,7 @@ def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) 
 
 
 def _family(process: int) -> set[int]:
-    """Return the number of a process and of its descendants."""
+    """Return the IDs of a process and its descendants."""
     family = {process}
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{process}/task").iterdir():
@@ -42,7 +42,7 @@ def _family(process: int) -> set[int]:
 
 
 def _open_files(process: int) -> set[str]:
-    """Return the paths of files that a process has open for reading or maps."""
+    """Return the paths of files that a process has opened for reading or mapped."""
     paths = set[str]()
     with contextlib.suppress(OSError):
         lines = Path(f"/proc/{process}/maps").read_text(errors="replace").splitlines()

@@ -22,12 +22,12 @@ from abhv_mc.external_simulators.working_folder import make_working_folder
 from abhv_mc.user_code.child import describe_exit
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
-_FITS = 1 << 15  # maximum bytes sent ahead, below the capacity of a pipe
+_FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe
 _READ = 1 << 18
 _ENDING = 2.0  # time for a process to end after closing standard output, s
-_LOOK = 1.0  # interval of checks of a computing process, s
-_EXCERPT = 2000  # bytes kept of each end of the standard error output
-_MOST_ERRORS = 1 << 20  # limit of standard error output on disk, bytes
+_LOOK = 1.0  # interval between checks of a computing process, s
+_EXCERPT = 2000  # bytes kept at each end of the standard error output
+_MOST_ERRORS = 1 << 20  # maximum standard error output on disk, bytes
 # Linux does not run a script that is open for writing, so processes start one by one.
 _starting = threading.Lock()
 
@@ -80,8 +80,8 @@ class Process:
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # number of completed flights
-        self.unproven = 0  # replies without the text of the request since the last check
-        self.first_time = 0.0  # time to the first reply, including the start, s
+        self.unproven = 0  # replies since the last check that do not repeat the request's text
+        self.first_time = 0.0  # time from the start to the first reply, s
         self.longest = 0.0  # longest time to any later reply, s
         if plan.python:
             error = self._answer(plan.start_limit, "loaded").get("error")
@@ -95,7 +95,7 @@ class Process:
         """Yield the reply to each of ``requests``, each within ``limit`` s of the previous one.
 
         ``start`` gives additional seconds for the first reply of the process; with ``ahead``
-        several requests are sent at a time. Raise LostFlightError or OutOfStepError.
+        several requests are sent in advance. Raise LostFlightError or OutOfStepError.
         """
         size = max(1, min(_AHEAD, _FITS // (16 + max(map(len, requests), default=1))))
         step = size if ahead else 1
@@ -213,7 +213,7 @@ class Process:
         return [f"'{self._without_folder(text):.200}'" for text in last]
 
     def _describe_end(self) -> str:
-        """Return a text on how the process ended, with its last line on standard error."""
+        """Return a description of how the process ended, with its last line on standard error."""
         try:
             code = self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:
@@ -223,7 +223,7 @@ class Process:
         return ", ".join([describe_exit(code), *self._quote_last_error()])
 
     def _without_folder(self, text: str) -> str:
-        """Return a text with file names relative to the folder of the process."""
+        """Return a text in which file names are relative to the folder of the process."""
         return text.replace(f"{self.folder.path}{os.sep}", "")
 
     def take_errors(self) -> str:

@@ -1,4 +1,4 @@
-"""Pool of idle and busy simulator processes, shared by threads."""
+"""Pool of idle and busy simulator processes that threads share."""
 
 import atexit
 import os

@@ -28,7 +28,7 @@ def main(python: str, source: str, campaign: str, *declared: str) -> None:
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.close(null)
-    os.dup2(2, 1)  # Printed output must not be read as a reply.
+    os.dup2(2, 1)  # Text that the simulator prints must not be read as a reply.
     folder = Path.cwd()
     guard = _load("_abhv_mc_read_guard", _GUARD)
     guard.watch_reads(
@@ -71,7 +71,7 @@ def _plain(value: Any) -> Any:
 
 
 def _words(error: BaseException, python: str) -> str:
-    """Return the text of an exception, with the last line of the simulator's file."""
+    """Return the text of an exception, with the last line reached in the simulator's file."""
     location, trace = "", error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(python).name:

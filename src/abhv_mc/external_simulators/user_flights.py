@@ -22,7 +22,7 @@ from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
 
 _AHEAD = 1e-3  # Shorter flights (s) are requested ahead of replies.
-_SLACK = 0.02  # time of a silence check beyond twice the longest reply, s
+_SLACK = 0.02  # time of a silence check in addition to twice the longest reply time, s
 _SHORT_PROOF = 0.25  # time of a silence check after few flights, s
 _PROOF = 20  # flights of a process before checks take the full time
 _RARE = 300  # number of pieces between two surplus lines for which flights are checked one by one
@@ -33,11 +33,11 @@ class _Record:
     """Times and surplus output of the flights of one system in this process."""
 
     def __init__(self) -> None:
-        self.seconds = 0.0  # mean time of flights of the last block, s
+        self.seconds = 0.0  # mean computing time of a flight in the last block, s
         # longest reply time before each recent silence check, s
         self.longest: deque[float] = deque(maxlen=_PROOF)
         self.start: float | None = None  # longest time to a first reply, s
-        self.is_stuck = False  # a process exceeded its start limit without any reply
+        self.is_stuck = False  # whether a process exceeded its start limit without a reply
         self.flights = self.surplus = 0
 
 
@@ -51,14 +51,14 @@ def seconds_of_a_flight(plans: Iterable[Any]) -> float:
 
 
 def note_surplus(plan: UserPlan, flights: int, surplus: int) -> None:
-    """Add the numbers of flights and surplus lines observed on other machines."""
+    """Add the numbers of flights and surplus lines that other machines observed."""
     record = _records[plan.system]
     record.flights += flights
     record.surplus += surplus
 
 
 def with_surplus(plan: UserPlan) -> UserPlan:
-    """Return the plan with the counts of surplus output, for another process."""
+    """Return the plan with the counts of surplus lines, for use by another process."""
     record = _records[plan.system]
     return replace(plan, seen=(record.flights, record.surplus))
 
@@ -209,7 +209,7 @@ class _Flights:
         return True
 
     def _take(self, is_proven: bool = False) -> Process:
-        """Return an idle process without output since its last reply, or a new process."""
+        """Return an idle process that has written nothing since its last reply, or a new one."""
         while True:
             begun = time.monotonic()
             process = self.pool.take(self.plan)

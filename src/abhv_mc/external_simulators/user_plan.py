@@ -28,7 +28,7 @@ class UserPlan:
     python: str  # file of a Python function, or '' for a program
     settings: str  # settings of the system as JSON
     inputs: tuple[str, ...]
-    seeds: tuple[bool, ...]  # which inputs are integer seeds
+    seeds: tuple[bool, ...]  # whether each input is an integer seed
     metrics: tuple[Metric, ...]
     outcomes: dict[str, int]  # numbers of the outcome codes
     time_limit: float  # limit on the elapsed time of a flight, s
@@ -39,10 +39,10 @@ class UserPlan:
     timing: ClassVar = None  # None: each flight has its own times
     sources: ClassVar[tuple[UserSource, ...]] = ()
     folders: tuple[str, ...] = ()  # required empty folders
-    start_limit: float = 600.0  # time limit of the start, s
+    start_limit: float = 600.0  # time limit for the start, s
     flights_per_process: int | None = None
     campaign_folder: str = ""  # folder of the campaign file
-    check: int = 0  # number of a process for checks, or 0 for the campaign
+    check: int = 0  # number of a process used only for checks, or 0
     is_proven: bool = False  # whether each block ends with a silence check
     seen: tuple[int, int] = (0, 0)  # flights and surplus lines observed by other processes
 

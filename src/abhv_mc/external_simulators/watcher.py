@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 
-# The program reads "+NAME" and "-NAME", with numbers of process groups or paths of folders.
+# The program reads "+NAME" and "-NAME"; a name is a process group's ID or a folder's path.
 _PROGRAM = """
 import os, shutil, sys, time
 names = set()
@@ -34,7 +34,7 @@ def watch(name: int | str) -> None:
 
 
 def unwatch(name: int | str) -> None:
-    """Undo :func:`watch` after the process or folder is gone."""
+    """Undo :func:`watch` once the process has ended or the folder is deleted."""
     _tell(f"-{name}\n")
 
 

@@ -13,7 +13,7 @@ from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.io.input_error import InputError, is_exhausted
 
-_LARGEST_COPY = 1 << 24  # larger files are linked, bytes
+_LARGEST_COPY = 1 << 24  # size above which files are linked, bytes
 _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
@@ -24,7 +24,7 @@ class WorkingFolder(NamedTuple):
     linked: tuple[str, ...]  # declared files that are linked instead of copied
 
     def delete(self) -> None:
-        """Delete the folder with all its content."""
+        """Delete the folder and all its content."""
         shutil.rmtree(self.path, ignore_errors=True)
         unwatch(str(self.path))
 

@@ -37,12 +37,12 @@ from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import CUSTOM_STATE, N_PARAMETERS, N_STATES
 
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON, "c": PYTHON, "fmu": PYTHON}
-_COLUMNS = {  # number of columns of the gains and settings
+_COLUMNS = {  # numbers of gains and of settings, by control law
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
-}  # A custom law may have any number.
-# Code of a flight that reached the end of its mission, which truncates to the integer OK.
+}  # A custom law may have any number of gains and settings.
+# Kernel code of a flight that reached the end of its mission; it truncates to OK.
 _FLOWN = 0.5
 
 
@@ -50,7 +50,7 @@ class SavedFlights(NamedTuple):
     """Memory of flights at a control tick, before the measurement."""
 
     tick: int
-    # [flight, row] lane memory (kernel.plant.state), then observer
+    # [flight, row] lane memory (kernel.plant.state), then observer memory
     rows: Floats
 
 
@@ -90,7 +90,7 @@ def make_results(
 def make_kernel_plan(
     plan: FlightPlan, parameters: Floats, recording: Recording, start: SavedFlights | None = None
 ) -> KernelPlan:
-    """Return a plan in the form that the kernel accepts.
+    """Return a plan in the form that the kernel requires.
 
     Raise ValueError if an array has a wrong type or shape.
     """
@@ -194,7 +194,7 @@ def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
 
 
 def conform(value: Any, kind: Any, name: str) -> Any:
-    """Return a named tuple whose arrays have the layout expected by compiled code.
+    """Return a named tuple whose arrays have the layout that compiled code expects.
 
     Arrays are C-contiguous, aligned and writable. Raise ValueError if an array or number, at any
     depth, does not have the declared type.
@@ -220,7 +220,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
 
 
 def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -> None:
-    """Raise ValueError unless an array has the given shape; None allows any length."""
+    """Raise ValueError unless an array has the expected shape; None allows any length."""
     if array.ndim != len(shape) or any(
         expected_length not in (None, length)
         for length, expected_length in zip(array.shape, shape, strict=True)

@@ -33,7 +33,7 @@ class Signal:
 class Source(Signal):
     """Quantity that expressions of metrics may use."""
 
-    source: str  # name of the row of the source
+    source: str  # name of the row that contains the source
     nonnegative: bool = False  # whether the quantity is never negative
 
 
@@ -61,11 +61,11 @@ CHANNELS: tuple[Channel, ...] = (
         "throttle, or fuel equivalence ratio of a scramjet",
         "equivalence_ratio",
     ),
-    Channel("north_m", "m", "integral of the northward ground speed at altitude", "north"),
-    Channel("east_m", "m", "integral of the eastward ground speed at altitude", "east"),
+    Channel("north_m", "m", "integral of the northward Earth-relative velocity", "north"),
+    Channel("east_m", "m", "integral of the eastward Earth-relative velocity", "east"),
     Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
     Channel("longitude_deg", "deg", "longitude", "longitude"),
-    Channel("mass_kg", "kg", "mass", "mass", nonnegative=True),
+    Channel("mass_kg", "kg", "mass of the vehicle", "mass", nonnegative=True),
     Channel("dynamic_pressure_pa", "Pa", "dynamic pressure", "q_bar", nonnegative=True),
     Channel(
         "flight_path_angle_command_deg",
@@ -79,7 +79,7 @@ CHANNELS: tuple[Channel, ...] = (
         "angle of attack commanded by the guidance",
         "alpha_cmd",
     ),
-    Channel("bank_command_deg", "deg", "bank commanded by the guidance", "bank_cmd"),
+    Channel("bank_command_deg", "deg", "bank angle commanded by the guidance", "bank_cmd"),
     Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
     Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
@@ -99,9 +99,9 @@ CHANNELS += (
         "heat flux at the stagnation point",
         "stagnation_heat_flux_w_m2",
     ),
-    Channel("altitude_error_m", "m", "altitude minus reference", "altitude_error_m"),
-    Channel("speed_error_mps", "m/s", "speed minus reference", "speed_error_mps"),
-    Channel("heading_error_deg", "deg", "heading minus reference", "heading_error_deg"),
+    Channel("altitude_error_m", "m", "altitude minus reference altitude", "altitude_error_m"),
+    Channel("speed_error_mps", "m/s", "speed minus reference speed", "speed_error_mps"),
+    Channel("heading_error_deg", "deg", "heading minus reference heading", "heading_error_deg"),
     Channel(
         "cross_track_m", "m", "lateral deviation to the left of the reference", "cross_track_m"
     ),
@@ -111,28 +111,28 @@ CHANNELS += (
         "angle of attack minus its command",
         "angle_of_attack_error_deg",
     ),
-    Channel("bank_error_deg", "deg", "bank minus its command", "bank_error_deg"),
-    Channel("altitude_measured_m", "m", "altitude as measured", "m_altitude"),
-    Channel("speed_measured_mps", "m/s", "speed as measured", "m_speed"),
-    Channel("flight_path_angle_measured_deg", "deg", "flight path angle as measured", "m_gamma"),
-    Channel("heading_measured_deg", "deg", "heading as measured, between -180 and 180", "m_chi"),
-    Channel("angle_of_attack_measured_deg", "deg", "angle of attack as measured", "m_alpha"),
-    Channel("sideslip_measured_deg", "deg", "sideslip as measured", "m_beta"),
-    Channel("bank_measured_deg", "deg", "bank as measured", "m_bank"),
-    Channel("roll_rate_measured_dps", "deg/s", "roll rate as measured", "m_p"),
-    Channel("pitch_rate_measured_dps", "deg/s", "pitch rate as measured", "m_q"),
-    Channel("yaw_rate_measured_dps", "deg/s", "yaw rate as measured", "m_r"),
+    Channel("bank_error_deg", "deg", "bank angle minus its command", "bank_error_deg"),
+    Channel("altitude_measured_m", "m", "measured altitude", "m_altitude"),
+    Channel("speed_measured_mps", "m/s", "measured speed", "m_speed"),
+    Channel("flight_path_angle_measured_deg", "deg", "measured flight path angle", "m_gamma"),
+    Channel("heading_measured_deg", "deg", "measured heading, between -180 and 180", "m_chi"),
+    Channel("angle_of_attack_measured_deg", "deg", "measured angle of attack", "m_alpha"),
+    Channel("sideslip_measured_deg", "deg", "measured sideslip", "m_beta"),
+    Channel("bank_measured_deg", "deg", "measured bank angle", "m_bank"),
+    Channel("roll_rate_measured_dps", "deg/s", "measured roll rate", "m_p"),
+    Channel("pitch_rate_measured_dps", "deg/s", "measured pitch rate", "m_q"),
+    Channel("yaw_rate_measured_dps", "deg/s", "measured yaw rate", "m_r"),
     Channel(
         "gust_forward_mps",
         "m/s",
-        "gust and turbulence, component along forward body axis",
+        "forward component of gust and turbulence, body axes",
         "gust_u",
     ),
     Channel(
-        "gust_right_mps", "m/s", "gust and turbulence, component along right body axis", "gust_v"
+        "gust_right_mps", "m/s", "rightward component of gust and turbulence, body axes", "gust_v"
     ),
     Channel(
-        "gust_down_mps", "m/s", "gust and turbulence, component along down body axis", "gust_w"
+        "gust_down_mps", "m/s", "downward component of gust and turbulence, body axes", "gust_w"
     ),
 )
 
@@ -143,7 +143,7 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("flight_path_angle_reference_deg", "deg", "reference flight path angle"),
     Signal("heading_reference_deg", "deg", "reference heading"),
     Signal("angle_of_attack_reference_deg", "deg", "nominal angle of attack on the reference"),
-    Signal("bank_reference_deg", "deg", "nominal bank on the reference"),
+    Signal("bank_reference_deg", "deg", "nominal bank angle on the reference"),
     Signal("equivalence_ratio_reference", "-", "nominal throttle on the reference"),
     Signal("north_reference_m", "m", "reference north displacement"),
     Signal("east_reference_m", "m", "reference east displacement"),
@@ -212,7 +212,7 @@ _SOURCES: tuple[Source, ...] = (
         for i in range(MAX_EFFECTORS)
     ),
     Source("engine_failed", "-", "1 if an engine has failed or unstarted", "engine_failed", True),
-    Source("outside_tables", "-", "positive outside the tables (inputs clamped)", "outside", True),
+    Source("outside_tables", "-", "positive if an input is outside the tables", "outside", True),
 )
 SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}
 
@@ -228,7 +228,7 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
                 Source,
                 "saturated",
                 "-",
-                "1 if the deflection or command is at a limit, effector",
+                "1 if at a limit: deflection or command of effector",
                 "effector_saturated",
             ),
         )
@@ -237,7 +237,7 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
 
 
 def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Return channels of custom states, given by name and SI unit; angles are in degrees."""
+    """Return the channels of custom states (name, SI unit); angles are in degrees."""
     display_units = {"rad": "deg", "rad/s": "deg/s"}
     return tuple(
         Channel(

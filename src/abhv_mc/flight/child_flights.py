@@ -26,9 +26,9 @@ from abhv_mc.user_code.child import LostError, in_child, may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
 from abhv_mc.user_code.unpack import laws_folder
 
-_LIMIT = 60.0  # time limit of up to 16 flights, s
+_LIMIT = 60.0  # time limit for up to 16 flights, s
 _FEW = 16
-_ROWS = Z_ROWS + O_ROWS + 1  # rows of the file; the last has the control period
+_ROWS = Z_ROWS + O_ROWS + 1  # rows of the file; the last contains the control period
 _compiled: set[int] = set()  # lane counts of the compiled flights loaded by the child
 
 
@@ -88,7 +88,7 @@ def make_failed_block(
     metrics: int,
     keep_states: bool = False,
 ) -> FlightBlock:
-    """Return a block of one flight that has only an outcome."""
+    """Return the block of one flight of which only the outcome is known."""
     times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),

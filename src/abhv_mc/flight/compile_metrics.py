@@ -44,7 +44,7 @@ class SourceRow(NamedTuple):
     """Row of the lane memory that contains a source, with its unit."""
 
     unit: str
-    row: int  # row of the lane memory
+    row: int  # index of the row
     factor: float
     nonnegative: bool = False
 
@@ -73,7 +73,7 @@ def source_rows(
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str], ...] = (),
 ) -> dict[str, SourceRow]:
-    """Return the rows of all sources, by name.
+    """Return the lane-memory rows of all sources, by name.
 
     Sources are built in, or belong to ``effectors`` with actuators, custom ``states`` (names and
     units), or custom channels [channel, 2] (names and units).
@@ -141,7 +141,7 @@ def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
 
 
 def _is_lean(metric: Metric, sources: Mapping[str, SourceRow]) -> bool:
-    """Return whether a metric needs only one accumulator of one row."""
+    """Return whether a metric needs only one accumulator over one row."""
     if (
         metric.group == "user"
         or metric.of not in sources
@@ -189,7 +189,7 @@ class Expression:
         self.sources, self.text = sources, text
         self.code: list[tuple[int, int, int, int]] = []
         self.constant: list[float] = []
-        self.nonnegative = False  # whether the value is never negative
+        self.nonnegative = False  # whether the value of the expression is never negative
 
     def _emit(
         self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0

@@ -30,10 +30,10 @@ MakeState = Callable[[TrimPoint], Floats]
 
 _ITERATIONS = 30
 _STEP = 1e-4  # relative step of numerical derivatives
-_SMALLEST = 1e-6  # smallest magnitude of a state for the step
+_SMALLEST = 1e-6  # smallest magnitude of a state in the computation of its step
 _CONVERGED = 1e-10  # relative size of the last Newton step
 _SINGULAR = 1e-12  # smallest singular value relative to the largest
-_NOTED, _REJECTED = 0.4, 2.0  # thresholds of |eigenvalue| times step
+_NOTED, _REJECTED = 0.4, 2.0  # thresholds for |eigenvalue| times time step, for warning and error
 
 
 def start_custom(
@@ -75,7 +75,7 @@ def start_custom(
 
 
 def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
-    """Solve for custom states with zero rates at the trim with ``push``.
+    """Solve for the custom states with zero rates at the trim with ``push``.
 
     The iteration starts at ``states``. Raise InputError if it does not converge.
     """
@@ -111,7 +111,7 @@ def _file_of(code: VehicleCode) -> str:
 def _slopes(
     function: Callable[[Floats], Floats], x: Floats, unknown: Mask, steps: Floats
 ) -> Floats:
-    """Return the Jacobian [value, unknown] by central differences."""
+    """Return the Jacobian [value, unknown], computed by central differences."""
     columns = []
     for i, step in zip(np.flatnonzero(unknown), steps, strict=True):
         ends = [x.copy(), x.copy()]
@@ -213,7 +213,7 @@ class _StartPoint:
         )
         q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
         gravity = rotate_meridional(q0, q1, q2, q3, local_gravity[0], local_gravity[1])
-        # Forces that the trim requires in addition to the push.
+        # Forces required for the trim in addition to the push.
         force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
         force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
         variables = make_variables(

@@ -1,4 +1,4 @@
-"""Failure cases of flights, by which verdicts and envelopes are grouped."""
+"""Failure cases of flights, used to group verdicts and envelopes."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 
 NO_FAILURE = "none"
-UNSTART = "engine unstart"  # by the unstart condition of the vehicle
+UNSTART = "engine unstart"  # failure case of an engine that fails by inlet unstart
 _ENGINE = "failure.engine"  # prefix of the names of engine failures
 _KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
 

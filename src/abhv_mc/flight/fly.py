@@ -28,8 +28,8 @@ from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
-_SAMPLED = 512  # flights per call if quantiles need all ticks, to limit memory
-_LONGEST = 600.0  # time limit of fly_until with native code, s
+_SAMPLED = 512  # flights per call if quantiles need all ticks; limits memory
+_LONGEST = 600.0  # time limit for fly_until with native code, s
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
@@ -37,7 +37,7 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the compiled flight to use, which for a lean plan may be a cached full one."""
+    """Return the compiled flight; for a lean plan it may be a cached full flight."""
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
@@ -154,7 +154,7 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Compute the metrics that are quantiles over the counted ticks (linear method)."""
+    """Compute the metrics that are quantiles over the counted ticks, interpolated linearly."""
     quantiles = [
         (i, metric.limit)
         for i, metric in enumerate(plan.metrics)

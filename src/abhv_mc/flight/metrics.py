@@ -37,15 +37,15 @@ class Metric(Signal):
     group: Group
     of: str  # source or expression of sources; "" for a margin
     statistic: Statistic
-    limit: float = 0.0  # limit of the statistic, or probability of a quantile
-    start: float = 0.0  # start of the window, s
-    end: float = math.inf  # end of the window, s
+    limit: float = 0.0  # limit used by the statistic, or probability of a quantile
+    start: float = 0.0  # start of the time window, s
+    end: float = math.inf  # end of the time window, s
     settled: bool = False  # exclude 5 s after each step of the reference
-    empty: float = math.nan  # value if the flight ended before the window
+    empty: float = math.nan  # value if a flight ends before the window
     never_negative: bool = False
     leads: bool = False  # listed first in reports without requirements
     customary: float = 0.0  # customary lower limit of a stability margin
-    plateaus: tuple[float, ...] = ()  # values shared by many flights
+    plateaus: tuple[float, ...] = ()  # values that many flights may share
     # Finding stated in the report for flights with large values.
     finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""
     band: Bounds | None = None  # limits of a two-sided requirement
@@ -103,7 +103,7 @@ def name_end(unit: str) -> str:
 
 
 def label_of(name: str, unit: str) -> str:
-    """Return the default label of a declared metric: the name without the unit."""
+    """Return the default label of a declared metric: its name without the unit."""
     label = name.removesuffix(f"_{name_end(unit)}") if name_end(unit) else name
     label = label.replace("_", " ")
     return label[0].upper() + label[1:]
@@ -115,7 +115,7 @@ def default_bad(statistic: Statistic) -> Bad:
 
 
 def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:
-    """Return whether a statistic is never negative, given the sign of the quantity."""
+    """Return whether a statistic of a quantity is never negative."""
     return statistic in _SIZES or nonnegative
 
 
@@ -132,7 +132,7 @@ def _count(
     bad: Bad | None = None,
     **fields: Any,
 ) -> Metric:
-    """Make a metric; the statistic determines defaults of ``bad`` and ``empty``."""
+    """Make a metric; the statistic determines the defaults of ``bad`` and ``empty``."""
     never = is_never_negative(statistic, nonnegative)
     empty = (
         {Statistic.MIN: math.inf, Statistic.MAX: -math.inf}.get(statistic, 0.0)
@@ -178,7 +178,7 @@ def _error(
 
 
 def _settled(name: str, label: str) -> Metric:
-    doc = "largest absolute value, excluding 5 s after each step of the reference"
+    doc = "largest absolute error, excluding 5 s after each step of the reference"
     label, of = f"{label}, settled, max", f"{name}_deg"
     return _count(
         f"{name}_settled_max_deg",
@@ -195,7 +195,7 @@ def _settled(name: str, label: str) -> Metric:
 def _surface(name: str) -> tuple[Metric, ...]:
     label = name.capitalize()
     return (
-        _count(f"{name}_rms_deg", "deg", f"{name} deflection minus its initial trim, rms",
+        _count(f"{name}_rms_deg", "deg", f"rms {name} deflection relative to initial trim",
                f"{label}, rms", "usage", of=f"{name}_from_trim_deg", statistic=Statistic.RMS),
         _count(f"{name}_max_deg", "deg", f"largest absolute {name} deflection", f"{label}, max",
                "usage", of=f"{name}_deg", statistic=Statistic.MAX_ABS),
@@ -214,10 +214,10 @@ METRICS: tuple[Metric, ...] = (
     _count("cross_track_error_final_m", "m", "cross-track error at the end, actual minus reference",
            "Cross-track error at the end", "tracking", of="cross_track_m",
            statistic=Statistic.FINAL, bad="size"),
-    *_error("angle_of_attack_error", "deg", "angle of attack minus its command, error",
+    *_error("angle_of_attack_error", "deg", "angle of attack minus its command",
             "Angle of attack error", "angle_of_attack_error_deg", leads="rms"),
     _settled("angle_of_attack_error", "Angle of attack error"),
-    *_error("bank_error", "deg", "bank minus its command, error", "Bank error", "bank_error_deg",
+    *_error("bank_error", "deg", "bank angle minus its command", "Bank error", "bank_error_deg",
             leads="rms"),
     _settled("bank_error", "Bank error"),
     *_error("sideslip", "deg", "sideslip", "Sideslip", "sideslip_deg", leads="rms"),
@@ -256,7 +256,7 @@ METRICS: tuple[Metric, ...] = (
     _count("engine_failed_s", "s", "time with a failed or unstarted engine", "Engine failed",
            "loads", of="engine_failed", statistic=Statistic.TIME_OUTSIDE),
     _count("outside_tables_s", "s", (
-        "time outside the tables, with clamped "
+        "time outside the vehicle's tables, with clamped "
         "inputs"
     ), "Outside tables", "loads",
            of="outside_tables", statistic=Statistic.TIME_OUTSIDE, finding="leaves_tables"),

@@ -17,14 +17,14 @@ from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
-_SLOW_TICKS = 200  # number of ticks in which effects of hidden memory grow
+_SLOW_TICKS = 200  # number of ticks during which the effects of hidden memory grow
 # Relative tolerance if states are set at each tick, which restarts integrators of some FMUs.
 _ALIKE = 1e-6
 _LONGEST = 600.0  # time limit including compilation, s
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Check that two flights are bit-identical separately, together and in swapped order.
+    """Check that two flights have the same bits alone, together and in swapped order.
 
     Each version of the law's files is checked once. Raise InputError if the flights differ or the
     law fails.

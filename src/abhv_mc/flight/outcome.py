@@ -21,7 +21,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # value of the kernel
+    NOT_FINITE = int(user.NOT_FINITE)  # value in the kernel
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7
@@ -159,7 +159,7 @@ class Limit:
     bounds: Callable[[Limits], tuple[float, float]]
 
 
-# Names in the lane memory that differ from those of limits.
+# Names in the lane memory that differ from the names of the limits.
 _SOURCES = {
     "dynamic_pressure": "q_bar",
     "flight_path_angle": "gamma",
@@ -171,7 +171,7 @@ def _end(name: str) -> Limit:
     return Limit(Outcome.OK, _SOURCES.get(name, name), lambda limits: getattr(limits.end, name))
 
 
-# Latitude limit 560 m from a pole, where at Mach 10 the longitude changes by 0.05 rad a step.
+# Latitude limit 560 m from a pole, where at Mach 10 the longitude changes by 0.05 rad per step.
 NEAREST_POLE = math.radians(89.995)
 _RIPPLES = ("bank_ripple", "angle_of_attack_ripple", "sideslip_ripple")
 _DEG = 180.0 / math.pi

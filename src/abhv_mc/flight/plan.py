@@ -1,4 +1,4 @@
-"""Flight plan of one controller as arrays, and blocks of results."""
+"""Flight plan of one controller as arrays, and blocks of flight results."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -51,7 +51,7 @@ def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recor
     )
 
 
-# Prefixes of dispersions that a lean flight omits.
+# Prefixes of dispersions that a lean flight does not support.
 NOT_LEAN = (
     *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
     *("thrust.", "atmosphere.temperature"),
@@ -108,11 +108,11 @@ class FlightPlan:
     period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
     # built-in law, "tlc" or "lqr", whose measurement custom code filters
     around: str = ""
-    # dispersed settings of control laws, after those of the vehicle
+    # dispersed settings of control laws; they follow the vehicle's settings
     law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
     filter_settings: Floats = field(
         default_factory=lambda: np.empty(0)
-    )  # settings of a custom filter
+    )  # settings of a custom measurement filter
     source_hash: str = ""  # hash of the custom law's source; "" for built-in laws
     channels_hash: str = ""  # hash of the custom channels' source
     # The fields from here on are sent to workers but not stored.
@@ -193,7 +193,7 @@ class FlightBlock:
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
-        """Reason by flight, '' if it has none; empty if no flight has a reason."""
+        """Reason of each flight or ''; empty if no flight has a reason."""
         if not self.reasons:
             return ()
         return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))

@@ -1,4 +1,4 @@
-"""Flight plans as named arrays of nested records.
+"""Conversion of flight plans, which are nested records, to and from named arrays.
 
 Index arrays are not stored but rebuilt from the inputs, because compiled code does not check index
 bounds. Only floating-point numbers of the expected shapes are read.
@@ -14,7 +14,7 @@ import numpy as np
 from abhv_mc.flight.plan import FlightPlan
 
 REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
-REBUILT = "effectiveness."  # prefix of arrays computed from the vehicle
+REBUILT = "effectiveness."  # prefix of the names of arrays that are computed from the vehicle
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:

@@ -75,8 +75,8 @@ _find_warnings = cache_results(
 )  # Controllers of a campaign share the vehicle.
 _LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
 _SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
-_OUTSIDE = 1.0  # time outside the tables that causes a warning, s
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle that is not a node of most tables
+_OUTSIDE = 1.0  # minimum time outside the tables that causes a warning, s
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle that is a node of few tables
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:

@@ -1,4 +1,4 @@
-"""Repeatability of a custom simulator, and its consequences for the evidence."""
+"""Repeatability of a custom simulator, and its effect on the evidence from flights."""
 
 from collections.abc import Iterable
 from enum import StrEnum

@@ -1,4 +1,4 @@
-"""Compiled custom code of a plan: control law, channels and vehicle functions."""
+"""Compilation of the custom code of a plan: control law, channels, vehicle functions."""
 
 import contextlib
 import re
@@ -39,7 +39,7 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     """Yield the addresses of a vehicle's functions for ``width`` lanes, or zeros."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    functions: tuple[Any, ...] = (None, None, None)  # reference while the kernel uses the functions
+    functions: tuple[Any, ...] = (None, None, None)  # kept alive while the kernel uses them
     if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
             raise ValueError(
@@ -65,7 +65,7 @@ def open_law(
     settings of the law. Raise ValueError if a source is missing, as in a stored plan.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
-    runner: Any = None  # reference while the kernel uses the law
+    runner: Any = None  # kept alive while the kernel uses the law
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
@@ -121,7 +121,7 @@ def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
 def extra_measurements(plan: FlightPlan) -> int:
     """Return 1 if the plan's law may read measurements beyond the ten standard ones.
 
-    Return 2 if these may include accelerations, and 0 if the law reads no further measurements.
+    Return 2 if these may include accelerations, and 0 if the law reads none of them.
     """
     if plan.law not in USER_LAWS:
         return 0
@@ -224,7 +224,7 @@ def hidden_memory_error(plan: FlightPlan) -> InputError:
 
 
 def must_run_in_child(plan: FlightPlan) -> bool:
-    """Return whether the law of a plan is native code that must not run in this process."""
+    """Return whether the law of a plan is native code that this process must not run."""
     return plan.law in NATIVE and not may_run_here()
 
 

@@ -1,4 +1,4 @@
-"""Parameters of flights of a vehicle: built-in parameters and those of custom code."""
+"""Parameters of a vehicle's flights: built-in ones and settings of custom code."""
 
 import ast
 import functools
@@ -46,7 +46,7 @@ def read_vehicle_parameters(
 def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> Parameters:
     """Return the parameters, with dispersable settings of Python laws as ``law.NAME``.
 
-    The nominal values are those of the controller files. No law is run. Raise InputError for
+    The nominal values are the values in the controller files. No law is run. Raise InputError for
     settings that cannot be dispersed.
     """
     added: dict[str, Parameter] = {}

@@ -13,7 +13,7 @@ from abhv_mc.io.atomic_write import atomic_write
 
 
 def write_array(path: Path, *blocks: NDArray[Any]) -> None:
-    """Write the concatenation of ``blocks`` [row, ...] to a file.
+    """Write the concatenated arrays ``blocks`` [row, ...] to a file.
 
     Raise StorageFullError or InputError if the file cannot be written.
     """

@@ -29,15 +29,15 @@ _EXPECTED = "a block of flights"
 
 @dataclass(frozen=True)
 class ControllerFlights:
-    """Flights of one controller in ascending order, except flights that failed to run."""
+    """Flights of one controller in ascending order, without flights that failed to run."""
 
     flight: NDArray[np.int64]  # [flight]
-    outcome: NDArray[np.uint8]  # [flight], codes of `Outcome`
+    outcome: NDArray[np.uint8]  # [flight] codes of `Outcome`
     metrics: Mapping[str, Floats]  # name -> [flight]; each access returns a copy
     absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
     records: Mapping[str, Metric] = field(
         default_factory=lambda: BUILT_IN
-    )  # records of the metrics
+    )  # definitions of the metrics
     ends: Outcomes = OUTCOMES  # possible outcomes
     reasons: Mapping[int, str] = field(default_factory=dict)  # reasons why flights failed to run
 
@@ -67,7 +67,7 @@ class ControllerFlights:
 
 
 def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """Return the severity [flight] of a metric for all flights, or for ``rows``.
+    """Return the severity [flight] by a metric of all flights, or of ``rows``.
 
     Larger values are worse; early terminations are worst (see `abhv_mc.statistics`).
     """
@@ -86,18 +86,18 @@ def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) 
 
 
 def metric_sign(record: Metric) -> float:
-    """Return the sign of the metric in :func:`distances`: -1 if low values are worse."""
+    """Return the sign of a metric in :func:`distances`: -1 if low values are worse, else 1."""
     return -1.0 if record.bad == "low" and not record.band else 1.0
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
-    """Return the rows of common flights in ``a`` and in ``b``, in the same order."""
+    """Return the rows in ``a`` and in ``b`` of their common flights, in the same order."""
     _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
     return rows_a, rows_b
 
 
 class _Collector:
-    """Collector of the flights of one controller from several blocks."""
+    """Collector of the flights of one controller from its blocks."""
 
     def __init__(self, metrics: list[str]) -> None:
         self.flight: list[NDArray[np.int64]] = []
@@ -183,7 +183,7 @@ def read_flights(
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Return the metric columns: floats that are not inputs, with no dot in the name."""
+    """Return the metric columns: floats, not inputs, without a dot in the name."""
     floats = [
         field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
     ]
@@ -211,7 +211,7 @@ class Ranking:
         return self.row[self.controller == self.controllers.index(name)]
 
     def ranks_of(self, name: str) -> NDArray[np.intp]:
-        """Return the rank of each row [flight] of a controller among all flights."""
+        """Return the rank among all flights of each row [flight] of a controller."""
         return np.flatnonzero(self.controller == self.controllers.index(name))[
             np.argsort(self.rows_of(name))
         ]

@@ -26,7 +26,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.bands import QUANTILES, band_quantiles
 
 ENVELOPE_FLIGHTS = 4096
-_SLAB = 4_000_000  # values sorted together
+_SLAB = 4_000_000  # number of values sorted together
 _EXTRA_ROWS = 4  # rows of a block's file after the rows of flights
 
 
@@ -38,7 +38,7 @@ class Cells:
     columns: tuple[int, ...]  # columns of the plan's channels
     every: int  # control ticks between recorded times
     times: Floats | None = None  # times of all blocks; None: each block ends with its last flight
-    points: int = 1  # flight k is at point k % points of the unknowns
+    points: int = 1  # flight k has point k % points of the unknowns
 
     @property
     def recording(self) -> Recording:
@@ -100,7 +100,7 @@ class Collector:
 
     @property
     def times(self) -> Floats:
-        """Times [time] at which any flight was recorded, s."""
+        """Times [time] at which at least one flight was recorded, s."""
         if self._cells.times is not None:
             return self._cells.times
         return np.unique(
@@ -169,7 +169,7 @@ def _times_of(block: Singles, channels: int) -> Floats:
 def _ends(
     extremes: Singles, count: NDArray[np.int64], shape: tuple[int, int]
 ) -> tuple[Floats, Floats]:
-    """Return the extremes ``[time, channel]``, NaN after the end of all flights."""
+    """Return the extremes ``[time, channel]``, which are NaN after the end of all flights."""
     low, high = (
         np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in extremes
     )

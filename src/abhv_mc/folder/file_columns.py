@@ -1,4 +1,4 @@
-"""Tables that are read one column at a time to save memory in large campaigns."""
+"""Tables of which one column is read at a time, to save memory in large campaigns."""
 
 import os
 import tempfile
@@ -16,8 +16,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.parquet_columns import column_values
 
-_IN_MEMORY = 32 * 2**20  # limit for tables in memory, bytes
-_CHUNK = 16_384  # rows written together
+_IN_MEMORY = 32 * 2**20  # maximum size of a table in memory, bytes
+_CHUNK = 16_384  # number of rows written together
 
 
 def missing_file(path: Path, expected: str) -> InputError:
@@ -45,7 +45,7 @@ def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) 
 def read_pieces(
     path: Path, expected: str, columns: Sequence[str] | None = None
 ) -> Iterator[pa.Table]:
-    """Yield all or some columns of a Parquet file, one row group at a time."""
+    """Yield the row groups of a Parquet file, with all columns or a selection."""
     with _open(path, expected) as file:
         for group in range(file.num_row_groups):
             yield file.read_row_group(group, columns=columns, use_threads=False)
@@ -93,7 +93,7 @@ class SpooledColumns(_Columns):
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__(names)
         self._waiting: list[Floats] = []  # pieces not yet written
-        self._chunks: list[int] = []  # rows of each written chunk
+        self._chunks: list[int] = []  # number of rows in each written chunk
         self._order: NDArray[np.intp] | None = None
         self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
         weakref.finalize(self, self._file.close)

@@ -33,7 +33,7 @@ _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 REASON = "reason"  # column of reasons for failing to run; not part of the digest
 _LONGEST = 300  # maximum number of characters of a reason
-INPUT = b"input"  # metadata key of sample columns without a dot in the name
+INPUT = b"input"  # metadata key of input columns without a dot in the name
 _DIGEST = b"abhv_mc.digest"
 _MODULUS = 1 << 256
 
@@ -97,11 +97,11 @@ class FlightRows:
     values: Floats  # [flight, value]
     columns: tuple[str, ...] = _VALUE_NAMES  # names of the values: metrics, then the end time
     duration: float = np.inf  # duration of the mission, s
-    reasons: tuple[str, ...] = ()  # reasons why flights failed to run; empty without any
+    reasons: tuple[str, ...] = ()  # reasons why flights failed to run, or empty
 
     @property
     def stop(self) -> int:
-        """Number of the last flight plus one."""
+        """Number that follows the number of the last flight."""
         return self.first + len(self.outcome)
 
     @property
@@ -121,7 +121,7 @@ class FlightRows:
     @property
     def cases(self) -> list[str]:
         """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
-        if ENGINE_FAILED not in self.columns:  # as in a custom simulator
+        if ENGINE_FAILED not in self.columns:  # This metric does not exist for custom simulators.
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))
@@ -254,7 +254,7 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
 
 
 def _plain_text(reason: str) -> str:
-    """Return a reason as one line of valid, limited text."""
+    """Return a reason as one line of valid text of limited length."""
     return " ".join(reason.encode(errors="replace").decode().split())[:_LONGEST]
 
 

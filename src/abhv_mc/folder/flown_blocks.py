@@ -1,4 +1,4 @@
-"""Check of the blocks of flights in a results folder, and merge into larger files.
+"""Check of the blocks of flights in a results folder, and their merge into larger files.
 
 Merged files have about a million rows, because campaigns of 1e7 flights have thousands of blocks.
 """
@@ -27,8 +27,8 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.samples import SampleReader
 
 ROWS = 1 << 20  # maximum number of rows of a merged file
-MANY = 64  # files of a controller that are left unmerged
-_GROUP = 1 << 16  # rows of a row group
+MANY = 64  # number of files of a controller that are not merged
+_GROUP = 1 << 16  # number of rows in a row group
 
 
 def read_flown_blocks(
@@ -114,7 +114,7 @@ def find_joins(paths: Sequence[Path]) -> list[list[Path]]:
 
 
 def join_files(paths: Sequence[Path]) -> Path:
-    """Join adjacent files into one file, whose digest is the sum of the digests.
+    """Join adjacent files into one file, whose digest is the sum of their digests.
 
     Return the path of the joined file. The source files are kept.
     """

@@ -1,4 +1,4 @@
-"""Results of a campaign as arrays, the source of all tables, figures and pages."""
+"""Results of a campaign as arrays, from which all tables, figures and pages are made."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -42,7 +42,7 @@ class Envelope:
 
     @property
     def median(self) -> Floats:
-        """Median [time]; with unknowns, the mean of the median's lower and upper edge."""
+        """Median [time]; with unknowns, the mean of the lower and upper edges of the median."""
         return np.asarray(
             (self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0
         )
@@ -61,7 +61,7 @@ class FlownCampaign:
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
-    requirement_changes: tuple[RequirementChange, ...] = ()  # changes after results had been seen
+    requirement_changes: tuple[RequirementChange, ...] = ()  # after results had been seen
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.
@@ -115,7 +115,7 @@ class FlownCampaign:
     def _excluded(self) -> tuple[str, ...]:
         """Columns that are not metrics, and margins unless all flights have margins.
 
-        Margins of some flights are shown only in the section on stability.
+        Margins computed for only some flights are shown only in the section on stability.
         """
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
         return (
@@ -126,7 +126,7 @@ class FlownCampaign:
 
     @property
     def pairs(self) -> Iterator[tuple[str, str]]:
-        """Pairs of the first controller with each of the others."""
+        """Pairs of the first controller with each other controller."""
         first, *further = self.controllers
         return ((first, second) for second in further)
 

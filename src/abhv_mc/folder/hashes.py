@@ -50,11 +50,11 @@ class FileHashes:
         return [self._folder.root / name for name in sorted(self._known)]
 
     def listed(self) -> dict[str, str]:
-        """Return the hashes of all files by name, for the manifest."""
+        """Return the hash of each file by name, for the manifest."""
         return dict(sorted(self._known.items()))
 
     def forget(self, *paths: Path) -> None:
-        """Remove from the list files that the run has deleted or will replace."""
+        """Remove files that the run has deleted or will replace from the list."""
         for path in paths:
             self._known.pop(self._name(path), None)
 
@@ -108,7 +108,7 @@ def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
 def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
     """Call :func:`refuse_changes` at the end of the context, also after an error.
 
-    Such changes then explain the error.
+    If there was an error, such changes explain it.
     """
     try:
         yield

@@ -21,7 +21,7 @@ _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
-MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band with unknowns
+MOST_MEDIAN = "q50_most"  # upper edge of the median, which with unknowns is a band
 _DOCS = {
     name: (
         f"{adjective} value at any control tick or returned sample between the previous and the "
@@ -51,7 +51,7 @@ def write_histories(
 ) -> None:
     """Write ``channels`` of ``history[flight, time, channel]`` to a Parquet file.
 
-    The last axis of ``history`` is ``recorded``. A flight that terminated early has rows while the
+    ``recorded`` is the last axis of ``history``. A flight that terminated early has rows while the
     first channel is not NaN.
     """
     rows = ~np.isnan(history[:, :, 0])
@@ -131,7 +131,7 @@ class EnvelopeTable:
     most: Floats
 
     def at(self, times: Mask) -> "EnvelopeTable":
-        """Return the envelopes at the selected times."""
+        """Return the envelopes at selected times."""
         return EnvelopeTable(
             self.count[times],
             self.low[times],
@@ -143,7 +143,7 @@ class EnvelopeTable:
     def columns(self, points: int) -> dict[str, Floats]:
         """Return the columns of the Parquet file.
 
-        The lower edge is used for quantiles up to the median, the upper edge for those above.
+        The lower edge is used for quantiles up to the median, the upper edge for higher ones.
         """
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]

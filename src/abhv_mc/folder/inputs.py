@@ -35,7 +35,7 @@ To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 class FolderInputs:
     """Campaign file with references into a results folder, and the files copied there.
 
-    File names are paths relative to the folder.
+    File names are relative to the folder.
     """
 
     document: Document
@@ -64,7 +64,7 @@ class FolderInputs:
 
     @property
     def question(self) -> str:
-        """Hash of the campaign without seed and number of flights.
+        """Hash of the campaign without its seed and number of flights.
 
         Campaigns with the same hash can be pooled. With unknown parameters the seed is included,
         because it determines the points at which flights are simulated.
@@ -80,7 +80,7 @@ class FolderInputs:
 
     @property
     def judged_identity(self) -> str:
-        """Hash of the identity and the requirements."""
+        """Hash of :attr:`identity` and the requirements."""
         judging = [self.data.get(key) for key in JUDGING]
         return hashlib.sha256(json.dumps([self.identity, judging]).encode()).hexdigest()
 

@@ -29,7 +29,7 @@ _UNWRITABLE = (
     *(*_CLOSED, errno.EISDIR, errno.ENOTEMPTY, errno.ENOENT),
     *(errno.EINVAL, errno.EBUSY, errno.ENOLCK, errno.EOPNOTSUPP),
 )
-_LARGEST_LOG = 1 << 20  # maximum size of a log, bytes
+_LARGEST_LOG = 1 << 20  # maximum size of a log file, bytes
 _recorders: list[Callable[[Path, str], None]] = []  # functions called for each file that is written
 
 
@@ -72,13 +72,13 @@ class CampaignFolder:
 
     @property
     def report(self) -> tuple[Path, ...]:
-        """Files and folders that belong to the report."""
+        """Paths of the files and folders that belong to the report."""
         pages = (self.root / f"report.{kind}" for kind in ("html", "json"))
         return (*pages, self.matrix, self.metrics, self.root / "figures")
 
     @property
     def contents(self) -> tuple[Path, ...]:
-        """Files and folders that a campaign writes, except the lock."""
+        """Paths of the files and folders that a campaign writes, except the lock."""
         files = (
             self.campaign,
             self.manifest,

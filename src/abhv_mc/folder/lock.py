@@ -22,8 +22,8 @@ from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 _PATIENCE = 0.5  # waiting time, s, because `runs` briefly holds a lock to test it
-_POLL = 0.01  # s between attempts
-_SETTLE = 0.2  # time in which another process restores a wrongly moved lease, s
+_POLL = 0.01  # time between attempts, s
+_SETTLE = 0.2  # time for another process to restore a wrongly moved lease, s
 
 
 class _HeldError(Exception):
@@ -177,7 +177,7 @@ def _drop_lease(lease: Path, text: str) -> None:
 
 
 def _read_lease(lease: Path) -> str | None:
-    """Return the text of a lease, or None if the file does not exist."""
+    """Return the text of a lease file, or None if it does not exist."""
     try:
         return lease.read_text(encoding="utf-8", errors="replace")
     except FileNotFoundError:

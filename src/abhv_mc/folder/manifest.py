@@ -16,10 +16,10 @@ from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
 
-Ranges = tuple[tuple[int, int], ...]  # (first, stop) of ranges of flights
+Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights
 FORMAT = 1  # version of the folder's format
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
-_HASH = "manifest_hash"  # hash of all other entries
+_HASH = "manifest_hash"  # entry with the hash of all other entries
 _REMEDY = "the original manifest, or a new run with --fresh or in another folder (-o DIR)"
 
 
@@ -114,27 +114,27 @@ class Manifest:
     requirements: tuple[
         RequirementVerdict, ...
     ] = ()  # verdicts for controllers that must meet the requirements
-    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for the other controllers
+    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for all other controllers
     requirement_sets: tuple[
         RequirementSet, ...
-    ] = ()  # sets in chronological order, if there are several
+    ] = ()  # in chronological order, if there are several
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None
     machine: Mapping[str, str | int] = field(default_factory=dict)
     command: tuple[str, ...] = ()
-    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of inputs by path
+    inputs: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of each input file by path
     warnings: tuple[str, ...] = ()
     repeatable: Repeatability | None = None  # repeatability of a custom simulator
     not_made: tuple[str, ...] = ()
-    shard: tuple[int, int] | None = None  # (i, n) for shard i of n
+    shard: tuple[int, int] | None = None  # (i, n) if the folder contains shard i of n
     merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
     file_runs: int | None = None  # flights per point in the campaign file, if larger
     stopped_at: int | None = None  # number of flights at which a campaign stopped when proven
     search: Mapping[str, Any] | None = None  # settings of a search
     result: Mapping[str, Any] | None = None  # result of a search
-    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of files by path
+    files: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of each stored file by path
     flown_by: tuple[FlownBy, ...] = ()
     # Events of a custom simulator by system: "surplus", "repeated" and "restarts".
     simulator_events: Mapping[str, Mapping[str, int]] | None = None
@@ -203,7 +203,7 @@ def note_flyers(
 ) -> tuple[FlownBy, ...]:
     """Return the entries after ``flyers`` computed flights ``first`` to ``stop - 1``.
 
-    The flights are removed from the entries of other processes.
+    These flights are removed from the entries of other processes.
     """
     updated = []
     for entry in entries:
@@ -219,7 +219,7 @@ def note_flyers(
 def add_events(
     events_by_process: Iterable[Mapping[str, Mapping[str, int]] | None],
 ) -> dict[str, dict[str, int]] | None:
-    """Return the total numbers of simulator events by system, or None without events."""
+    """Return the total numbers of simulator events by system, or None if there are none."""
     sums = defaultdict[str, Counter[str]](Counter)
     for counts in events_by_process:
         for name, events in (counts or {}).items():

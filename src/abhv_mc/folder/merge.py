@@ -1,4 +1,4 @@
-"""Merge of the shards of a campaign into one folder, and functions for any merge."""
+"""Merge of the shards of a campaign into one folder, and functions for all merges."""
 
 import shutil
 from collections.abc import Iterator, Sequence
@@ -77,7 +77,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
 def _require_same_campaign(
     folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
 ) -> None:
-    """Raise InputError if the campaign of a shard differs from that of the first."""
+    """Raise InputError if the campaign of a shard differs from the first shard's campaign."""
     for shard in (first, folder):
         read_checked(shard, [shard.campaign])
     expected = read_folder_inputs(first, first_manifest)
@@ -217,7 +217,7 @@ def begin_merged(
 ) -> Iterator[FileHashes]:
     """Lock the folders, and start their merge in the locked target.
 
-    The target is emptied and receives the first folder's inputs, plans, nominal flights and
+    The target is emptied and then receives the first folder's inputs, plans, nominal flights and
     ``extra_files``.
     """
     first = folders[0]

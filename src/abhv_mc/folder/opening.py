@@ -1,4 +1,4 @@
-"""Opening of a results folder by a run: locking, checking, creating and extending."""
+"""Opening of a results folder by a run: functions that lock, check, create and extend it."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -63,7 +63,7 @@ def begin_folder(
 
 
 def _write_plans(folder: CampaignFolder, plans: Mapping[str, Plan]) -> None:
-    """Write plans, except those of custom simulators, which follow from the campaign file."""
+    """Write plans, except plans of custom simulators, which follow from the campaign file."""
     for name, plan in plans.items():
         if plan.timing is not None:
             write_plan(folder.plan(name), plan)

@@ -18,9 +18,9 @@ T = TypeVar("T")
 
 
 def write_plan(path: Path, plan: Any) -> None:
-    """Write the numbers and texts of a plan to a file."""
+    """Write the arrays of numbers and texts of a plan to a file."""
     content = io.BytesIO()
-    # np.savez_compressed takes three times as long.
+    # np.savez_compressed would take three times as long.
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, value in stored_arrays(plan).items():
             with archive.open(f"{name}.npy", "w") as member:

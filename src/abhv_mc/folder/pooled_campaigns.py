@@ -1,4 +1,4 @@
-"""Search for campaigns that differ only in their seed, and merge into one campaign."""
+"""Search for campaigns that differ only in their seed, and their merge into one."""
 
 import contextlib
 import shlex
@@ -40,7 +40,7 @@ def list_seeds(manifest: Manifest) -> set[int]:
 
 
 def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
-    """Return a sentence on campaigns that can be pooled, and the command to merge them.
+    """Return a sentence about campaigns that can be pooled, and the command to merge them.
 
     Candidates are complete campaigns of random flights in the same parent folder that differ only
     in their seed. Without candidates both texts are empty. Larger campaigns come first, because
@@ -52,7 +52,9 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
         return "", ""
     candidates = []
     for path in sorted(root.resolve().parent.glob("*/manifest.json")):
-        with contextlib.suppress(InputError):  # The manifest may not be that of a campaign.
+        with contextlib.suppress(
+            InputError
+        ):  # The manifest may belong to a search instead of a campaign.
             other = read_manifest(path)
             same = (other.question, other.source_hash) == (manifest.question, manifest.source_hash)
             if same and other.complete and _required(other) == _required(manifest):

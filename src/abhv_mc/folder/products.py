@@ -17,17 +17,17 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder
 
-KEY = "key"  # entry in JSON files and in the metadata of Parquet files
+KEY = "key"  # name of the key in JSON files and in Parquet metadata
 
 
 class Product(NamedTuple):
-    """File with its key."""
+    """Computed file with its key."""
 
     path: Path
     key: str
 
     def is_current(self, files: FileHashes) -> bool:
-        """Return whether the file is complete and has the key (or no key: older versions)."""
+        """Return whether the file is complete and has the key (or none, if of an older version)."""
         return files.knows(self.path) and _read_key(self.path) in (None, self.key)
 
 

@@ -23,7 +23,7 @@ _HEAD = "Requirements by which the flights of this folder were judged, until the
 
 @dataclass(frozen=True)
 class RequirementChange:
-    """Change of requirements after results had been seen."""
+    """Change of the requirements after results had been seen."""
 
     time: str  # empty if only a report uses the changed requirements
     flights: int  # flights per controller run before that time
@@ -59,7 +59,7 @@ def _write(
 
 
 def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Replace the requirements of a locked folder by those of a campaign."""
+    """Replace the requirements of a locked folder by the requirements of a campaign."""
     manifest = read_manifest(folder.manifest)
     before = read_folder_inputs(folder, manifest)
     judged = before.judged_by(campaign.document.entries)
@@ -74,7 +74,7 @@ def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
 def mark_later_choices(
     folder: CampaignFolder, manifest: Manifest, campaign: Experiment, is_stored: bool = True
 ) -> tuple[Experiment, tuple[RequirementChange, ...]]:
-    """Return the campaign with late requirements marked, and all late changes.
+    """Mark the late requirements of a campaign; return it with all late changes.
 
     A requirement is late if it was set after results had been seen. ``is_stored`` is true if the
     folder contains the requirements; otherwise only a report uses them.

@@ -85,7 +85,7 @@ class SampleReader:
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
 
     def _read(self, group: int) -> Floats:
-        with self._lock:  # Threads that start and store blocks may read different groups.
+        with self._lock:  # Threads that start and store blocks may read different row groups.
             if group not in self._groups:
                 table = self._file.read_row_group(group)
                 columns = [column_values(table[name]) for name in self.names]

@@ -12,7 +12,7 @@ from abhv_mc.io.input_error import InputError
 
 @dataclass(frozen=True)
 class Status:
-    """Manifest of a results folder, holder of the lock as text, and size in bytes."""
+    """Manifest of a results folder, description of its lock's holder, and size in bytes."""
 
     folder: str
     manifest: Manifest

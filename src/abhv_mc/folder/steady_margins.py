@@ -1,4 +1,4 @@
-"""Stability margins in trim at the start of the mission (``margins.json``)."""
+"""Stability margins in the trim at the start of the mission (``margins.json``)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,11 +24,11 @@ class LoopMargins:
     delay_margin_ms: float | None = None
     sensitivity_peak: float | None = None
     crossover_rad_s: float | None = None
-    disk_margin: float | None = None  # this field and the next two only for ``all``
+    disk_margin: float | None = None  # this and the next two fields are only for ``all``
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
     reason: str | None = None  # reason why there is no loop
-    # Whether the loop counts in the smallest margins; effector loops count for direct commands.
+    # Whether the smallest margins include the loop; effector loops only if commanded directly.
     counts: bool = True
     # Unstable poles of ``all`` as real and imaginary parts, 1/s.
     poles: tuple[tuple[float, float], ...] = ()
@@ -59,7 +59,7 @@ class SteadyMargins:
     """Margins of all controllers; empty if the vehicle has no surfaces or engine."""
 
     corners: int = 0  # number of corners evaluated
-    all_corners: bool = False  # all corners, or a random selection
+    all_corners: bool = False  # True if all corners were evaluated, not a random selection
     controllers: Mapping[str, ControllerMargins] = field(default_factory=dict)
 
 
@@ -67,7 +67,7 @@ _FILE = TypeAdapter(SteadyMargins)
 
 
 def read_steady_margins(path: Path) -> SteadyMargins:
-    """Read margins; empty if the file is missing. Raise InputError if it is invalid."""
+    """Read margins, empty if the file is missing. Raise InputError if it is invalid."""
     if not path.is_file():
         return SteadyMargins()
     try:

@@ -1,4 +1,4 @@
-"""Stores of results folders, selected by path or address."""
+"""Stores of results folders; a path or an address selects the store."""
 
 import contextlib
 import os
@@ -25,7 +25,7 @@ class LocalStore:
 
     @contextlib.contextmanager
     def reading(self, pattern: str = "*") -> Iterator[Path]:
-        """Yield the local folder for writing."""
+        """Yield the local folder for reading."""
         yield self.local
 
     @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Tables of a campaign as CSV files, and as an SQL database without file access."""
+"""Tables of a campaign, as CSV files and as an SQL database without file access."""
 
 import contextlib
 import threading
@@ -108,7 +108,7 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
     def work() -> T | None:
         try:
             return answer()
-        finally:  # Python cannot exit while a thread destroys duckdb objects.
+        finally:  # Python cannot exit while another thread destroys duckdb objects.
             ended.set()
 
     try:

@@ -1,4 +1,4 @@
-"""Simulation of a single flight, with outcome and metrics."""
+"""Simulation of a single flight, with its outcome and metrics."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,7 +24,7 @@ class OneFlight(NamedTuple):
     outcome: str  # code of the outcome
     end_time: float  # end time, s
     metrics: dict[str, float]
-    sentence: str  # sentence on the end of the flight
+    sentence: str  # sentence about the end of the flight
 
 
 def fly_once(

@@ -1,4 +1,4 @@
-"""Inputs of one flight: shipped names, paths or mappings, and dispersions.
+"""Inputs of a single flight: shipped names, paths or mappings, and dispersions.
 
 A mapping is the content of a file, or ``base`` and changed entries, as in ``{"base": "tlc",
 "limits.bank": "60 deg"}``.
@@ -106,7 +106,7 @@ def make_flight_plan(
 def make_parameters(
     dispersions: Mapping[str, Quantity] | None, vehicle: "Vehicle"
 ) -> "NDArray[np.float64]":
-    """Return a row [1, parameter] of nominal parameters with dispersions applied.
+    """Return a row [1, parameter] of nominal parameters changed by dispersions.
 
     Raise InputError for an unknown parameter.
     """

@@ -37,7 +37,7 @@ _MARGIN_UNITS = {
 }
 _MOST_BANK = 1.4  # maximum bank angle, rad
 _FREQUENCIES = 1000
-_SLOW = 0.1  # Faster poles (1/s) belong to the attitude motion.
+_SLOW = 0.1  # Poles of larger magnitude (1/s) belong to the attitude motion.
 HELD = ("altitude", "speed", "heading")
 
 
@@ -64,10 +64,10 @@ class StateSpace(NamedTuple):
     ['aileron', 'rudder', 'elevator', 'equivalence_ratio']
     """
 
-    A: "pd.DataFrame"  # [state, state]
-    B: "pd.DataFrame"  # [state, input]
-    C: "pd.DataFrame"  # [output, state]
-    D: "pd.DataFrame"  # [output, input]
+    A: "pd.DataFrame"
+    B: "pd.DataFrame"
+    C: "pd.DataFrame"
+    D: "pd.DataFrame"
 
 
 @dataclass(frozen=True)
@@ -103,15 +103,15 @@ class LinearModel:
     ((18, 18), 0)
     """
 
-    plant_continuous: StateSpace  # continuous plant, from commands to path coordinates
-    plant: StateSpace  # sampled plant under held commands
-    law: StateSpace  # memory of the law, from measurements to commands
-    loop: StateSpace  # open loop, from actuator inputs to minus the commands
-    closed: StateSpace  # closed loop, from command disturbances to coordinates and commands
-    period_s: float  # control period, s
+    plant_continuous: StateSpace
+    plant: StateSpace
+    law: StateSpace
+    loop: StateSpace
+    closed: StateSpace
+    period_s: float
     measurement_delay_periods: int
-    point: "pd.Series"  # states at the point, with ``attrs["units"]``
-    warnings: tuple[str, ...]  # for example about a nearby table node
+    point: "pd.Series"  # values of the states at the point, with ``attrs["units"]``
+    warnings: tuple[str, ...]
 
 
 def take_point(
@@ -200,7 +200,7 @@ def analyse_place(
 ) -> "tuple[Linear, Stability, list[str]]":
     """Return the linear model at a point, the stability margins, and notes.
 
-    `hold` names slow states that are held constant; the notes give the removed poles. Raise
+    `hold` names slow states that are held constant; the notes list the removed poles. Raise
     InputError for other names.
     """
     import numpy as np
@@ -219,7 +219,7 @@ def analyse_place(
         free = closed_poles(linearize(location.plan, location.points))[0]
         left = list(stability.poles[0])
         removed = []
-        for pole in free:  # The remaining poles have moved slightly.
+        for pole in free:  # The remaining poles differ slightly from the original poles.
             nearest = int(np.argmin(np.abs(np.array(left) - pole))) if left else -1
             if left and abs(left[nearest] - pole) < 0.2 * abs(pole) + GROWTH:
                 left.pop(nearest)

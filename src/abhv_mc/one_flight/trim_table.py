@@ -1,4 +1,4 @@
-"""Table of controls, forces and flying qualities in trim at several bank angles."""
+"""Table of controls, forces and flying qualities in trim, by bank angle."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from abhv_mc.kernel.plant.vehicle import Vehicle
     from abhv_mc.plant.trim import TrimPoint
 
-COLUMNS = {  # units by column, except the bank
+COLUMNS = {  # unit of each column, except the bank angle
     "flight_path_angle_deg": "deg",
     "angle_of_attack_deg": "deg",
     "elevator_deg": "deg",

@@ -1,1 +1,1 @@
-"""Custom control laws, channels and vehicle functions: read, checked and compiled."""
+"""Reading, checking and compilation of custom laws, channels and vehicle functions."""

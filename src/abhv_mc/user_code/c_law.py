@@ -1,4 +1,4 @@
-"""Control laws in C: loading the library, and the compiled loop that calls it.
+"""Loading of control laws in C, and the compiled loop that calls them.
 
 The loop over the lanes fills the structs of abhv_law.h and calls the step function. The lane of a
 flight holds the index of its state in memory. Native code runs in workers and the child process,
@@ -40,9 +40,9 @@ _SYSTEM = (
     sys.prefix,
     sys.base_prefix,
 )
-_LINE = 64  # alignment of states, bytes
-_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # offset of the command in the buffer
-_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # offset of the memory's numbers
+_LINE = 64  # alignment of each flight's state, bytes
+_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # offset of the command, bytes
+_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # offset of the memory, bytes
 
 
 class CLibrary(NamedTuple):
@@ -52,7 +52,7 @@ class CLibrary(NamedTuple):
     step: int
     get: int
     set: int
-    state_size: int  # bytes
+    state_size: int  # size of the state of a flight, bytes
     handle: Any
 
 
@@ -158,7 +158,7 @@ def open_c_law(
 ) -> OpenLaw:
     """Return the control law for ``width`` lanes and ``n_states`` simultaneous flights.
 
-    ``effectors`` are those of the vehicle. If the law exposes ``memory`` numbers, the lanes' rows
+    ``effectors`` are the vehicle's effectors. If a law exposes ``memory`` numbers, the lanes' rows
     hold them, as for a compiled law, and the state is rebuilt from them at each tick. The first
     ``seen`` measured quantities are passed; the others are NaN.
     """

@@ -24,7 +24,7 @@ from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _HEADER = Path(__file__).with_name("abhv_law.h")
 _ORIGIN = ["-Wl,-rpath,@loader_path" if sys.platform == "darwin" else "-Wl,-rpath,$ORIGIN"]
-_LONGEST = 600.0  # time limit of cc, s
+_LONGEST = 600.0  # time limit for cc, s
 _ERROR = re.compile(
     r"(?m)^(?P<file>[^:\n]+):(?P<line>\d+):(?:(?P<column>\d+):)? (?:fatal )?error: (?P<words>.*)$"
 )
@@ -38,7 +38,7 @@ def describe_platform() -> str:
 
 @functools.cache
 def find_compiler() -> str:
-    """Return the version of the C compiler ``cc``. Raise InputError without one."""
+    """Return the version of the C compiler ``cc``. Raise InputError if it is missing."""
     try:
         completed = subprocess.run(
             ["cc", "--version"],  # noqa: S607
@@ -108,12 +108,12 @@ def make_settings_header(layout: Layout) -> str:
 
 
 def describe_layout(layout: Layout) -> str:
-    """Return a text of the settings, contained in libraries built with abhv_settings.h."""
+    """Return the settings as the text that libraries built with abhv_settings.h contain."""
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 
 def with_library(source: UserSource) -> UserSource:
-    """Return the source of a control law with its library, built once for each content.
+    """Return a control law's source with its library, built once per version of the source.
 
     Raise InputError with the first error of cc.
     """

@@ -1,4 +1,4 @@
-"""Separate process or thread for custom code that may crash, hang or read files.
+"""Separate processes and threads for custom code that may crash, hang or read files.
 
 One child process serves all calls. It ends with this process and is replaced if it dies.
 """
@@ -23,7 +23,7 @@ _START = (
     "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; "
     "serve(int(sys.argv[1]))"
 )
-_may_run = False  # whether this process may crash
+_may_run = False  # whether this process may run code that crashes it
 _lock = threading.RLock()
 _child: "_Child | None" = None
 
@@ -91,7 +91,7 @@ def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[Non
 
 
 def describe_exit(code: int | None) -> str:
-    """Return a text on how a process ended."""
+    """Return a description of how a process ended."""
     return (
         f"killed by {signal.Signals(-code).name}"
         if code is not None and code < 0
@@ -136,7 +136,7 @@ class _Child:
             self._process.kill()
 
     def end(self) -> None:
-        if self._pid != os.getpid():  # copy in a forked process
+        if self._pid != os.getpid():  # copied by a fork of this process
             return
         self.kill()
         self._process.wait()

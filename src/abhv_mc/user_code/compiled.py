@@ -1,4 +1,4 @@
-"""Compilation of control laws to loops over lanes, cached by a hash of the loop's text."""
+"""Compilation of control laws to loops over lanes, cached by the hash of their text."""
 
 import functools
 import hashlib
@@ -40,15 +40,15 @@ from abhv_mc.user_code.table import LookUp
 from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
-COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # rows of a Command
-LAW_FAILED = 50.0  # value of flight.outcome.Outcome.LAW_FAILED, a layer above
+COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # lane-memory rows of a Command
+LAW_FAILED = 50.0  # value of flight.outcome.Outcome.LAW_FAILED, in a higher layer
 _GIVEN = "float('inf')"  # source text of law_interface.NOT_GIVEN
-_MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # classes built from any numbers
+_MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # classes that accept any numbers
 ONBOARD_ROWS = (
     *range(ONBOARD, ONBOARD + N_ONBOARD),
     *range(s.CMD, s.CMD + 4),
-)  # rows of the numbers of Onboard
-COMMANDS = "commands."  # prefix of columns of commands
+)  # lane-memory rows of the values of Onboard
+COMMANDS = "commands."  # prefix of the names of command columns
 WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
     r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return "
@@ -124,7 +124,7 @@ def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) 
 
 
 def split_columns(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split column names into those of designed gains and of commands."""
+    """Return the names of the gain columns, and of the command columns."""
     commands = tuple(name for name in names if name.startswith(COMMANDS))
     return names[: len(names) - len(commands)], commands
 
@@ -164,7 +164,7 @@ def loop_text(width: int, once: list[str], inside: list[str]) -> str:
 def build(module: Module, function: str, text: str, names: dict[str, Any], salt: str = "") -> Any:
     """Compile generated source text that calls ``function`` and return its ``loop``.
 
-    Raise InputError with the line that numba names, or else that of the function.
+    Raise InputError with the line that numba names, or else the line of the function.
     """
     try:
         return build_loop(f"{module.source.hash} {salt}", text, names)
@@ -227,7 +227,7 @@ def _compile_names(
     for (
         name,
         value,
-    ) in globals_of_module.items():  # isinstance() would call code of the objects.
+    ) in globals_of_module.items():  # isinstance() could run custom code of the objects.
         if type(value) is types.FunctionType and value.__globals__ is globals_of_module:
             copy = types.FunctionType(
                 codes.get(name, value.__code__), names, name, value.__defaults__, value.__closure__

@@ -1,4 +1,4 @@
-"""Model passed to the ``design`` function of a custom control law, and resulting gains."""
+"""Model passed to the ``design`` function of a control law, and the resulting gains."""
 
 import functools
 from collections import namedtuple
@@ -41,14 +41,14 @@ class LinearPlant(NamedTuple):
     inputs: tuple[str, ...]
 
     def take(self, states: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[Floats, Floats]:
-        """Return A and B reduced to the given states and inputs, in the given order."""
+        """Return A and B for a selection of states and inputs, in the order of the selection."""
         rows = [self.states.index(name) for name in states]
         columns = [self.inputs.index(name) for name in inputs]
         return self.A[np.ix_(rows, rows)], self.B[np.ix_(rows, columns)]
 
 
 class Trim(NamedTuple):
-    """Nominal controls of the reference at one time, SI and radians."""
+    """Nominal controls on the reference trajectory at one time, SI and radians."""
 
     angle_of_attack: float
     bank: float
@@ -150,7 +150,7 @@ def watched_design(
 ) -> tuple[tuple[str, ...], Floats]:
     """Return the names and columns [tick, gain] of the gains designed for a control law.
 
-    The design runs in the child process, which checks its file reads. Raise InputError if it fails.
+    The design runs in the child process, which checks file reads. Raise InputError if it fails.
     """
     recipe = source.recipe
     design: Any = load_law(source).design if recipe is None else recipe["design"]
@@ -186,7 +186,7 @@ def _design(
     if recipe is None:
         kind = load_law(source).settings
         settings_tuple = kind and kind(*numbers)
-    else:  # A Python file of the design; all declared files are available.
+    else:  # The design is a Python file that may read all declared files.
         root = source.file.removesuffix(source.files[0][0])
         files = {recipe["design"]: b"", **dict(source.files)}
         source = UserSource(

@@ -55,7 +55,10 @@ def commands_effectors(source: UserSource) -> bool:
 
 
 def parse_law(source: UserSource) -> ast.Module:
-    """Return the syntax tree with tuples of effectors. Raise InputError for unequal names."""
+    """Return the syntax tree of a law, with effectors as tuples.
+
+    Raise InputError if its Commands name different effectors.
+    """
     tree = ast.parse(source.text)
     names = find_commanded(source)
     calls = _commands(tree)
@@ -77,7 +80,7 @@ def parse_law(source: UserSource) -> ast.Module:
         values = dict(zip(keys, argument.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
-            for name in names  # All values must have one type.
+            for name in names  # All values must have the same type.
         ]
         for keyword in call.keywords:
             if keyword.arg == "effectors":
@@ -86,7 +89,7 @@ def parse_law(source: UserSource) -> ast.Module:
 
 
 def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
-    """Return the code of functions rewritten with tuples of effectors, by function name."""
+    """Return the code of functions rewritten with effectors as tuples, by function name."""
     if not find_commanded(source):
         return {}
     code = compile(parse_law(source), source.file, "exec", dont_inherit=True)

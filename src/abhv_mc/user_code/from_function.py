@@ -1,4 +1,4 @@
-"""Conversion of control laws defined in a notebook to the text of a Python file."""
+"""Conversion of control laws defined in a notebook to the source text of a Python file."""
 
 import inspect
 import textwrap
@@ -17,7 +17,7 @@ def make_law_text(function: Callable[..., Any]) -> str:
     """Return the text of a Python file with the control law and all names that it uses.
 
     The names include Settings, Memory, design and their dependencies. Raise InputError for values
-    without source text, such as arrays, which ``design`` has to return.
+    without source text, such as arrays, which ``design`` must return.
     """
     if not isinstance(function, types.FunctionType):
         raise InputError(
@@ -81,7 +81,7 @@ def _names(code: types.CodeType) -> list[str]:
 
 
 def _describe_tuple(name: str, kind: Any) -> str:
-    """Return source text that defines a named tuple, since notebooks store none of classes."""
+    """Return source text that defines a named tuple; notebooks store no source of classes."""
     defaults = kind._field_defaults
     rows = [
         f"    {field}: float" + (f" = {defaults[field]!r}" if field in defaults else "")

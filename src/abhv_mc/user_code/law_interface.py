@@ -34,7 +34,7 @@ MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Comman
 
 
 class Measured(NamedTuple):
-    """Measurements of the sensors."""
+    """Quantities measured by the sensors."""
 
     altitude: float  # m
     speed: float  # m/s
@@ -54,7 +54,7 @@ class Measured(NamedTuple):
     yaw: float
     latitude: float
     longitude: float
-    north: float  # integral of the northward ground speed at altitude, m
+    north: float  # integral of the northward Earth-relative velocity, m
     east: float
     equivalent_airspeed: float  # referred to sea-level density, m/s
     cross_track: float  # deviation to the left of the reference heading, m
@@ -198,8 +198,8 @@ class Thrust(NamedTuple):
 class Motion(NamedTuple):
     """Motion of the vehicle in body axes, passed to custom dynamics.
 
-    Accelerations are due to all other forces at this time: aerodynamics, thrust and, except for
-    the angular ones, gravity. The specific force is ``acceleration`` minus ``gravity``.
+    Accelerations are due to all other loads at this time: aerodynamics, thrust and, for linear
+    accelerations, gravity. The specific force is ``acceleration`` minus ``gravity``.
     """
 
     u: float  # velocity relative to the Earth, m/s
@@ -247,7 +247,7 @@ Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED 
 Filtered.__doc__ = """Result of a measurement filter; omitted fields keep the measured values."""
 FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
-# Classes of the arguments that the program defines.
+# Classes of the arguments that the program supplies.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "design"}
 ARGUMENTS = (

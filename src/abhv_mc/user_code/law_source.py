@@ -1,4 +1,4 @@
-"""Custom code named by a controller file, read without running it."""
+"""Reading of custom code that a controller file names, without running the code."""
 
 import json
 from pathlib import Path

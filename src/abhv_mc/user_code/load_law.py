@@ -1,4 +1,4 @@
-"""Loading and checks of control laws in Python files.
+"""Loading and checking of control laws in Python files.
 
 Errors of code that cannot be compiled name the line of the user's file.
 """
@@ -47,7 +47,7 @@ _REFUSED_CALLS = {
 
 @functools.lru_cache(maxsize=64)
 def load_law(source: UserSource) -> Law:
-    """Run a controller's file and return its control law. Raise InputError if it is invalid."""
+    """Run a Python file and return its control law. Raise InputError if it is invalid."""
     module = run_module(source)
     with refuse_in_words(source, "a law", "an ordinary function, and named tuples of numbers"):
         controllers = module.marked(CONTROLLER)
@@ -258,7 +258,7 @@ def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Check that each return statement has a Command (or Filtered), and Memory if defined."""
+    """Check that each return value is a Command (or Filtered), with Memory if defined."""
     remembers = "memory" in law.arguments
     result_class = "Filtered" if law.mark.filters else "Command"
     expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"
@@ -272,7 +272,7 @@ def _check_returns(law: Law, name: str) -> None:
 def check_returns(
     module: Module, name: str, is_wrong: Callable[[ast.expr | None], bool], expected: str
 ) -> None:
-    """Raise InputError for a wrong value of a 'return', or a path without one."""
+    """Raise InputError for a wrong return value, or a path without a return statement."""
     function = module.texts[name]
     wrong = [
         node for node in _walk(function) if isinstance(node, ast.Return) and is_wrong(node.value)

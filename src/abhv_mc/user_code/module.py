@@ -26,14 +26,14 @@ CONTROLLER, CHANNEL, DYNAMICS = (
     "_abhv_mc_controller",
     "_abhv_mc_channel",
     "_abhv_mc_dynamics",
-)  # attributes set by the decorators
+)  # names of the attributes that the decorators set
 
 
 @dataclass(frozen=True)
 class ControllerMark:
     """Arguments of the decorator ``controller``."""
 
-    units: dict[str, str] = field(default_factory=dict)  # units of settings
+    units: dict[str, str] = field(default_factory=dict)  # unit of each setting, by name
     compiled: bool = True
     dispersable: tuple[str, ...] = ()  # settings that a campaign may disperse
     filters: bool = False  # The function is a measurement filter.
@@ -68,7 +68,7 @@ class Module:
     names: dict[str, Any]  # global names of the file
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
-        """Return the functions with a given decorator of ``abhv_mc.extend``, by name."""
+        """Return the functions that carry one decorator of ``abhv_mc.extend``, by name."""
         functions = {
             name: value for name, value in self.names.items() if type(value) is types.FunctionType
         }
@@ -114,7 +114,7 @@ class Law:
 
 
 def check_closure(source: UserSource) -> None:
-    """Run a Python file in the child process, once for each content.
+    """Run a Python file in the child process, once per version of its content.
 
     Raise InputError if the file fails or reads undeclared files.
     """
@@ -189,7 +189,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
 
 
 def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
-    """Return a message on an undeclared file or module, and its entry for ``files``.
+    """Return a message about an undeclared file or module, and its entry for ``files``.
 
     The result is None if the file is not in the folder of the control law.
     """
@@ -198,7 +198,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
         top = str(error.name).partition(".")[0]
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
-    if isinstance(error, FileNotFoundError):  # numpy gives the file only in the message.
+    if isinstance(error, FileNotFoundError):  # numpy names the file only in the message.
         candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
         named = (os.path.relpath(beside / word, beside) for word in candidates)
         entry = next(

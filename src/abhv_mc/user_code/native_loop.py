@@ -26,12 +26,11 @@ class LawBackend(NamedTuple):
 
     ``open`` takes the source, names of gains, the numbers of lanes and of simultaneous flights, the
     number of memory values in the lanes' rows or None, the number of measured values, and names of
-    effectors; it raises InputError. ``find_memory`` takes the source, the settings and the first
+    effectors; it may raise InputError. ``find_memory`` takes the source, the settings and the first
     row of the reference, and returns the initial values of the law's memory by name, or None if the
     law does not expose them. ``find_misfits`` takes the source and returns mismatches between
     controller file and law: keys, value found and value expected. ``find_memory`` and
-    ``find_misfits`` run in a child process. A package registers a backend in the group
-    ``abhv_mc.law_backends``, by the value of ``law`` in the controller file.
+    ``find_misfits`` run in a child process. See :mod:`abhv_mc.entry_points`.
     """
 
     open: Callable[..., OpenLaw]

@@ -52,7 +52,7 @@ class PlainLaw:
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
         self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
-        self._memories: dict[int, Any] = {}  # memories by the index in the flight's lane
+        self._memories: dict[int, Any] = {}  # by the index in the flight's lane
         self._callback = _SOCKET(self._call)
 
     @property
@@ -92,7 +92,7 @@ class PlainLaw:
                 self._memories[len(self._memories)] = None
             elif (
                 lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]
-            ):  # spare lane that repeats a flight
+            ):  # a spare lane repeats a flight
                 block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
                 continue
             number = int(block[MEMORY, lane])

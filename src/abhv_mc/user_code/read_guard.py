@@ -57,7 +57,7 @@ class ReadGuard:
     def allows(self, real: str) -> bool:
         """Return whether the file at a real path may be read."""
         if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
-            with contextlib.suppress(ValueError):  # not a name of a module
+            with contextlib.suppress(ValueError):  # not compiled from a source file
                 real = importlib.util.source_from_cache(real)
         if real in self.declared or real in self.written:
             return True
@@ -76,7 +76,7 @@ class ReadGuard:
             return
         name = arguments[1] if event == "import" else arguments[0]
         if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
-            return  # an open file, or a module already found
+            return  # the number of an open file, or no file
         path = os.fsdecode(name)
         if event == "sqlite3.connect":
             path = path.removeprefix("file:").partition("?")[0]
@@ -166,7 +166,7 @@ def watch_reads(guard: ReadGuard, folder: str) -> None:
             return
         for path in (*guard.find_reads(event, arguments), *guard.find_programs(event, arguments)):
             if event == "ctypes.dlopen" and os.sep not in path:
-                continue  # The loader searches system libraries.
+                continue  # The loader searches for system libraries.
             real = os.path.realpath(path)
             if is_regular(real) and not guard.allows(real):
                 guard.packages |= set(
@@ -179,7 +179,7 @@ def watch_reads(guard: ReadGuard, folder: str) -> None:
 
 
 def undeclared_words(real: str, folder: str) -> str:
-    """Return a message on an undeclared file, named relative to ``folder``."""
+    """Return a message about an undeclared file, named relative to ``folder``."""
     simulator_folder = Path(os.path.realpath(folder))
     if Path(real).is_relative_to(simulator_folder):
         return f"it reads {Path(real).relative_to(simulator_folder)}, which 'files' does not list"

@@ -21,7 +21,7 @@ class UserSource:
     """Text and declared files of custom code, sent to workers but not stored in plans."""
 
     text: str
-    file: str  # path given by the user
+    file: str  # path as specified by the user
     files: tuple[
         tuple[str, bytes], ...
     ] = ()  # (path relative to the common folder, content) of each file

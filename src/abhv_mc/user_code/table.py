@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from abhv_mc.io.input_error import Refusal, one_of
 from abhv_mc.kernel.jit import scalar
 
-_INSIDE = -1e-12  # lower limit of barycentric coordinates, for rounding
+_INSIDE = -1e-12  # least barycentric coordinate inside, due to rounding
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 
@@ -204,7 +204,7 @@ class Scattered(LookUp):
                 ) from None
         self.axes = positions.shape[1]
         self.values = point_values[corners]  # [simplex, corner]
-        # Barycentric coordinates are ``transform`` times the distance from the last corner.
+        # Barycentric coordinates are ``transform`` times the vector from the last corner.
         last = positions[corners[:, -1]]
         edges = np.swapaxes(positions[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
         self.transform, self.last = np.linalg.inv(edges), np.ascontiguousarray(last)
@@ -217,7 +217,7 @@ class Scattered(LookUp):
             best, worst = 0, -np.inf
             for k in range(
                 simplices
-            ):  # The containing or nearest simplex has the greatest least coordinate.
+            ):  # The containing or nearest simplex has the largest minimum coordinate.
                 least, rest = np.inf, 1.0
                 for i in range(axes):
                     part = 0.0

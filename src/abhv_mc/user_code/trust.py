@@ -17,7 +17,7 @@ def list_file() -> Path:
     """Return the path of the list of hashes. Raise OSError without a home folder."""
     try:
         base = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
-    except RuntimeError as error:  # HOME is not set and the system does not know the user.
+    except RuntimeError as error:  # HOME is not set, and the system has no entry for the user.
         raise FileNotFoundError(str(error)) from None
     return Path(base, "abhv-mc", "flown_laws")
 

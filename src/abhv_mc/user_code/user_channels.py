@@ -1,4 +1,4 @@
-"""Custom channels: compiled functions with one value per control tick."""
+"""Compilation of custom channels, functions that return one value per control tick."""
 
 import functools
 from collections import namedtuple
@@ -27,7 +27,7 @@ from abhv_mc.user_code.source import UserSource
 # Measurements available in every flight, whatever the law requests.
 _NAMES = Measured._fields[: s.N_MEASURED]
 _Seen: Any = namedtuple("Measured", _NAMES)  # type: ignore[misc]
-# Rows of true values; the first are in the order of Measured.
+# Lane-memory rows of true values; the first are in the order of Measured.
 _ACTUAL = {
     **dict(zip(_NAMES, (X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI), strict=False)),
     **{name: variable_row(name) for name in ("angle_of_attack", "sideslip")},

@@ -107,7 +107,7 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
     Raise InputError, with the user's line, for code that does not compile.
     """
     loops = dict.fromkeys(_ARGUMENTS)
-    first = 0  # index of the function's first setting among all
+    first = 0  # index of the function's first setting in the list of all settings
     for key, function_code in code.named_functions():
         if function_code is None:
             continue
@@ -150,7 +150,7 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
 
 
 def _find_marked(module: Module) -> str:
-    """Return the name of the function with @dynamics. Raise InputError unless there is one."""
+    """Return the name of the only function with the decorator @dynamics, or raise InputError."""
     marked = module.marked(DYNAMICS)
     if len(marked) != 1:
         problem = f"{len(marked) or 'no'} functions with @dynamics"
@@ -163,14 +163,14 @@ def _find_marked(module: Module) -> str:
 
 
 def _is_constant(value: ast.expr | None) -> bool:
-    """Return whether a 'return' has no value, or one that is no result of a function."""
+    """Return whether a return value is missing or cannot be the result of the function."""
     return value is None or isinstance(value, ast.Constant | ast.Tuple)
 
 
 def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
     """Raise InputError if custom dynamics do not return an Effect with one rate per state.
 
-    Each 'return Effect(rates=(...), ...)' is read, because a trial takes only one of them.
+    Each 'return Effect(rates=(...), ...)' is checked, because a trial reaches only one of them.
     Arithmetic errors in the trial evaluation are ignored.
     """
     text = module.texts[function]
@@ -369,7 +369,7 @@ _FRAMES = {
         "side = made.CY",
     ],
     "stability": ["lift, drag, side = made.CL, made.CD, made.CY"],
-    "wind": [  # CD is opposite to the velocity, CC to the right of it.
+    "wind": [  # CD is opposite to the velocity; CC is positive to the right of the velocity.
         "sin_b, cos_b = _sincos(air.sideslip)",
         "lift = made.CL",
         "drag = made.CD * cos_b + made.CC * sin_b",

@@ -35,7 +35,7 @@ _SYSTEM = (
 
 
 class _Watch:
-    """State of the check of one running law: allowed reads, written files, first violation."""
+    """State of the check of a running law: allowed files, written files, first violation."""
 
     def __init__(self, source: UserSource) -> None:
         self.source = source

@@ -37,7 +37,7 @@ _DEAD_ZONE = (
     "dead zone: magnitude of the error between command and position below which the actuator does "
     "not move"
 )
-_BACKLASH = "total play between the actuator and the surface"
+_BACKLASH = "width of the play between the actuator and the surface"
 
 # Dynamics keys that each kind of actuator requires; other keys are rejected.
 DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
@@ -84,7 +84,7 @@ class EngineActuator(Actuator):
         default=None, description="damping ratio of a second-order actuator; default: 1"
     )
     rate_limit: Annotated[Frequency, Positive] | None = Field(
-        default=None, description="maximum rate of the throttle"
+        default=None, description="maximum rate of change of the throttle"
     )
     dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
     backlash: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
@@ -128,7 +128,7 @@ class PythonFunction(StrictModel):
 class ThrustLine(StrictModel):
     """Thrust line relative to the moment reference."""
 
-    inclination: Angle = Field(default=0.0, description="angle of the thrust, upward")
+    inclination: Angle = Field(default=0.0, description="angle of the thrust above body x")
     offset: Length = Field(
         default=0.0,
         description=(
@@ -142,15 +142,18 @@ class Unstart(StrictModel):
     """Flow conditions in which the inlet stays started; outside these the engine fails."""
 
     angle_of_attack: AngleRange = Field(
-        default=(-math.inf, math.inf), description="range of the angle of attack"
+        default=(-math.inf, math.inf),
+        description="angles of attack at which the inlet stays started",
     )
     sideslip: Annotated[Angle, Positive] = Field(
-        default=math.inf, description="maximum sideslip in either direction"
+        default=math.inf, description="maximum sideslip of a started inlet, in either direction"
     )
-    mach: Range = Field(default=(-math.inf, math.inf), description="range of the Mach number")
+    mach: Range = Field(
+        default=(-math.inf, math.inf), description="Mach numbers at which the inlet stays started"
+    )
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf,
-        description="time within the range until the inlet restarts; default: never",
+        description="time within all ranges until the inlet restarts; default: no restart",
     )
     drag_increment: float = Field(
         default=0.0, description="increment of the drag coefficient while unstarted"
@@ -195,9 +198,11 @@ class Engine(StrictModel):
     share: Annotated[Fraction, Positive] | None = Field(
         None, description="share of the total thrust; default: equal shares"
     )
-    x: Length = Field(0.0, description="position forward of the reference of the thrust line")
-    y: Length = Field(0.0, description="position to the right of the thrust line")
-    z: Length = Field(0.0, description="position below the thrust line")
+    x: Length = Field(
+        0.0, description="distance of the engine forward of the thrust line's reference point"
+    )
+    y: Length = Field(0.0, description="distance of the engine to the right of the thrust line")
+    z: Length = Field(0.0, description="distance of the engine below the thrust line")
 
 
 def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
@@ -241,13 +246,13 @@ class _Inlets(StrictModel):
 
 
 class _Propulsion(EngineActuator, _Inlets):
-    specific_impulse: str = Field(description="name of the table of the specific impulse")
+    specific_impulse: str = Field(description="name of the table that gives the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
         default=9.80665,
         description="gravitational acceleration in the definition of the specific impulse",
     )
     thrust_line: ThrustLine = Field(
-        ThrustLine(), description="line of thrust; default: along body x"
+        ThrustLine(), description="position and direction of the thrust; default: along body x"
     )
     equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
         description="minimum and maximum equivalence ratio"
@@ -266,7 +271,7 @@ class Capture(_Propulsion):
     )
     cowl_area: Annotated[Area, Positive] = Field(description="area of the inlet cowl")
     capture_area_ratio: str = Field(
-        description="name of the table of the ratio of captured area to cowl area"
+        description="name of the table that gives the ratio of captured area to cowl area"
     )
 
 
@@ -274,13 +279,13 @@ class ThrustArea(_Propulsion):
     """Thrust as dynamic pressure * thrust area."""
 
     kind: Literal["thrust_area"] = Field(description="method of computing thrust")
-    area: str = Field(description="name of the table of the ratio of thrust to dynamic pressure")
+    area: str = Field(description="name of the table that gives thrust divided by dynamic pressure")
 
 
 class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
     """Thrust computed by a Python function of air data and throttle."""
 
-    function: str = Field("thrust", description="name of the function")
+    function: str = Field("thrust", description="name of the Python function")
     throttle: Range = Field((0.0, 1.0), description="minimum and maximum throttle")
 
 
@@ -312,7 +317,7 @@ class Surfaces(SurfaceActuator):
 
     limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="maximum rate of deflection"
+        default=None, description="maximum deflection rate"
     )
 
     @model_validator(mode="after")
@@ -325,14 +330,14 @@ class Surfaces(SurfaceActuator):
 class Effector(SurfaceActuator):
     """Control surface with its deflection per axis command and, optionally, its own actuator."""
 
-    aileron: float = Field(0.0, description="deflection per aileron command")
-    rudder: float = Field(0.0, description="deflection per rudder command")
-    elevator: float = Field(0.0, description="deflection per elevator command")
+    aileron: float = Field(0.0, description="deflection per unit of aileron command")
+    rudder: float = Field(0.0, description="deflection per unit of rudder command")
+    elevator: float = Field(0.0, description="deflection per unit of elevator command")
     limits: tuple[Angle, Angle] | None = Field(
         default=None, description="minimum and maximum deflection"
     )
     rate: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="maximum rate of deflection"
+        default=None, description="maximum deflection rate"
     )
 
     @property

@@ -56,7 +56,9 @@ class Reference(StrictModel):
 class MassPoint(StrictModel):
     """Mass properties at one mass; centre of gravity is relative to the moment reference."""
 
-    mass: Annotated[Mass, Positive] = Field(description="mass at which the properties apply")
+    mass: Annotated[Mass, Positive] = Field(
+        description="mass of the vehicle for which these properties hold"
+    )
     inertia_xx: Annotated[Inertia, Positive] = Field(
         description="moment of inertia about body x (forward)"
     )
@@ -67,7 +69,7 @@ class MassPoint(StrictModel):
         description="moment of inertia about body z (down)"
     )
     inertia_matrix_element_13: Inertia = Field(
-        default=0.0, description="element xz of the inertia matrix, minus the integral of x z dm"
+        default=0.0, description="element xz of the inertia matrix: minus the integral of x z dm"
     )
     center_of_gravity_x: Length = Field(
         default=0.0, description="distance of the centre of gravity forward of the moment reference"
@@ -116,7 +118,7 @@ class MassModel(MassPoints):
     """Mass model: initial mass of a flight, and mass properties as functions of mass."""
 
     start: Annotated[Mass, Positive] = Field(
-        description="initial mass of a flight, within the range of the points"
+        description="initial mass of the vehicle, within the mass range of the points"
     )
     empty: Annotated[Mass, Positive] | None = Field(
         default=None,
@@ -125,7 +127,8 @@ class MassModel(MassPoints):
         ),
     )
     file: File | None = Field(
-        default=None, description="CSV file with the points: mass_kg,inertia_xx_kg_m2,..."
+        default=None,
+        description="CSV file with the points, in columns mass_kg, inertia_xx_kg_m2, ...",
     )
 
     @model_validator(mode="after")
@@ -197,13 +200,13 @@ class ReferencePoint(StrictModel):
 class AerodynamicsFunction(PythonFunction):
     """Coefficients computed by a Python function of air data, controls and rates."""
 
-    function: str = Field("coefficients", description="name of the function")
+    function: str = Field("coefficients", description="name of the Python function")
     frame: Literal["body", "stability", "wind"] = Field(
         description="axes of the force coefficients: body (CX CY CZ), stability (CL CD, CY along "
         "body y) or wind (CL CD CC)"
     )
     reference_point: ReferencePoint = Field(
-        ReferencePoint(), description="reference point of the moments"
+        ReferencePoint(), description="point about which the moment coefficients are defined"
     )
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
         default_factory=dict,
@@ -231,13 +234,13 @@ class Aerodynamics(StrictModel):
         (), description="terms of the side-force coefficient, positive to the right"
     )
     rolling_moment: tuple[Term, ...] = Field(
-        (), description="terms of the rolling moment, positive right wing down"
+        (), description="terms of the rolling-moment coefficient, positive right wing down"
     )
     pitching_moment: tuple[Term, ...] = Field(
-        (), description="terms of the pitching moment, positive nose up"
+        (), description="terms of the pitching-moment coefficient, positive nose up"
     )
     yawing_moment: tuple[Term, ...] = Field(
-        (), description="terms of the yawing moment, positive nose right"
+        (), description="terms of the yawing-moment coefficient, positive nose right"
     )
 
 

@@ -15,9 +15,10 @@ Number = float | str
 class CustomState(StrictModel):
     """Custom state with its unit and, if it has no equilibrium, an initial value."""
 
-    unit: str = Field(description="SI unit, such as m, rad/s or K; - if dimensionless")
+    unit: str = Field(description="SI unit of the state, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
-        default=None, description="initial value; default: the equilibrium at the trim"
+        default=None,
+        description="initial value of the state; default: its equilibrium value in trim",
     )
 
     @model_validator(mode="after")
@@ -43,7 +44,9 @@ class Dynamics(StrictModel):
     states: dict[
         str,
         Annotated[CustomState, BeforeValidator(_state, json_schema_input_type=str | CustomState)],
-    ] = Field(min_length=1, max_length=MAX_STATES, description="units of the states by name")
+    ] = Field(
+        min_length=1, max_length=MAX_STATES, description="custom states by name, each with its unit"
+    )
     settings: dict[str, Number] = Field(
         default_factory=dict,
         description="numbers passed to the function; a campaign may disperse them",

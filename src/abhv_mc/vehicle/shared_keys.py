@@ -32,13 +32,13 @@ class Oscillation(StrictModel):
     """Maximum oscillation (ripple) of each angle; a larger one ends a flight."""
 
     bank: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum ripple of the bank angle"
+        None, description="maximum peak-to-peak cycle of the bank error"
     )
     angle_of_attack: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum ripple of the angle of attack"
+        None, description="maximum peak-to-peak cycle of the angle-of-attack error"
     )
     sideslip: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum ripple of the sideslip"
+        None, description="maximum peak-to-peak cycle of the sideslip"
     )
 
 

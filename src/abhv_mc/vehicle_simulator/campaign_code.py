@@ -1,4 +1,4 @@
-"""Custom code of a campaign: channels, control laws and vehicle functions."""
+"""Access to the custom code of a campaign: channels, control laws, vehicle functions."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Trim margins at the start of the mission, nominal and at dispersion corners."""
+"""Stability margins in the initial trim, nominal and at the corners of the dispersions."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -22,7 +22,7 @@ _DIGITS = 6
 
 
 def make_corners(campaign: Experiment) -> Floats:
-    """Return parameter rows: nominal, then corners of the ranges of the dispersions."""
+    """Return parameter rows: nominal, then the corners of the ranges of the dispersions."""
     count = len(campaign.names)
     ends = np.array([campaign.ends_of(i)[[0, 2]] for i in range(count)]).reshape(count, 2)
     if count <= _ALL_CORNERS:
@@ -113,7 +113,7 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with numbers rounded to their significant digits."""
+    """Return a row with numbers rounded to the significant digits."""
     return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}
 
 

@@ -1,4 +1,4 @@
-"""Sentences on how flights ended, including the first quantity that is not finite."""
+"""Sentences about how flights ended, with the first quantity that is not finite."""
 
 import numpy as np
 
@@ -14,14 +14,14 @@ from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
 
-_NEVER = "stagnation_heat_flux_w_m2"  # channel that is absent without a nose radius
+_NEVER = "stagnation_heat_flux_w_m2"  # channel that needs a nose radius
 _ORDER = sorted(
     range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
 )  # Control laws use measured values.
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
-    """Return sentences on the end of a flight, which may be re-run to find the cause.
+    """Return sentences about the end of a flight, which may be re-run to find the cause.
 
     ``parameters`` is a row [1, parameter].
     """
@@ -52,7 +52,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
             ]
             if broken and not (
                 commands and broken[0].source.startswith("cmd_")
-            ):  # skip sums over all effectors
+            ):  # Sums over all effectors are skipped.
                 return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
     states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
     description = (

@@ -51,7 +51,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
 def _make_header(
     controller: str, names: tuple[str, ...], times: np.ndarray, gains: np.ndarray
 ) -> str:
-    """Return a C99 header with an enumeration of the columns, the times and the gains."""
+    """Return a C99 header with the times, the gains and an enumeration of the gain columns."""
     columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
     rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
     return (

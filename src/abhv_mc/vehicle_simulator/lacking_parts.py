@@ -1,4 +1,4 @@
-"""Dispersions of components that a vehicle does not have."""
+"""Detection of dispersions of components that a vehicle does not have."""
 
 import re
 

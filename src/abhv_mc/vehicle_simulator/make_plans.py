@@ -123,7 +123,7 @@ def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return a sentence on the measured quantities if there is wind."""
+    """Return a sentence about the reference of the measured quantities if there is wind."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []
@@ -132,7 +132,7 @@ def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]
 def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:
     """Return the reference trajectory: ``time`` (s) and REFERENCE_CHANNELS, each [time].
 
-    Only every ``stride``-th tick is returned.
+    Only every ``stride``-th control tick is returned.
     """
     reference = plan.reference[::stride]
     columns: dict[str, Floats] = {

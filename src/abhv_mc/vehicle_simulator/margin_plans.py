@@ -1,4 +1,4 @@
-"""Plans with stability margins of flights, and trim margins of dispersed vehicles."""
+"""Plans with stability margins of flights, and margins of dispersed vehicles in trim."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ _LOOKED_AT = 1000  # number of flights whose sensor intervals are checked
 def make_margin_plans(
     campaign: "Experiment", plans: Mapping[str, FlightPlan]
 ) -> dict[str, MarginPlan]:
-    """Return plans with stability margins, empty if no margins are requested.
+    """Return plans with stability margins, or none if no margins are requested.
 
     Raise InputError if margins cannot be computed.
     """
@@ -78,7 +78,7 @@ def count_metrics(plan: FlightPlan) -> int:
 
 
 def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:
-    """Return a function by controller that maps rows [flight, parameter] to trim margins.
+    """Return, by controller, functions of rows [flight, parameter] that give trim margins.
 
     No flight is simulated. Raise InputError if margins cannot be computed.
     """

@@ -1,4 +1,4 @@
-"""Rebuilding of plans from results folders, and of plans sent to workers."""
+"""Functions that rebuild plans from results folders, and plans sent to workers."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator
@@ -73,7 +73,7 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 def read_trusted_plan(
     stored: StoredPlans, campaign: Experiment, controller: str, trusted: bool = False
 ) -> FlightPlan:
-    """Return the stored plan of a controller, with code copied to the folder.
+    """Return the stored plan of a controller, with the custom code stored in the folder.
 
     Raise InputError if the code is missing or untrusted.
     """

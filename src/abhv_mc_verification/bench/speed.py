@@ -34,7 +34,7 @@ OPERATIONS_FILE = Path(__file__).with_name(
     "operations.json"
 )  # operations counted by benchmarks/operations.py
 _NUMBERS = 128
-_OPERATIONS = 16  # operations per number and sweep
+_OPERATIONS = 16  # operations per number in each sweep
 _SWEEPS = 40_000
 
 
@@ -63,7 +63,7 @@ def measure_peak() -> float:
     return _NUMBERS * _OPERATIONS * _SWEEPS / (time.thread_time() - start)
 
 
-_ALONE = 4  # number of single flights in a repetition
+_ALONE = 4  # number of single flights per repetition
 
 
 def read_operations() -> dict[str, dict[str, float]]:
@@ -141,7 +141,7 @@ def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:
 
 
 def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
-    """Return the ratio of flights per second of two threads to those of one thread."""
+    """Return the speed of two threads relative to one thread, in flights per second."""
     with ThreadPoolExecutor(2) as pool:
         start = time.perf_counter()
         pool.submit(fly, plan, parameters).result()
@@ -154,7 +154,7 @@ def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
 
 
 def find_simd() -> str:
-    """Return the widest vector instructions that processor and compiler support."""
+    """Return the widest vector instructions that the processor and the compiler support."""
     from llvmlite import binding
 
     features = binding.get_host_cpu_features()

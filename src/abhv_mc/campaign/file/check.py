@@ -57,7 +57,7 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
 
-_SAME = 1e-9  # relative rounding error allowed for nominal values
+_SAME = 1e-9  # relative tolerance within which nominal values are equal
 
 
 def check_derived(
@@ -281,7 +281,7 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
 def _check_asked(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check the controllers that the campaign's question compares.
+    """Check the controllers that the question of the campaign compares.
 
     They must be controllers of the campaign and include the first one.
     """
@@ -429,7 +429,7 @@ def _check_channels(
     own_channels: tuple[Channel, ...],
     errors: list[InputError],
 ) -> None:
-    """Check that the channels of kept histories exist in the program or the vehicle."""
+    """Check that the channels of stored histories exist in the program or the vehicle."""
     channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in channel_names:
@@ -445,7 +445,7 @@ def _check_channels(
 def _check_measured(
     document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
 ) -> None:
-    """Check that measured quantities are channels, with noise in the same units."""
+    """Check that measured quantities are channels, and that their noise has the same units."""
     for name, value in model.measured.items():
         where = ("measured", name)
         if name not in units:
@@ -465,7 +465,7 @@ def _check_runs(
     sample_file: SampleFile | None,
     errors: list[InputError],
 ) -> int:
-    """Return the number of flights given by the file or determined by the design."""
+    """Return the number of flights, which the file states or the design determines."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
         errors.append(

@@ -27,7 +27,7 @@ _LARGEST_BATCH = 2**20
 
 
 def _none_for(word: str, most: int | None = None) -> Any:
-    """Return a field type whose value ``word`` in the file is None in the model."""
+    """Return the type of a field whose value ``word`` in the file is None in the model."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
 
     def read(value: Any) -> Any:
@@ -50,11 +50,11 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 
 
 class Sampling(StrictModel):
-    """Sampling design; the file may give only the name of the design."""
+    """Sampling design; a file may contain only its name."""
 
-    design: DesignName = Field("random", description="sampling scheme")
+    design: DesignName = Field("random", description="name of the sampling design")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
-        2, description="values of each parameter in a grid or one_at_a_time"
+        2, description="number of values of each parameter in the designs grid and one_at_a_time"
     )
     path: File | None = Field(
         None,
@@ -78,7 +78,7 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters, of their ranks (Spearman) or normal variables."""
+    """Correlation of two parameters: of their ranks (Spearman) or normal variables."""
 
     between: tuple[str, str] = Field(description="the two correlated parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
@@ -112,7 +112,7 @@ class RequirementEntry(StrictModel):
         ),
     )
     probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
-        description="share of flights that must meet the limits, such as 99.73 %"
+        description="probability with which a flight must meet the limits, such as 99.73 %"
     )
     consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10,
@@ -139,7 +139,7 @@ class RequirementEntry(StrictModel):
         "failure", description="how an early termination counts: as a failure, or as measured"
     )
     id: str | None = Field(
-        None, description="identifier in the source document, such as GNC-12; shown in all outputs"
+        None, description="identifier of the requirement, such as GNC-12; shown in all outputs"
     )
     text: str | None = Field(None, description="text of the requirement in the source document")
     source: str | None = Field(None, description="source document of the requirement")
@@ -153,10 +153,10 @@ class RequirementEntry(StrictModel):
 
 
 class MarginsOfFlights(StrictModel):
-    """Flights and points of their trajectories for which stability margins are computed."""
+    """Flights, and points in time, for which stability margins are computed."""
 
     at: Points = Field(
-        ("trim",), description="trim, a time of the flight such as 30 s, or a list of these"
+        ("trim",), description="points: trim, a time of the flight such as 30 s, or a list of them"
     )
     flights: FlightCount = Field(
         100,
@@ -180,9 +180,11 @@ class PooledSeed(StrictModel):
 
 
 class Family(StrictModel):
-    """Joint risk of a false PASS over all pairs of requirement and controller."""
+    """Joint risk of a false PASS among all pairs of a requirement and a controller."""
 
-    method: Literal["holm"] = Field("holm", description="step-down procedure of Holm")
+    method: Literal["holm"] = Field(
+        "holm", description="correction for multiple verdicts: step-down procedure of Holm"
+    )
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10, description="largest probability that at least one PASS is false"
     )
@@ -193,7 +195,7 @@ class Execution(StrictModel):
 
     workers: Workers = Field(
         None,
-        description="number of blocks of flights computed in parallel; auto: one for each core",
+        description="number of blocks of flights computed in parallel; auto: one per core",
     )
     batch: Batch = Field(None, description="number of flights in a block")
     isolation: Literal["auto", "processes", "threads"] = Field(
@@ -217,7 +219,7 @@ class Compared(StrictModel):
     """Controllers that the campaign's question compares."""
 
     compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
-        description="controllers to compare; the first must be the first of the campaign"
+        description="controllers to compare, starting with the first controller of the campaign"
     )
 
 
@@ -287,7 +289,7 @@ class Campaign(StrictModel):
     )
     pooled: tuple[PooledSeed, ...] = Field(
         (),
-        description="seeds of the flights joined by `abhv-mc merge`, in order; default: one seed",
+        description="seeds of the campaigns joined by `abhv-mc merge`, in order; default: one seed",
     )
     sampling: Annotated[
         Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)
@@ -342,12 +344,12 @@ class Campaign(StrictModel):
         None,
         description=(
             "stability margins of dispersed flights as metrics; default: margins of the nominal "
-            "vehicle and of corners only"
+            "vehicle and of the corners of the dispersions"
         ),
     )
     stop: Literal["when proven"] | None = Field(
         None,
-        description="'when proven' ends the campaign when every requirement has passed or failed",
+        description="'when proven': the campaign ends when each requirement has passed or failed",
     )
     tune: Tune | None = Field(
         None,
@@ -357,7 +359,7 @@ class Campaign(StrictModel):
     )
     family: Family | None = Field(
         None,
-        description="joint risk of all verdicts; default: each requirement has its own risk",
+        description="joint risk of a false PASS in any verdict; default: one risk per requirement",
     )
     keep: Keep = Field(
         Keep(), description="outputs to store in addition to the metrics of every flight"
@@ -372,7 +374,7 @@ class Campaign(StrictModel):
     figures: Literal["paper"] | None = Field(
         None,
         description=(
-            "'paper': the report has the figures of Zhu and Shen (2014) and lists the published "
+            "'paper': the report has the figures of Zhu and Shen (2014) and lists their published "
             "values"
         ),
     )

@@ -37,12 +37,12 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
 
-_MIDDLE = 0.6  # middle of a range, as a fraction; not the nominal value
+_MIDDLE = 0.6  # middle, as a fraction of the range; differs from the nominal
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """Requirement: limits that a metric must meet in a given share of the flights."""
+    """Requirement: limits that a metric must meet in a specified share of the flights."""
 
     metric: str
     limits: Bounds  # limits in the metric's unit
@@ -55,7 +55,7 @@ class Requirement:
     traced: dict[str, str]  # id, text, source and rationale, if present
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
-        """Return the verdict for the given counts of failures and flights.
+        """Return the verdict for numbers of failures and flights.
 
         ``flights`` includes the flights that were not computed, ``failures`` does not.
         """
@@ -65,7 +65,7 @@ class Requirement:
 
 
 class System(NamedTuple):
-    """Plans for the simulation of one of the compared systems."""
+    """Plans to simulate one of the compared systems."""
 
     plan: Plan
     with_margins: Plan | None = None  # plan with stability margins of each flight
@@ -77,23 +77,23 @@ class Experiment:
 
     document: Document
     model: Campaign
-    runs: int  # flights per controller, at all points of the unknowns
-    marginals: dict[str, Marginal]  # by parameter, in order; empty if samples are from a file
+    runs: int  # flights per controller, over all points of the unknowns
+    marginals: dict[str, Marginal]  # by parameter, in order; empty for a sample file
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
-    measured: tuple[Metric, ...]  # metrics of the program, then declared metrics
+    measured: tuple[Metric, ...]  # built-in metrics, then declared metrics
     declared: tuple[Metric, ...] = ()
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each user channel
     effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
     states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
     systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
-    columns: tuple[str, ...] | None = None  # samples that replace those of the campaign
-    derived: Derived = ()  # parameters derived from others of the same row
+    columns: tuple[str, ...] | None = None  # columns of samples that replace the campaign's
+    derived: Derived = ()  # parameters computed from other parameters
     unknowns: Unknowns = field(default_factory=Unknowns)
-    parameters: Parameters = OURS  # parameters that flights accept
+    parameters: Parameters = OURS  # all parameters of a flight, dispersed or nominal
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
-    file_runs: int | None = None  # value in the campaign file, before overrides
+    file_runs: int | None = None  # number of flights in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
     later_choices: frozenset[int] = frozenset()  # indices of requirements set after the results
 
@@ -113,7 +113,7 @@ class Experiment:
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Controllers that the question compares; empty for other questions."""
+        """Controllers that the question compares; empty if it compares none."""
         return self.model.asks.compare if isinstance(self.model.asks, Compared) else ()
 
     @property
@@ -145,7 +145,7 @@ class Experiment:
 
     @property
     def runs_at_point(self) -> int:
-        """Flights per controller and point; row k is sample k // points at point k % points."""
+        """Flights per controller at each point; row k is sample k // points, point k % points."""
         return self.runs // len(self.unknowns.points)
 
     @property
@@ -162,7 +162,7 @@ class Experiment:
 
     @property
     def dependence(self) -> str:
-        """Reason, as a clause, why the flights are not independent draws."""
+        """Clause that says why the flights are not independent draws."""
         if self.has_noise:
             return "the simulator is not repeatable, and its noise is not shown to be independent"
         if not self.can_rerun:
@@ -196,7 +196,7 @@ class Experiment:
 
     @property
     def kept_channels(self) -> tuple[str, ...]:
-        """Channels that are written for flights with kept histories."""
+        """Channels of the stored time histories."""
         requested = self.model.keep.histories.channels
         return tuple(
             channel.name
@@ -243,7 +243,7 @@ class Experiment:
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of the flights by name, including requested stability margins.
+        """Metrics of the flights by name, with requested stability margins.
 
         Requirements define which values of a metric are worse. If they limit both sides, the
         distance outside the limits counts.
@@ -262,7 +262,7 @@ class Experiment:
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """Metrics of the requirements; without requirements, the leading metrics of the table."""
+        """Metrics of the requirements; without requirements, the leading built-in metrics."""
         required = dict.fromkeys(item.metric for item in self.requirements)
         return tuple(required or [metric.name for metric in self.measured if metric.leads])
 
@@ -290,7 +290,7 @@ class Experiment:
 
     @property
     def worst(self) -> int:
-        """Number N of the entry 'worst N' under ``keep``, or 0."""
+        """Number N of worst flights to keep (``worst N``), or 0."""
         items = [str(item).split() for item in self.model.keep.histories.flights]
         return max((int(fields[1]) for fields in items if fields[0] == "worst"), default=0)
 
@@ -302,7 +302,7 @@ class Experiment:
         return [limit for limit in own if limit is not None]
 
     def ends_of(self, i: int) -> Floats:
-        """Return the low end, middle and high end of dimension i (dispersion or unknown)."""
+        """Return the low end, middle and high end of the range of dimension ``i``."""
         if i >= len(self.names):
             low, high = (
                 float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high)
@@ -342,7 +342,7 @@ class Experiment:
         """Judge each requirement for each controller; return verdicts and points.
 
         ``groups`` contains the verdicts at each point of the unknowns, by controller and
-        requirement. The returned point is the one with the counts of the verdict.
+        requirement. The returned point is the point whose counts the verdict has.
         """
         number = max(1, len(self.requirements))
         return [
@@ -351,7 +351,7 @@ class Experiment:
         ]
 
     def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
-        """Add notes to a verdict on a requirement set later or values not searched for."""
+        """Note in a verdict a requirement set later, or worst values that were not searched."""
         notes = [verdict.note]
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
             verdict = replace(verdict, status="NOT SHOWN")

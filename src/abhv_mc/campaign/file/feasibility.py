@@ -20,7 +20,7 @@ _ABOVE_ZERO = re.compile(
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # tolerated probability of values beyond a bound
-_FIRST = 1000  # number of flights whose derived inputs are checked
+_FIRST = 1000  # number of first flights whose derived inputs are checked
 
 
 def find_impossible(campaign: Experiment) -> list[InputError]:
@@ -39,7 +39,7 @@ def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -
 
 
 def values_of(campaign: Experiment, name: str) -> Floats:
-    """Return values of a varied input including the ends, or quantiles if unbounded.
+    """Return values of a varied input, with the ends of its range or extreme quantiles.
 
     The quantiles cover all but 1e-6 of the distribution.
     """
@@ -58,7 +58,7 @@ def values_of(campaign: Experiment, name: str) -> Floats:
 
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
-    """Return undecidable requirements and impossible dispersions as warnings."""
+    """Return warnings about undecidable requirements and impossible dispersions."""
     return [
         f"the campaign has {error.found}; required: {error.expected}"
         for error in find_impossible(campaign)

@@ -1,4 +1,4 @@
-"""Settings under ``keep``: flights, channels and rates that are stored besides metrics."""
+"""Settings under ``keep``: the flights, channels and rates of the stored time histories."""
 
 import re
 from typing import Annotated, Any, Literal
@@ -83,7 +83,7 @@ class KeepEnvelopes(StrictModel):
 
 
 class Keep(StrictModel):
-    """Outputs of a campaign besides metrics."""
+    """Outputs that a campaign stores in addition to metrics."""
 
     histories: KeepHistories = Field(
         KeepHistories(), description="flights whose full time histories are stored"

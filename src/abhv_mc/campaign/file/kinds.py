@@ -1,4 +1,4 @@
-"""The four kinds of input files: models, recognition by keys, and references."""
+"""The four kinds of input files: their models, recognition by keys, and references."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,7 +30,7 @@ _KEYS: dict[str, set[str]] = {
 def find_kind(path: Path | Document, expected: str | None = None) -> str:
     """Return the kind of an input file. Raise InputError if no kind matches.
 
-    The result is ``expected`` unless another kind has at least two more matching keys.
+    The result is ``expected`` unless at least two more keys match another kind.
     """
     document = read_document(path)
     keys = set(document.data) if isinstance(document.data, dict) else set()

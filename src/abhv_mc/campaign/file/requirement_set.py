@@ -19,11 +19,11 @@ from abhv_mc.io.documents import (
     validate,
 )
 
-# Keys of a campaign file for judging and reporting; simulated rows do not depend on them.
+# Keys of a campaign file for judging and reporting; flights do not depend on them.
 JUDGING = ("requirements", "family", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
-_EMPTY = Path("requirements")  # file name in errors if a set is given in Python
+_EMPTY = Path("requirements")  # file name in error messages about a set from Python
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -32,9 +32,9 @@ class _Set(StrictModel, extra="ignore"):
 
 
 def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a campaign on which simulated rows depend.
+    """Return the entries of a campaign on which the simulated flights depend.
 
-    Entries on execution, requirements, questions and labels are omitted.
+    Entries about execution, requirements, questions and labels are omitted.
     """
     left_out = ("execution", *JUDGING, *_PRESENTING)
     row_data = {key: value for key, value in data.items() if key not in left_out}

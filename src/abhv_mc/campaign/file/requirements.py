@@ -224,7 +224,7 @@ def check_requirements(
 
 
 def _limit(value: float | str, unit: str) -> float:
-    """Return a limit in the metric's unit, in which plain numbers are read."""
+    """Return a limit in the metric's unit, which is also the unit of plain numbers."""
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):

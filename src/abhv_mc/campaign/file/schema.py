@@ -51,7 +51,7 @@ def _is_finite(default: Any) -> bool:
 
 
 def _in_words(default: Any, schema: Schema) -> Any:
-    """Return a default as written in a file: a quantity has a unit."""
+    """Return a default as written in a file: quantities have units."""
     if isinstance(default, (list, tuple)):
         parts = schema.get("prefixItems") or [schema.get("items", {})] * len(default)
         return [
@@ -98,7 +98,7 @@ def make_schema(kind: str) -> Schema:
 def _enumerate(parts: Schema) -> None:
     """Add enumerations of metrics, parameters and channels to a schema.
 
-    Only campaigns with custom metrics accept other names of metrics.
+    Campaigns with custom metrics accept other names of metrics, too.
     """
     campaign = parts["Campaign"]
     metrics = {"enum": [*METRIC_INDEX, *MARGIN_NAMES]}

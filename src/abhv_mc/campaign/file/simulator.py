@@ -1,4 +1,4 @@
-"""Campaign file for a custom simulator, whose inputs and outputs have any units."""
+"""Campaign file for a custom simulator, whose inputs and outputs may have any units."""
 
 import os
 from collections.abc import Mapping
@@ -154,7 +154,7 @@ class OwnChannel(StrictModel):
     """Column of the history that a flight returns."""
 
     unit: Unit = Field("-", description="unit as any text; '-' for a dimensionless number")
-    doc: str = Field("", description="description for the report")
+    doc: str = Field("", description="description of the quantity in the report")
 
 
 class Input(OwnChannel):
@@ -171,12 +171,10 @@ class OwnMetric(OwnChannel):
 
     bad: Bad | None = Field(
         None,
-        description=(
-            "which values are worse: high, low, or those of largest magnitude; default: high"
-        ),
+        description=("which values are worse: high, low, or large in magnitude; default: high"),
     )
     label: str | None = Field(
-        None, description="name in the report, without the unit; default: the key"
+        None, description="name of the metric in the report, without unit; default: the key"
     )
 
     def record(self, name: str) -> Metric:
@@ -305,7 +303,7 @@ class SimulatorCampaign(Campaign):
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
-    """Return the key under which a campaign file lists the compared systems."""
+    """Return the key of the compared systems in a campaign file."""
     return SYSTEMS if is_own(data) else "controllers"
 
 
@@ -315,7 +313,7 @@ def is_own(data: object) -> bool:
 
 
 def check_simulator(document: Document, model: SimulatorCampaign, errors: list[InputError]) -> None:
-    """Check the entries on the simulator; append problems to ``errors``."""
+    """Check the entries about the simulator; append problems to ``errors``."""
     try:
         if model.simulator:
             model.simulator.find_files(document.path.parent / model.simulator.folder)

@@ -10,7 +10,7 @@ from abhv_mc.io.units import TIME, Fraction, parse_quantity
 from abhv_mc.statistics.quantile_pairs import flights_to_bound
 
 Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
-_METRIC = "the metric"
+_METRIC = "name of the metric"
 _QUANTILE = "quantile of the metric over the flights"
 
 
@@ -22,12 +22,12 @@ class Free(StrictModel):
 
     key: str = Field(description="key in the controller file, such as velocity.speed.bandwidth")
     factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(
-        5.0, description="largest factor by which the parameter may increase or decrease"
+        5.0, description="largest factor by which tuning may multiply or divide the parameter"
     )
 
 
 class Aim(StrictModel):
-    """Objective: quantile of a metric, with early terminations as the worst value."""
+    """Objective: quantile of a metric; early terminations count as the worst value."""
 
     metric: str = Field(description=_METRIC)
     quantile: Quantile = Field(0.95, description=_QUANTILE)
@@ -122,7 +122,7 @@ class Tune(StrictModel):
     )
     usage: Aim = Field(
         Aim(metric=ELEVATOR_TRAVEL, quantile=0.5),
-        description="second objective of the Pareto front",
+        description="second objective, which forms the Pareto front with the first",
     )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
         64, description="number of flights for each candidate, with equal samples"
@@ -131,7 +131,7 @@ class Tune(StrictModel):
         320, description="number of parameter sets to evaluate"
     )
     validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
-        1000, description="number of new flights to validate the tuned and the initial controller"
+        1000, description="number of new flights for validating the tuned and initial controllers"
     )
 
     @model_validator(mode="after")

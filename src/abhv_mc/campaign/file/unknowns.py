@@ -1,4 +1,4 @@
-"""Unknowns: parameters with one value for the whole programme, known only within bounds."""
+"""Unknowns: parameters with a single value for the programme, known only by its bounds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,11 +35,11 @@ class Unknown(StrictModel):
 Count = Annotated[int, Field(ge=0)]
 
 
-_HINTED = 3  # number of dispersions named in a sentence
+_HINTED = 3  # number of dispersions that a hint names
 
 
 def unknowns_hint(dispersed: Iterable[str]) -> str:
-    """Return a hint on dispersions that may be constant for the whole programme, or ''."""
+    """Return a hint about dispersions that may be constant in the programme, or ''."""
     drawn = [
         name for name in dispersed if name.startswith("aero.") or name.endswith("_effectiveness")
     ]
@@ -54,22 +54,22 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 
 
 class MostFailures(StrictModel):
-    """Point at which a requirement failed most often in the search of a controller."""
+    """Point at which a requirement failed most often in the search for a controller."""
 
-    controller: str = Field(description="controller of the search")
+    controller: str = Field(description="controller for which the points were searched")
     requirement: Count = Field(description="index of the requirement, from 0")
     point: Count = Field(description="index of the point, from 0")
     failures: Count = Field(description="number of failures at the point during the search")
     flights: Count = Field(
-        SEARCH_FLIGHTS, description="number of flights of the search at each value tried"
+        SEARCH_FLIGHTS, description="number of flights simulated at each point tried"
     )
-    tried: Count = Field(description="number of values tried")
+    tried: Count = Field(description="number of points tried")
 
 
 class UnknownPoints(StrictModel):
     """Values of the unknowns at which requirements are judged, as found by `run`."""
 
-    tried: Count = Field(0, description="number of values tried in the search")
+    tried: Count = Field(0, description="number of points tried in the search")
     shared: Count | None = Field(
         None,
         description=(
@@ -81,7 +81,7 @@ class UnknownPoints(StrictModel):
     most_failures: tuple[MostFailures, ...] = Field(
         (),
         description=(
-            "points at which each requirement failed most often in the search of each controller"
+            "points at which each requirement failed most often in the search for each controller"
         ),
     )
     requirements: tuple[dict[str, Any], ...] | None = Field(
@@ -91,7 +91,7 @@ class UnknownPoints(StrictModel):
         ),
     )
     at: dict[str, tuple[float, ...]] = Field(
-        description="values by unknown, SI; each flight is simulated at every point"
+        description="values [point] of each unknown, SI; each flight is simulated at every point"
     )
 
 
@@ -100,13 +100,13 @@ class Unknowns:
     """Bounds of the unknowns, and the simulated points; one empty point without unknowns."""
 
     names: tuple[str, ...] = ()
-    low: Floats = field(default_factory=lambda: np.empty(0))  # [unknown], SI
+    low: Floats = field(default_factory=lambda: np.empty(0))  # lower and upper bounds [unknown], SI
     high: Floats = field(default_factory=lambda: np.empty(0))
     points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
     tried: int = 0
-    shared: int | None = None  # number of points for all requirements; None: all
+    shared: int | None = None  # number of points at which all requirements are judged; None: all
     most_failures: tuple[MostFailures, ...] = ()
-    # requirements without a search for worst values
+    # requirements whose worst values were not searched
     unsearched: frozenset[int] = frozenset()
     parameters: Parameters = OURS
 
@@ -136,7 +136,7 @@ class Unknowns:
     def note(
         self, controller: str, requirement: int, verdicts: Sequence[Verdict], worst: int
     ) -> str:
-        """Return a note on the points of a requirement and the result of the search.
+        """Return a note about the points of a requirement and the result of the search.
 
         ``verdicts`` [point] are the verdicts at all points; ``worst`` is the point farthest from a
         PASS.
@@ -177,7 +177,7 @@ def points_entry(
     searches: Sequence[Search],
     flights: int,
 ) -> dict[str, object]:
-    """Return the entry `points` for the chosen points and the searches of controllers.
+    """Return the entry `points` for the chosen points and the searches for controllers.
 
     ``flights`` is the number of flights at each point tried.
     """
@@ -209,7 +209,7 @@ def match_requirements(
     points: UnknownPoints | None,
     requirements: Sequence[Mapping[str, Any]],
 ) -> Unknowns:
-    """Return the unknowns with the search results matched to the given requirements."""
+    """Return the unknowns with the search results assigned to ``requirements``."""
     if points is None or points.requirements is None:
         return unknowns
     searched = [_severity(entry) for entry in points.requirements]

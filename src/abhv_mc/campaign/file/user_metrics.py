@@ -84,19 +84,18 @@ class MetricEntry(StrictModel):
         None, description="name of the mission phase that is used as the time window"
     )
     settled: bool = Field(
-        False, description="exclude ramps and steps of the bank command and the 5 s after each"
+        False, description="whether to exclude bank-command ramps and steps and 5 s after each"
     )
     empty: float | None = Field(
         None,
         description=(
-            "value if the flight ends before the window; default: no value, which counts as a "
-            "failure"
+            "value if a flight ends before the window; default: no value, which counts as a failure"
         ),
     )
     bad: Bad | None = Field(
         None,
         description=(
-            "which values are worse: high, low, or those of largest magnitude; default: low for "
+            "which values are worse: high, low, or large in magnitude; default: low for "
             "min, else high"
         ),
     )
@@ -104,9 +103,9 @@ class MetricEntry(StrictModel):
         None, description="unit of the metric, if it does not follow from the channel or the name"
     )
     label: str | None = Field(
-        None, description="name in the report, without the unit; default: the key"
+        None, description="name of the metric in the report, without unit; default: the key"
     )
-    doc: str = Field("", description="description for the report")
+    doc: str = Field("", description="description of the metric in the report")
 
     @model_validator(mode="after")
     def _check(self) -> "MetricEntry":

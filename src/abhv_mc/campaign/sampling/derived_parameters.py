@@ -20,8 +20,8 @@ from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import OURS, Parameters
 
 DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # name of a parameter, not a number
-_DOT = "__"  # replaces the dots, which names cannot contain
-_sincos = np.vectorize(sincos, otypes=(float, float))  # bit-identical on every processor
+_DOT = "__"  # replaces the dots, which identifiers cannot contain
+_sincos = np.vectorize(sincos, otypes=(float, float))  # gives the same bits on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.ADD: np.add,
     Operation.SUBTRACT: np.subtract,
@@ -41,7 +41,7 @@ class DerivedInput:
     """Derived parameter with the instructions that compute it."""
 
     name: str
-    of: frozenset[str]  # operands
+    of: frozenset[str]  # names of the operands
     code: tuple[tuple[int, int, int, int], ...]
     constants: tuple[float, ...]
 

@@ -2,8 +2,8 @@
 
 Random numbers depend only on a seed, a name and a flight. Each (seed, name) keys a counter-based
 Philox generator whose counter is the flight's number. Flight k is therefore independent of the
-number and order of flights, an added parameter shifts nothing, and neighbouring seeds share
-nothing. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
+number and order of flights, of added parameters and of neighbouring seeds. Salmon et
+al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
 
 A design gives each flight and parameter a number in [0, 1], the probability at which the inverse of
 the parameter's distribution is evaluated. ``random``, ``sobol`` and ``halton`` give flight k the
@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.plant.parameters import OURS, Parameters
 
-INDEPENDENT = "random"  # design with independent flights, as binomial statistics require
+INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(
     {"random", "sobol", "halton", "file"}
 )  # designs in which more flights do not change the first ones
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
 _BITS = 30  # bits of a Sobol point: at most 2**30 flights
-_PIECE = 4096  # points per draw; Sobol sequences require a power of two
+_PIECE = 4096  # points drawn together; Sobol sequences require a power of two
 NOMINAL = -1.0  # marks a nominal value in a factorial design
 _WORDS = 4  # 64-bit words of one Philox4x64 counter value
 
@@ -46,7 +46,7 @@ def stream_key(seed: int, name: str, purpose: str = "sample") -> int:
 
 
 def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
-    """Draw a number [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
+    """Draw numbers [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
     generator = np.random.Philox(key=key)
     generator.advance(first)
     raw_numbers = generator.random_raw(_WORDS * count)[::_WORDS]
@@ -54,7 +54,7 @@ def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
 
 
 def make_generator(seed: int, name: str, purpose: str) -> np.random.Generator:
-    """Return a random generator for scrambles and permutations of a campaign."""
+    """Return the random generator for the scrambles and permutations of a campaign."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(stream_key(seed, name, purpose)))
     )
@@ -68,7 +68,7 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # values per parameter; for one_at_a_time per side
+    levels: int = 2  # values per parameter; in one_at_a_time per side
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:
@@ -133,7 +133,7 @@ def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
 
 
 def _dimension(design: Design, name: str) -> int:
-    """Return the dimension of a parameter in the sequence, from 1."""
+    """Return the dimension of the sequence for a parameter, counted from 1."""
     return design.parameters.dispersible.index(name) + 1
 
 
@@ -148,7 +148,7 @@ def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
 
 
 def _open(values: Floats) -> Floats:
-    """Clip probabilities to (0, 1), because unbounded distributions are infinite at the ends."""
+    """Clip probabilities to (0, 1), because quantiles at 0 and 1 may be infinite."""
     return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
 
 
@@ -180,7 +180,7 @@ _COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
 
 
 def normal_correlation(rank_correlation: float) -> float:
-    """Return the correlation of normal variables for a rank correlation."""
+    """Return the correlation of normal variables that has a given rank correlation."""
     return 2.0 * math.sin(math.pi / 6.0 * rank_correlation)
 
 
@@ -212,7 +212,7 @@ class Copula:
 
 
 def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Copula:
-    """Return the copula for pairwise correlations of normal variables.
+    """Return the copula with the given pairwise correlations of normal variables.
 
     Raise numpy.linalg.LinAlgError if the matrix is not positive definite.
     """

@@ -40,7 +40,7 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the marginal of drawn values of ``parameter``, SI. Raise Refusal if invalid."""
+        """Return the marginal of the drawn values of a parameter, SI. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
         """Return the marginal, SI, including ``probability``. Raise Refusal if invalid."""
@@ -73,8 +73,8 @@ class _Ranged(_Distribution):
             "distance from the nominal value (mean, mode) to either end; replaces low and high"
         ),
     )
-    low: Value | None = Field(None, description="lower end")
-    high: Value | None = Field(None, description="upper end")
+    low: Value | None = Field(None, description="lower end of the range")
+    high: Value | None = Field(None, description="upper end of the range")
 
     def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
         """Return the range from ``half_width`` about ``center``, or from ``low`` and ``high``."""
@@ -100,7 +100,7 @@ class _Ranged(_Distribution):
 
 
 class Uniform(_Ranged):
-    """Uniform distribution over a range."""
+    """Uniform distribution on a range."""
 
     distribution: Literal["uniform"] = Field(description=_KIND)
 
@@ -200,7 +200,7 @@ class Beta(_Ranged):
 
 
 class Discrete(_Distribution):
-    """Discrete distribution with equal or given weights."""
+    """Discrete distribution with equal or specified weights."""
 
     distribution: Literal["discrete"] = Field(description=_KIND)
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
@@ -224,14 +224,14 @@ class Discrete(_Distribution):
 
 
 class Scipy(_Distribution):
-    """Continuous distribution of scipy.stats, by name with shape, location and scale."""
+    """Continuous distribution of scipy.stats, with shape parameters, location and scale."""
 
     distribution: Literal["scipy"] = Field(description=_KIND)
     law: str = Field(
         description="name of a continuous distribution of scipy.stats, such as weibull_min"
     )
     shapes: dict[str, float] = Field({}, description="shape parameters by name")
-    loc: Value | None = Field(None, description="location; default: 0")
+    loc: Value | None = Field(None, description="location in SI units; default: 0")
     scale: Value | None = Field(None, description="scale in SI units; default: 1")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
@@ -243,7 +243,7 @@ class Scipy(_Distribution):
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
-        ]  # in the order of scipy
+        ]  # in the order in which scipy takes them
         if sorted(self.shapes) != sorted(shapes):
             problem = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
@@ -267,7 +267,7 @@ _Part = Annotated[
 
 
 class Mixture(_Distribution):
-    """Mixture of distributions with equal or given weights."""
+    """Mixture of distributions with equal or specified weights."""
 
     distribution: Literal["mixture"] = Field(description=_KIND)
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(

@@ -27,7 +27,7 @@ class Marginal(Protocol):
         """Return the probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Return values at fractions 0 to 1 of the range, for factorial designs."""
+        """Return the values at fractions 0 to 1 of the range, for factorial designs."""
 
 
 class _Uniform(NamedTuple):
@@ -83,7 +83,7 @@ _PLAIN: dict[str, Callable[..., Any]] = {"uniform": _Uniform, "norm": _Normal}
 
 @dataclass(frozen=True)
 class ContinuousMarginal:
-    """Continuous distribution of scipy.stats, given by name, shape, location and scale."""
+    """Continuous distribution of scipy.stats, with a name, shapes, location and scale."""
 
     law: str
     arguments: tuple[float, ...]
@@ -152,7 +152,7 @@ class MixtureMarginal:
         low, high = ends.min(axis=0), ends.max(axis=0)
         for _ in range(
             _HALVINGS
-        ):  # Extra steps change nothing, so values do not depend on their batch.
+        ):  # Extra steps change nothing, so a value does not depend on the others.
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
@@ -188,9 +188,9 @@ class MixtureMarginal:
 
 @dataclass(frozen=True)
 class SometimesMarginal:
-    """Distribution of a value that is drawn with a given probability and nominal otherwise.
+    """Distribution of a value that is drawn with some probability and nominal otherwise.
 
-    One uniform number determines both whether a value is drawn and which, so that quantiles
+    One uniform number determines both whether a value is drawn and its size, so that quantiles
     increase. If the nominal value is infinite (a failure that never occurs), uniform numbers below
     ``probability`` give drawn values.
     """
@@ -254,7 +254,7 @@ def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) 
 
 
 def find_atoms(marginal: Marginal) -> Floats:
-    """Return the values with positive probability."""
+    """Return the values that a distribution takes with positive probability."""
     if isinstance(marginal, SometimesMarginal):
         return np.union1d(find_atoms(marginal.drawn), [marginal.nominal])
     if isinstance(marginal, MixtureMarginal):

@@ -1,6 +1,6 @@
 """Samples of a campaign: parameter values of each flight, drawn or read from a file.
 
-Seeds of turbulence and sensor noise are columns of the samples, but no dispersions. With a common
+Seeds of turbulence and sensor noise are columns of the samples but not dispersions. With a common
 seed all flights would have the same gusts and would not be independent.
 """
 
@@ -30,14 +30,14 @@ from abhv_mc.plant.parameters import OURS, Parameters
 NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
 """Parameters that define the noise of each seed, by name of the seed."""
 
-_WHOLE = 2.0**52  # upper bound of the integer seeds of a custom simulator
+_WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 
 
 @dataclass(frozen=True)
 class SampleSource:
     """Source from which the samples of any flights are computed."""
 
-    names: tuple[str, ...]  # sampled parameters
+    names: tuple[str, ...]  # names of the sampled parameters
     flights: int
     draw: Callable[
         [int, int], Floats
@@ -110,7 +110,7 @@ def seeded_samples(
 def pooled_samples(
     sources: Sequence[SampleSource], runs: Sequence[int], flights: int
 ) -> SampleSource:
-    """Return samples of several seeds in sequence, with ``runs`` flights of each.
+    """Return samples of several seeds in sequence, with ``runs`` flights per seed.
 
     The last source supplies further flights up to ``flights``.
     """
