@@ -205,6 +205,6 @@ def test_a_click_flies_the_flight_again_and_draws_it(page, server, way):
     number = page.ask("document.body.dataset.opened")
     assert f", flight {number}: " in answer["title"] and answer["lines"] >= 2
     assert way == "table" or answer["title"].startswith(f"{named}: ")
-    assert answer["same"].endswith("Its metrics equal the stored ones bit for bit.")
+    assert answer["same"].endswith("Its metrics equal the stored metrics bit for bit.")
     if way == "table":
         assert number == page.ask("document.querySelector('#flight-rows button').textContent")
