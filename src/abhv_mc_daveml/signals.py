@@ -155,7 +155,7 @@ def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
 
 
 def kinds_of(model: Model) -> tuple[str, ...]:
-    """Return the kinds of a model, which follow from its outputs.
+    """Return the kinds to which a model belongs, as determined by its outputs.
 
     The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if there is no other.
     """

@@ -29,7 +29,7 @@ NAMES = {  # names available to the generated code
 
 
 class Wire(NamedTuple):
-    """Variable of an FMU with its assigned quantity; SI is ``offset + factor * value``."""
+    """FMU variable and its quantity; the value in SI units is ``offset + factor * value``."""
 
     name: str  # such as measured.altitude, gains.k, time, or a field of Command
     reference: int

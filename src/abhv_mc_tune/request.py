@@ -18,7 +18,7 @@ from abhv_mc.requests import (
 
 @dataclass(frozen=True)
 class TuneRequest(CheckedRequest):
-    """Options of a tuning."""
+    """Options of a tuning run."""
 
     campaign: CampaignPath
     output: Annotated[

@@ -131,7 +131,7 @@ TrustCode = Annotated[
     bool,
     typer.Option(
         "--trust-code",
-        help="Allow custom code of the campaign to run although it has not been run here before.",
+        help="Allow custom code of the campaign to run even if it has not been run here before.",
     ),
 ]
 Json = Annotated[

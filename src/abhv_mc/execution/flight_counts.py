@@ -51,7 +51,7 @@ class FlightCounts:
     uncomputed: Mask  # [flight] whether the flight failed to run
     digest: Digest = field(default_factory=Digest)
     outcomes: Counter[str] = field(default_factory=Counter)
-    # Numbers of the flights that terminated early, possibly millions.
+    # Indices of the flights that terminated early; there may be millions.
     failed: "array[int]" = field(default_factory=lambda: array("q"))
 
     def add(self, rows: FlightRows, digest: Digest) -> None:

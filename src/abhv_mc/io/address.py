@@ -47,7 +47,7 @@ def read_address(path: Path | str) -> Address | None:
 
 
 def hide_key(word: str) -> str:
-    """Return a command-line argument with the key of an address hidden."""
+    """Return a command-line argument with any access key in an address masked."""
     scheme, _, authority = word.partition("://")
     key, _, location = authority.rpartition("@")
     if ":" not in key:

@@ -256,7 +256,7 @@ class FlightLimits(LoadLimits):
     sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
     states: dict[str, Number] = Field(
         default_factory=dict,
-        description="maximum magnitude of custom states, written as state.NAME",
+        description="maximum magnitudes of custom states; the keys have the form state.NAME",
     )
 
     # Keys of the form state.NAME are stored in one field.

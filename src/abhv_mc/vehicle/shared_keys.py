@@ -38,7 +38,7 @@ class Oscillation(StrictModel):
         None, description="maximum peak-to-peak cycle of the angle-of-attack error"
     )
     sideslip: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum peak-to-peak cycle of the sideslip"
+        None, description="maximum peak-to-peak amplitude of oscillations of the sideslip"
     )
 
 

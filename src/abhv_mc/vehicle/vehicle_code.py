@@ -132,7 +132,7 @@ def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
 
 
 def reference_point(content: VehicleDocument) -> tuple[float, float]:
-    """Return x and z of a function's moment point, relative to the moment reference."""
+    """Return x and z, from the moment reference, of the point about which a function gives moments."""
     aerodynamics = content.aerodynamics
     if not isinstance(aerodynamics, AerodynamicsFunction):
         return 0.0, 0.0

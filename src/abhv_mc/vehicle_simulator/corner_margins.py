@@ -113,7 +113,7 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with numbers rounded to the significant digits."""
+    """Return a row with its numbers rounded to the digits that are reported."""
     return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}
 
 
