@@ -84,7 +84,7 @@ def _climb_corners(
                 return
             corner, best = opposite.pop(), -np.inf
             continue
-        # Improvement by each single sign change relative to the first candidate or the previous best.
+        # Improvement by each sign change relative to the first candidate or the previous best.
         at_middle = before if np.isfinite(before) else values[0]
         alone = {
             int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
