@@ -375,9 +375,8 @@ class _Run:
                 np.concatenate([collector.times for collector in self.collectors.values()])
             )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
-            if (
-                self.cells.times is None
-            ):  # Times of blocks of a custom simulator extend beyond the flights.
+            # The blocks of a custom simulator have times beyond the end of their flights.
+            if self.cells.times is None:
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
                 times, tables = (
                     times[flown],
