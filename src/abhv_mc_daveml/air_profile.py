@@ -5,21 +5,28 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc_daveml.adapters import Answer, factor_to_si, parse_answer, signed_factor
-from abhv_mc_daveml.graph import Model
+from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.signals import find_signals
 from abhv_mc_daveml.writer import make_function
 
 ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table, m
 _GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
+_CHOICES = ("density", "pressure"), ("pressure", "temperature"), ("density",)
+_KELVIN = {  # factor and offset from the temperature units of S-119 to K
+    "dgk": (1.0, 0.0),
+    "dgc": (1.0, 273.15),
+    "dgr": (5.0 / 9.0, 0.0),
+    "dgf": (5.0 / 9.0, 459.67 * 5.0 / 9.0),
+}
 
 
 def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     """Return a CSV table of density, or of pressure and temperature.
 
     The table has pressure and temperature if the model computes a pressure. Answers replace missing
-    inputs. Raise InputError if the density is not positive below 80 km.
+    inputs. Raise InputError if one of these is not positive below 80 km.
     """
     function, inputs = make_function(model), dict[str, tuple[float, float]]()
     for variable in model.inputs:
@@ -31,20 +38,31 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
         else:
             inputs[variable.key] = float(answer), 0.0
     outputs = find_signals(model.outputs)
-    quantities = [name for name in ("density", "pressure") if name in outputs]
+    quantities = next(names for names in _CHOICES if outputs.keys() >= set(names))
+    scales = [_scale_of(model, outputs[name], name) for name in quantities]
     rows = []
     for altitude in ALTITUDES.tolist():
         result = function(**{key: a + b * altitude for key, (a, b) in inputs.items()})
         values = [
-            getattr(result, outputs[name].key) * signed_factor(model, outputs[name], name)
-            for name in quantities
+            getattr(result, outputs[name].key) * factor + offset
+            for name, (factor, offset) in zip(quantities, scales, strict=True)
         ]
         if not all(0.0 < value < math.inf for value in values):
             problem = f"no positive {' and '.join(quantities)} at {altitude:g} m"
             raise InputError(model.path, problem, f"values up to {ALTITUDES[-1]:g} m")
-        if len(values) == 2:
+        if quantities == ("density", "pressure"):
             density, pressure = values
             values = [pressure, pressure / (density * _GAS_CONSTANT)]
         rows.append(",".join(map(repr, (altitude, *values))))
-    columns = "density [kg/m3]" if quantities == ["density"] else "pressure [Pa],temperature [K]"
+    columns = "density [kg/m3]" if len(quantities) == 1 else "pressure [Pa],temperature [K]"
     return "\n".join([f"altitude [m],{columns}", *rows]) + "\n"
+
+
+def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, float]:
+    """Return the factor and the offset from an output's unit to SI."""
+    if quantity != "temperature":
+        return signed_factor(model, variable, quantity), 0.0
+    if variable.units.lower() not in _KELVIN:
+        problem = f"'{variable.identifier}', the temperature, in '{variable.units}'"
+        raise InputError(model.path, problem, one_of(_KELVIN), variable.line)
+    return _KELVIN[variable.units.lower()]

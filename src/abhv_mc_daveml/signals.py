@@ -15,6 +15,7 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
                  "heightOfCmWrtMsl"),
     "density": ("kg/m3", "airDensity", "density", "ambientDensity"),
     "pressure": ("Pa", "ambientPressure", "staticPressure"),
+    "temperature": ("K", "ambientTemperature", "staticTemperature", "airTemperature"),
     "sound_speed": ("m/s", "speedOfSound"),
     "dynamic_pressure": ("Pa", "dynamicPressure"),
     "angle_of_attack": ("rad", "angleOfAttack", "alpha"),
@@ -167,4 +168,5 @@ def kinds_of(model: Model) -> tuple[str, ...]:
         "control": ("aileron", "rudder", "elevator"),
     }
     kinds = tuple(kind for kind, names in markers.items() if any(name in outputs for name in names))
-    return kinds or (("atmosphere",) if "density" in outputs else ())
+    air = "density" in outputs or {"pressure", "temperature"} <= outputs.keys()
+    return kinds or (("atmosphere",) if air else ())

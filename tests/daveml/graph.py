@@ -71,9 +71,11 @@ class Graph:
         for reference, axis in zip(
             self.functions[name].findall("independentVarRef"), table.grid, strict=True
         ):
-            assert reference.get("extrapolate") == "neither"
+            assert reference.get("extrapolate", "neither") == "neither"  # the default
             x = self._value(reference.get("varID"), inputs, computed)
-            x = np.clip(x, float(reference.get("min")), float(reference.get("max")))
+            x = np.clip(
+                x, float(reference.get("min", axis[0])), float(reference.get("max", axis[-1]))
+            )
             point.append(np.clip(x, axis[0], axis[-1]))
         return float(table(point)[0])
 

@@ -587,6 +587,33 @@ def test_a_model_of_the_atmosphere_becomes_the_air_profile_of_a_mission(
         )
 
 
+@pytest.mark.parametrize("unit", ["dgF", "dgC", "dgR", "dgK"])
+def test_an_atmosphere_may_give_pressure_and_temperature_in_place_of_density(
+    unit: str, tmp_path: Path
+) -> None:
+    """NASA's atmos_76.dml has a density ratio, a pressure, and temperatures in dgC and dgF."""
+    rankine = {
+        "dgR": "<ci>T</ci>",
+        "dgF": "<apply><minus/><ci>T</ci><cn>459.67</cn></apply>",
+        "dgC": "<apply><minus/><apply><divide/><ci>T</ci><cn>1.8</cn></apply>"
+        "<cn>273.15</cn></apply>",
+        "dgK": "<apply><divide/><ci>T</ci><cn>1.8</cn></apply>",
+    }
+    output = (
+        f'<variableDef name="AmbientTemperature" varID="t_amb" units="{unit}"><calculation><math>'
+        f"{rankine[unit]}</math></calculation><isOutput/></variableDef></DAVEfunc>"
+    )
+    text = ATMOSPHERE.replace("airDensity", "RatioOfDensity").replace("</DAVEfunc>", output)
+    (tmp_path / "air.dml").write_text(text, encoding="utf-8")
+    import_daveml([tmp_path / "air.dml"], tmp_path / "out")
+    rows = read_air_table(tmp_path / "out/air.csv", DENSITIES, {})
+    layers = rows[:, 0] <= 20_000.0
+    np.testing.assert_allclose(rows[layers, 1:], 1.0, rtol=1e-4)
+    (tmp_path / "air.dml").write_text(text.replace(f'"{unit}"', '"furlong"'), encoding="utf-8")
+    with pytest.raises(InputError, match="temperature"):
+        import_daveml([tmp_path / "air.dml"], tmp_path / "other")
+
+
 def test_an_atmosphere_without_density_at_an_altitude_is_rejected(tmp_path: Path) -> None:
     text = ATMOSPHERE.replace("<exp/>", "<ln/>")
     (tmp_path / "air.dml").write_text(text, encoding="utf-8")
