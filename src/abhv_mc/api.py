@@ -157,7 +157,7 @@ class Campaign:
             raise
         weakref.finalize(
             campaign, shutil.rmtree, folder, ignore_errors=True
-        )  # The results folder contains copies of these files.
+        )  # Results folders contain copies of the files in this temporary folder.
         return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":

@@ -32,7 +32,7 @@ _BROKEN = {
 }
 Pending = list[
     tuple[Path, str | None, tuple[Path, Path] | None]
-]  # (file, kind, vehicle and mission of the campaign)
+]  # (file, kind of file, and the campaign's vehicle and mission)
 
 
 @dataclass(frozen=True)

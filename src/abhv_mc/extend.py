@@ -55,7 +55,7 @@ from abhv_mc.user_code.law_interface import (
 )
 from abhv_mc.user_code.module import CHANNEL, CONTROLLER, DYNAMICS, ChannelMark, ControllerMark
 from abhv_mc.user_code.small_matrices import cholesky, matmul, solve
-from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  spoken as functions
+from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  used like functions
 from abhv_mc.user_code.table import Table as table  # noqa: N813
 
 __all__ = [

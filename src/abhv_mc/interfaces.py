@@ -70,8 +70,8 @@ class Capabilities(NamedTuple):
 
     can_rerun: bool = True  # The simulator can compute flights, not only read them.
     is_repeatable: bool = True  # Equal inputs give bit-identical results.
-    has_margins: bool = True  # Margins can be computed in flights and in trim.
-    has_mission: bool = True  # Flights share times, a reference and a nominal flight.
+    has_margins: bool = True  # Margins can be computed for flights and at the trim.
+    has_mission: bool = True  # All flights have the same times, reference and nominal flight.
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Simulator(Protocol):
     """Source of a campaign's flights: a program that computes them, or a table of results."""
 
     kind: str  # noun for a compared system, such as 'controller'
-    systems: tuple[str, ...]  # names; the first system must meet the requirements
+    systems: tuple[str, ...]  # names of the systems; the first system must meet the requirements
     outcomes: Outcomes  # possible outcomes of flights
     channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities
@@ -212,9 +212,10 @@ class Executor(Protocol):
         """End all workers."""
 
 
-# Opens an executor for an engine and a limit on the time of 16 flights, s, or None.
+# Function that opens an executor for an engine and a time limit for 16 flights (s, or None).
 OpenExecutor = Callable[[Engine, float | None], Executor]
-# Connects to the scheduler at an address, or raises InputError, before any file is written.
+# Function that connects to the scheduler at an address, or raises InputError, before any file is
+# written.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 

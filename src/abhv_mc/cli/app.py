@@ -242,7 +242,7 @@ def main() -> None:
             app(prog_name="abhv-mc")  # Shell completion expects this name.
         except (
             BaseException
-        ) as error:  # Include SystemExit, so that every exit has a documented code.
+        ) as error:  # Also catch SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
             if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
                 gc.freeze()  # skip the last garbage collection

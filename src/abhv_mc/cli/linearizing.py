@@ -175,7 +175,7 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     show_result({"rows": results}, json, print_text)
 
 
-MOST_TIMES = 10_000  # maximum number of times of the option --at
+MOST_TIMES = 10_000  # maximum number of times in the option --at
 
 
 def _read_times(text: str) -> "list[Time]":

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from abhv_mc.report.numbers.whatif import Whatif
 
 _REPORTS = Path("reports")
-_TEXT_WIDTH = 100  # width of sentences, columns
+_TEXT_WIDTH = 100  # line width of sentences, in columns
 
 
 def report(

@@ -10,7 +10,8 @@ from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
 _WORK = 10.0  # computing time of a block of a custom simulator, s
-# Flights of a block without histories: ten seconds of work, which a killed worker loses.
+# Maximum number of flights in a block without histories: ten seconds of work, which is lost if the
+# worker is killed.
 _MOST_FLIGHTS = 8192
 
 

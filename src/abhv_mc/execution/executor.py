@@ -119,7 +119,7 @@ def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
         if engine.close is not None:  # The simulator records each lost flight itself.
             try:
                 return executor.fly(plan, parameters, recorded)
-            except FlightLostError as error:  # The machine, not a flight, is the cause.
+            except FlightLostError as error:  # The machine, not a flight, caused this error.
                 raise UnusableError(str(error)) from None
 
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:

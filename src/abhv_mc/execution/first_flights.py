@@ -25,7 +25,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
-_LONG = 1.0  # If a flight takes longer, s, only one flight is repeated in each process.
+_LONG = 1.0  # time of a flight, s, above which only one flight is repeated in each process
 _CHECKED = 8  # number of rows of inputs that are checked
 _PAIRS = 4  # maximum number of pairs of processes
 
@@ -144,7 +144,8 @@ def _fly_twice(
         again = {name: simulate(own, name, repeated, None, executor.fly) for name in own.systems}
         progress.add(len(own_rows) * len(own.systems))
         native.update(campaign.simulator.find_undeclared_reads(plan, started))
-        if executor.workers == 1:  # A licence may allow only one process at a time.
+        if executor.workers == 1:
+            # The licence of a simulator may allow only one process at a time.
             _end_processes(campaign)
         return {name: _Repeats(own_rows, first[name], again[name]) for name in own.systems}
 
@@ -189,7 +190,8 @@ def _judge_repeats(
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each row of inputs with its values in two processes."""
     yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
-    if len(a.again.outcome) == len(b.again.outcome):  # The numbers differ if one process was slow.
+    if len(a.again.outcome) == len(b.again.outcome):
+        # The numbers of repeated flights differ if one process was slow.
         again = outcome_and_metrics(a.again), outcome_and_metrics(b.again)
         yield from zip(a.again_rows, *again, strict=True)
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # Worker processes do not import these modules.
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights in the first smaller pieces, and flights per time limit
-_reported: set[str] = set()  # messages on losses that were already reported
+PIECE = 16  # flights in the first pieces of a divided block, and flights per time limit
+_reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
 

@@ -362,7 +362,8 @@ class _Run:
         if self.sharded:
             self._join_files()
             return
-        # Files to be replaced are removed from the manifest first, in case of a kill.
+        # Files that will be replaced are first removed from the manifest, in case the process is
+        # killed.
         histories = self._list_histories()
         products = (file.product for file in histories)
         current = {product.path for product in products if product.is_current(self.files)}
@@ -375,7 +376,7 @@ class _Run:
                 np.concatenate([collector.times for collector in self.collectors.values()])
             )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
-            # The blocks of a custom simulator have times beyond the end of their flights.
+            # The blocks of a custom simulator contain times after the end of their flights.
             if self.cells.times is None:
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
                 times, tables = (

@@ -193,7 +193,7 @@ def _resume(
         next(iter(before.systems)),
         *map(before.data.get, JUDGING),
     ]
-    # The campaign file is unlisted if an extension of the folder was killed.
+    # The manifest does not list the campaign file if a run that extended the folder was killed.
     changed = added or longer or is_rejudged or not files.knows(folder.campaign)
     products = Products(folder, merged.systems, requested.runs)
     nominal = products.nominal, products.reference

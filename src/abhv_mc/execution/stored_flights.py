@@ -23,7 +23,8 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Fly
 
-_LEAST, _MOST, _SHARE = 4, 64, 50  # re-run one of 50 flights, within limits
+# one of 50 stored flights is re-run, but at least 4 and at most 64
+_LEAST, _MOST, _SHARE = 4, 64, 50
 
 
 class StoredFlights:

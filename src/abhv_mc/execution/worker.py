@@ -84,7 +84,8 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
 
     ``clock`` returns the elapsed processor time.
     """
-    for _ in range(2):  # The first flight may load or compile code, which does not count.
+    for _ in range(2):
+        # The first flight may load or compile code, which does not count as flight time.
         start = clock()
         fly(plan, nominal_parameters(), None)
         if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:

@@ -45,7 +45,7 @@ class Process:
 
     def __init__(self, plan: UserPlan) -> None:
         """Start the process. Raise OSError or LostFlightError if it fails to start."""
-        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
+        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the file lives as long as the process
         fcntl.fcntl(
             self._errors, fcntl.F_SETFL, os.O_APPEND
         )  # The file may be truncated while it is written.
@@ -53,7 +53,7 @@ class Process:
             with _starting:
                 self.folder = make_working_folder(plan)
                 try:
-                    started: Any = subprocess.Popen(  # noqa: S603  what the user's campaign names
+                    started: Any = subprocess.Popen(  # noqa: S603  program named in the user's campaign
                         plan.argv(self.folder.path),
                         cwd=self.folder.path,
                         stdin=subprocess.PIPE,
@@ -82,7 +82,7 @@ class Process:
         self.flights = 0  # number of completed flights
         self.unproven = 0  # replies since the last check that do not repeat the request's text
         self.first_time = 0.0  # time from the start to the first reply, s
-        self.longest = 0.0  # longest time to any later reply, s
+        self.longest = 0.0  # longest time to a reply after the first, s
         if plan.python:
             error = self._answer(plan.start_limit, "loaded").get("error")
             if error is not None:

@@ -213,7 +213,7 @@ class _StartPoint:
         )
         q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
         gravity = rotate_meridional(q0, q1, q2, q3, local_gravity[0], local_gravity[1])
-        # Forces required for the trim in addition to the push.
+        # Forces that the trim requires in addition to the force in `push`.
         force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
         force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
         variables = make_variables(

@@ -24,7 +24,7 @@ Group = Literal["tracking", "usage", "loads", "stability", "user"]
 NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
-# Suffixes of names that differ from the letters of the unit.
+# Name suffixes that differ from the letters of the unit.
 _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 
@@ -43,7 +43,7 @@ class Metric(Signal):
     settled: bool = False  # exclude 5 s after each step of the reference
     empty: float = math.nan  # value if a flight ends before the window
     never_negative: bool = False
-    leads: bool = False  # listed first in reports without requirements
+    leads: bool = False  # whether the metric is listed first in reports without requirements
     customary: float = 0.0  # customary lower limit of a stability margin
     plateaus: tuple[float, ...] = ()  # values that many flights may share
     # Finding stated in the report for flights with large values.

@@ -58,7 +58,7 @@ class Outcomes:
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 
 
-# These outcomes count like LAW_FAILED but have no metrics.
+# These outcomes count like LAW_FAILED but their flights have no metrics.
 LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,

@@ -106,7 +106,7 @@ class FlightPlan:
     # [channel, 2] name and unit of custom channels
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
     period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
-    # built-in law, "tlc" or "lqr", whose measurement custom code filters
+    # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws; they follow the vehicle's settings
     law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
@@ -120,7 +120,7 @@ class FlightPlan:
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     # code with the digest in vehicle.foreign
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})
-    # use a smaller kernel with bit-identical results, see lean_for
+    # whether to use a smaller kernel with bit-identical results, see lean_for
     lean: bool = field(default=False, metadata={"stored": False})
 
     def lean_for(self, names: Collection[str]) -> "Self":
@@ -178,8 +178,8 @@ class FlightBlock:
     times: Floats  # [time] times of the history, s
     # [flight, time, state]; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
-    # [time, channel] extremes over flights and control ticks between the adjacent times; NaN
-    # without flights, None unless requested.
+    # [time, channel] extremes over flights and control ticks between the adjacent times; NaN if
+    # there are no flights, None unless requested.
     low: Singles | None = None
     high: Singles | None = None
     flown_by: tuple[Flyer, ...] = ()  # processes that computed the block, if it is signed

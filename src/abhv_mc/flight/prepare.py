@@ -76,7 +76,7 @@ _find_warnings = cache_results(
 _LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
 _SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
 _OUTSIDE = 1.0  # minimum time outside the tables that causes a warning, s
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle that is a node of few tables
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is a node in few tables
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
@@ -381,7 +381,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
-        # Bank about the velocity, (cos alpha, 0, sin alpha) in body axes.
+        # Bank about the velocity vector, which is (cos alpha, 0, sin alpha) in body axes.
         half = 0.5 * start.bank
         turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
         attitude = multiply(*attitude, *turned)

@@ -15,7 +15,8 @@ class Repeatability(StrEnum):
 
     EXACT = "yes"
     ROUNDING = "rounding"
-    DECLARED = "no, independent noise"  # `repeatable: no`, consistent with the flights
+    # the campaign states `repeatable: no`, and the flights agree
+    DECLARED = "no, independent noise"
     NOISE = "no"
     SHARED = "no, noise that processes share"
 

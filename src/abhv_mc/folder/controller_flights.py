@@ -154,7 +154,7 @@ def read_flights(
     metrics = [name for name in metrics if columns is None or name in columns]
     collectors: dict[str, _Collector] = {}
     expected = ["flight", "controller", "outcome", *metrics]
-    if REASON in schema.names:  # Folders of earlier versions have no reasons.
+    if REASON in schema.names:  # Folders of earlier versions contain no reasons for failed flights.
         expected.append(REASON)
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = column_values(table["flight"]).astype(np.int64)

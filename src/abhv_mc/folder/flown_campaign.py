@@ -61,7 +61,8 @@ class FlownCampaign:
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
-    requirement_changes: tuple[RequirementChange, ...] = ()  # after results had been seen
+    # changes that were made after results had been seen
+    requirement_changes: tuple[RequirementChange, ...] = ()
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.

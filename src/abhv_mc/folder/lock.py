@@ -223,7 +223,7 @@ def _start_of(process: int) -> str | None:
         state, *values = fields.rpartition(")")[2].split()
         return (
             None if state in "ZX" else values[18]
-        )  # Field 22 is the start time; a zombie has ended.
+        )  # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
     except OSError:
         pass
     try:

@@ -89,7 +89,7 @@ class RequirementSet:
     """Set of requirements by which the flights were judged."""
 
     file: str  # name of the file in the folder
-    time: str | None  # time when the set was defined
+    time: str | None  # time when the set of requirements was defined
     flights: int  # flights per controller run before that time
 
 
@@ -130,7 +130,8 @@ class Manifest:
     shard: tuple[int, int] | None = None  # (i, n) if the folder contains shard i of n
     merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
-    file_runs: int | None = None  # flights per point in the campaign file, if larger
+    # number of flights per point in the campaign file, if it is larger
+    file_runs: int | None = None
     stopped_at: int | None = None  # number of flights at which a campaign stopped when proven
     search: Mapping[str, Any] | None = None  # settings of a search
     result: Mapping[str, Any] | None = None  # result of a search

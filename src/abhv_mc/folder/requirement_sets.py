@@ -27,7 +27,7 @@ class RequirementChange:
 
     time: str  # empty if only a report uses the changed requirements
     flights: int  # flights per controller run before that time
-    changes: tuple[str, ...]  # texts such as 'speed_error_max_mps: below 5 -> 3'
+    changes: tuple[str, ...]  # descriptions such as 'speed_error_max_mps: below 5 -> 3'
 
 
 def add_requirement_set(

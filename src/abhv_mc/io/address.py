@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _HIDDEN = "..."
-_KEYS: dict[str, str] = {}  # "user:key" texts by bucket
+_KEYS: dict[str, str] = {}  # credentials of the form "user:key", by bucket
 
 
 @dataclass(frozen=True)

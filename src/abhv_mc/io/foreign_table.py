@@ -63,7 +63,7 @@ class ForeignTable:
 
     path: Path
     heads: tuple[str, ...]
-    # units in the row below the headings; empty texts if there is no such row
+    # units in the row below the headings; empty strings if there is no such row
     units: tuple[str, ...]
     data: "pa.Table"  # columns in the order of the headings
     lines: Sequence[int]  # [row] number (from 1) of the line in the file, or of the row in Parquet

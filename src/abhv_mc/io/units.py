@@ -271,7 +271,7 @@ def _schema(dimension: Dimension) -> WithJsonSchema:
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 
-# Field types: text with a unit in files and in model_dump(mode="json"), a float in SI in models.
+# Field types: string with a unit in files and in model_dump(mode="json"), a float in SI in models.
 # Limits are in SI, as in Annotated[Length, Gt(0.0)].
 Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
 Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]

@@ -125,7 +125,7 @@ class _Reader:
         node = Node(self._path, plain, bare, *location)
         if self._open:
             self._open[-1].children.append(node)
-            # A space keeps the two numbers in a text such as 1<sep/>3 apart.
+            # A space separates the two numbers in content such as 1<sep/>3.
             self._open[-1].raw += " "
         else:
             self._root = node

@@ -240,7 +240,7 @@ def name_effectors(document: Document) -> Document:
             for name, index in zip(names, entries, strict=False)
         }
     except (InputError, KeyError, TypeError, AttributeError):
-        return document  # The models report the error.
+        return document  # The pydantic models report this error.
 
     def renamed(text: str) -> str:
         group, _, suffix = text.partition(".")

@@ -37,7 +37,7 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
 
-_MIDDLE = 0.6  # middle, as a fraction of the range; differs from the nominal
+_MIDDLE = 0.6  # fraction of the range used as its middle; differs from the nominal value
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Requirement:
     consumer_risk: float
     producer_risk: float | None  # None: equal to the consumer's risk
     controllers: tuple[str, ...]  # controllers that must meet the requirement
-    named: bool  # whether the file names the controllers
+    named: bool  # whether the file names the controllers of the requirement
     early_is_failure: bool  # whether an early termination counts as a failure
     traced: dict[str, str]  # id, text, source and rationale, if present
 
@@ -78,7 +78,8 @@ class Experiment:
     document: Document
     model: Campaign
     runs: int  # flights per controller, over all points of the unknowns
-    marginals: dict[str, Marginal]  # by parameter, in order; empty for a sample file
+    # distribution of each parameter, in order; empty for a sample file
+    marginals: dict[str, Marginal]
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
@@ -95,7 +96,8 @@ class Experiment:
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
     file_runs: int | None = None  # number of flights in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
-    later_choices: frozenset[int] = frozenset()  # indices of requirements set after the results
+    # indices of requirements that were set after the results were known
+    later_choices: frozenset[int] = frozenset()
 
     @cached_property
     def simulator(self) -> Simulator:

@@ -23,7 +23,7 @@ from abhv_mc.io.documents import (
 JUDGING = ("requirements", "family", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
-_EMPTY = Path("requirements")  # file name in error messages about a set from Python
+_EMPTY = Path("requirements")  # file name in error messages about requirements set from Python
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -63,7 +63,7 @@ def read_requirement_set(source: RequirementSource) -> Document:
     if not isinstance(document.data, dict) or "requirements" not in document.data:
         expected = "a campaign file, or a file with 'requirements'"
         raise document.error((), describe(document.data), expected)
-    validate(document, _Set)  # Validate here, because locations refer to this file.
+    validate(document, _Set)  # Validate here, so that locations in errors refer to this file.
     return document
 
 
@@ -92,7 +92,7 @@ def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     document = replace(campaign.document, data=data, value_places=locations, key_places=keys)
     try:
         judged = check_campaign(document, campaign.engine)
-    except InputErrors as error:  # The campaign was valid before.
+    except InputErrors as error:  # The campaign was valid before the requirements were changed.
         raise InputErrors([_named(problem, changed.path) for problem in error.errors]) from None
     except InputError as error:
         raise _named(error, changed.path) from None

@@ -56,7 +56,7 @@ def read_requirements(document: Document) -> Document:
             "a CSV file, or a list of requirements",
         )
     table = _read_table(path)
-    validate(table, _Table)  # Validate here, because locations refer to the table.
+    validate(table, _Table)  # Validate here, so that locations in errors refer to the table.
     return replace(document, data={**data, **table.entries})
 
 

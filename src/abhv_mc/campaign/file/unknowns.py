@@ -35,7 +35,7 @@ class Unknown(StrictModel):
 Count = Annotated[int, Field(ge=0)]
 
 
-_HINTED = 3  # number of dispersions that a hint names
+_HINTED = 3  # maximum number of dispersions named in a hint
 
 
 def unknowns_hint(dispersed: Iterable[str]) -> str:

@@ -30,7 +30,7 @@ from abhv_mc.plant.parameters import OURS, Parameters
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(
     {"random", "sobol", "halton", "file"}
-)  # designs in which more flights do not change the first ones
+)  # designs in which additional flights do not change the samples of earlier flights
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
 _BITS = 30  # bits of a Sobol point: at most 2**30 flights
@@ -68,7 +68,7 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # values per parameter; in one_at_a_time per side
+    levels: int = 2  # number of values per parameter; in one_at_a_time on each side
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:

@@ -24,7 +24,7 @@ from abhv_mc.io.documents import Refusal, StrictModel, one_of
 from abhv_mc.io.units import Fraction
 from abhv_mc.plant.parameters import Parameter
 
-Value = float | str  # a number, or text with a unit
+Value = float | str  # a number, or a string with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
 _KIND = "kind of distribution"
@@ -243,7 +243,7 @@ class Scipy(_Distribution):
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
-        ]  # in the order in which scipy takes them
+        ]  # shape parameters, in the order that scipy expects
         if sorted(self.shapes) != sorted(shapes):
             problem = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")

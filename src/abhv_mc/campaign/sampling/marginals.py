@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 
-# Factorial designs truncate unbounded distributions here; +-3 sigma if normal.
+# Factorial designs truncate unbounded distributions at this tail probability (+-3 sigma if normal).
 TAIL_PROBABILITY = 0.0013498980316301
 _HALVINGS = 64  # bisection steps for quantiles of a mixture
 
@@ -152,7 +152,7 @@ class MixtureMarginal:
         low, high = ends.min(axis=0), ends.max(axis=0)
         for _ in range(
             _HALVINGS
-        ):  # Extra steps change nothing, so a value does not depend on the others.
+        ):  # Additional steps change nothing, so a quantile does not depend on the other quantiles.
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break

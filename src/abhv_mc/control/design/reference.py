@@ -102,7 +102,8 @@ def make_track(
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2
-        # The meridian radius varies slowly along the track: each iteration adds five digits.
+        # The meridian radius varies slowly along the track, so each iteration adds five correct
+        # digits.
     ):
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
         on_ticks = mission.start.latitude + _simpson(

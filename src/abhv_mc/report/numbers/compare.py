@@ -27,7 +27,7 @@ class CampaignPair(ControllerPair):
     """Comparison of a controller in one campaign with a controller in another campaign."""
 
     controllers: tuple[str, str]
-    any_failure: PairedFailures  # failures, by missed requirement or early termination
+    any_failure: PairedFailures  # failures due to a violated requirement or early termination
     newly_lost: int  # flights that terminated early or failed to run only in the second campaign
     # non-inferiority gates by metric, at the worst point of the unknowns
     not_worse: Mapping[str, Gate]

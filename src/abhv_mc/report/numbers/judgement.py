@@ -33,7 +33,7 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
-_NAMED = 2  # maximum number of missed requirements or metrics named in a sentence
+_NAMED = 2  # maximum number of violated requirements or metrics named in a sentence
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
 _SAME_USAGE = 0.05  # largest deviation of a control-effort ratio from 1 that is not mentioned
@@ -364,7 +364,8 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         for label, phrases in missed.items()
         if len(phrases) > _NAMED
     ]
-    if several:  # The answer names up to two missed requirements but only counts more.
+    if several:
+        # The answer names up to two violated requirements; if there are more, it only counts them.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
