@@ -55,7 +55,7 @@ _RC: dict[Any, Any] = {
     "font.size": SMALLEST,
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # A fixed title position saves matplotlib a search for one.
+    "axes.titley": 1.0,  # With a fixed title position, matplotlib does not search for one.
     "axes.labelsize": SMALLEST,
     "axes.edgecolor": INK,
     "axes.linewidth": 0.6,

@@ -189,7 +189,7 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(
         compile(text, str(path), "exec", dont_inherit=True), home.__dict__
-    )  # The text is generated and calls custom functions.
+    )  # abhv-mc generated this source text, which calls custom functions.
     with compilation_lock(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
 
