@@ -155,7 +155,7 @@ def answer(results: dict[str, Any]) -> str:
         "times that of LQR.** With the full effort, the ratios are "
         f"{ratio_words(results, 1.0, 0)} in angle of attack, {ratio_words(results, 1.0, 1)} in "
         f"sideslip and {ratio_words(results, 1.0, 2)} in bank. With less effort, TLC is not better for "
-        "every angle (see the table). A longer search may change these numbers and their order."
+        "every angle (see the table). A longer search may change these numbers and the ranking of the two controllers."
     )
 
 

@@ -170,7 +170,7 @@ of a limit, with the number of members: {near}.
 
 GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag}, and its
 ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about 0.84 in
-straight flight to about 1.2 at 50 deg of bank. With induced drag, this increase requires an L/D of 3 to 5, so the
+straight flight to about 1.2 at 50 deg of bank. With induced drag, such an increase of the equivalence ratio requires an L/D of 3 to 5, so the
 paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the members share: at Mach
 4.74 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and
 {impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of GHAME: the specific impulse of a
@@ -200,7 +200,7 @@ rudder {rudder_ratio:.0f} times, but the elevator produces only {elevator_ratio:
 elevator. The rolling moment of the aileron corresponds to the lift of the elevator at {aileron_arm:.1f} spans from
 the axis, so no elevons could provide both. In a steady roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f}
 times that of GHAME, and the roll rate {roll_rate:.0f} rad/s, which no structure would withstand. The figures cannot
-decide whether the paper's vehicle had such surfaces, whether its tables were not those of an aircraft, or whether its
+decide whether the paper's vehicle had such powerful surfaces, whether its tables were not those of an aircraft, or whether its
 size, wing loading and inertias differ from those chosen here. The flights use about 1 deg of aileron and 0.4 deg of
 rudder.
 
