@@ -69,7 +69,8 @@ class Explanation:
     samples: dict[str, float]  # all dispersions of the flight, SI units
     # dispersions that suffice for the failure; empty if the nominal flight fails too
     causes: tuple[str, ...]
-    others: tuple[tuple[str, ...], ...]  # other sets of the same size with which the flight fails
+    # other sets of dispersions of the same size with which the flight also fails
+    others: tuple[tuple[str, ...], ...]
     # If true, no smaller set causes the failure; if false, it is only known that no single cause
     # can be omitted.
     smallest: bool

@@ -239,7 +239,7 @@ def main() -> None:
     open_streams()
     with sigterm_as_interrupt():
         try:
-            app(prog_name="abhv-mc")  # Shell completion expects this name.
+            app(prog_name="abhv-mc")  # Shell completion expects this program name.
         except (
             BaseException
         ) as error:  # Also catch SystemExit, so that every exit has a documented code.

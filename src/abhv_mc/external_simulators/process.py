@@ -80,7 +80,8 @@ class Process:
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # number of completed flights
-        self.unproven = 0  # replies since the last check that do not repeat the request's text
+        # replies since the last check that do not repeat the string of their request
+        self.unproven = 0
         self.first_time = 0.0  # time from the start to the first reply, s
         self.longest = 0.0  # longest time to a reply after the first, s
         if plan.python:

@@ -115,7 +115,7 @@ class FlightPlan:
     )  # settings of a custom measurement filter
     source_hash: str = ""  # hash of the custom law's source; "" for built-in laws
     channels_hash: str = ""  # hash of the custom channels' source
-    # The fields from here on are sent to workers but not stored.
+    # The following fields are sent to workers but not stored.
     source: UserSource | None = field(default=None, metadata={"stored": False})
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     # code with the digest in vehicle.foreign

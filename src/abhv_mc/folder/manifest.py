@@ -114,10 +114,9 @@ class Manifest:
     requirements: tuple[
         RequirementVerdict, ...
     ] = ()  # verdicts for controllers that must meet the requirements
-    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for all other controllers
-    requirement_sets: tuple[
-        RequirementSet, ...
-    ] = ()  # in chronological order, if there are several
+    # verdicts for controllers that need not meet the requirements
+    requirements_shown: tuple[RequirementVerdict, ...] = ()
+    requirement_sets: tuple[RequirementSet, ...] = ()  # sets of requirements in chronological order
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None

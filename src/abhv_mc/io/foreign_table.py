@@ -258,7 +258,7 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            # In such a table, characters cannot be located by column.
+            # In a spreadsheet, characters cannot be located by column.
             return replace(table, texts=())
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")

@@ -55,7 +55,7 @@ class Driver:
     srrc: Ends  # standardized rank regression coefficient
     p_value: float  # p-value of the hypothesis that the coefficient is zero
     driver: bool  # whether the parameter is a significant driver
-    # parameter whose effect the flights cannot distinguish from that of this parameter
+    # parameter whose effect the flights cannot distinguish from the effect of this parameter
     moves_with: str | None
 
 
