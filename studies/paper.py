@@ -73,10 +73,10 @@ Table 1 and the LQR weights as printed, and found {number}. A conclusion is supp
 
 - The file `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
   and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
-- The end of an automatically chosen axis lies within one tick of the data, so each end gives an interval
-  for the end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10 and 11
-  (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends: the smallest and
-  largest value of the curves on each axis. Figure 3 and the insets of Figure 7 give limits only.
+- The end of an automatically chosen axis lies within one tick of the data, so each end of an axis gives an interval
+  for the corresponding end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
+  and 11 (one axis for both controllers) and of Figures 5 and 7 (one axis for each controller) have 20 ends: the
+  smallest and largest value of the curves on each axis. Figure 3 and the insets of Figure 7 give limits only.
 - The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; the word
   "mirrored" marks the opposite sign.
 - In the S manoeuvre, the bank is established within the bank time, and the lateral acceleration follows a power of
@@ -130,7 +130,7 @@ inverts the model and integrates.
 
 The page on [the claim](claim.md) compares controllers that were tuned within the same limits. On a vehicle
 that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in
-bank), the printed LQR weights are unstable and Table 1 saturates, which the paper does not show.
+bank), LQR with the printed weights is unstable and TLC with Table 1 saturates, which the paper does not show.
 
 ## Prediction of one figure from the others
 
@@ -170,14 +170,14 @@ of a limit, with the number of members: {near}.
 
 GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag}, and its
 ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about 0.84 in
-straight flight to about 1.2 at 50 deg of bank. With induced drag, such an increase of the equivalence ratio requires an L/D of 3 to 5, so the
-paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the members share: at Mach
-4.74 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and
-{impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of GHAME: the specific impulse of a
-real hydrogen ramjet usually decreases with the equivalence ratio, and fuel beyond the stoichiometric ratio does not
-burn. Slender lifting bodies reach an L/D of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of
-the members is higher, like that of waveriders. The smallest CD of the winged cone occurs at a single node of its
-polynomial fit, at Mach 8 and -1 deg.
+straight flight to about 1.2 at 50 deg of bank. With induced drag, such an increase of the equivalence ratio requires
+an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the
+members share: at Mach 4.74 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25,
+{impulse_even:.0f} s at 1 and {impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of
+GHAME: the specific impulse of a real hydrogen ramjet usually decreases with the equivalence ratio, and fuel beyond
+the stoichiometric ratio does not burn. Slender lifting bodies reach an L/D of 3 ([NASA
+SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of the members is higher, like that of waveriders. The
+smallest CD of the winged cone occurs at a single node of its polynomial fit, at Mach 8 and -1 deg.
 
 ## Pitch damping
 
@@ -200,9 +200,9 @@ rudder {rudder_ratio:.0f} times, but the elevator produces only {elevator_ratio:
 elevator. The rolling moment of the aileron corresponds to the lift of the elevator at {aileron_arm:.1f} spans from
 the axis, so no elevons could provide both. In a steady roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f}
 times that of GHAME, and the roll rate {roll_rate:.0f} rad/s, which no structure would withstand. The figures cannot
-decide whether the paper's vehicle had such powerful surfaces, whether its tables were not those of an aircraft, or whether its
-size, wing loading and inertias differ from those chosen here. The flights use about 1 deg of aileron and 0.4 deg of
-rudder.
+decide whether the paper's vehicle had such powerful surfaces, whether its tables were not those of an aircraft, or
+whether its size, wing loading and inertias differ from those chosen here. The flights use about 1 deg of aileron and
+0.4 deg of rudder.
 
 The Cl_beta of the members is of the same order as that of the winged cone, while the Cl_beta of GHAME is nearly zero.
 """
