@@ -41,9 +41,9 @@ stability margins, from two searches for each controller. The bars are 95 % inte
 Zhu and Shen (2014) conclude: "with nearly the same amount of control surface usage, TLC has a better performance \
 in tracking angle of attack, sideslip angle and bank angle commands". The [comparison with the paper's \
 figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles. On this page, TLC \
-and LQR are tuned within the same limits on three of these vehicles, each with its own S manoeuvre. For `abhv`, \
-the curves end inside the intervals given by the paper's figures in all 20 cases, and for `seed-21` and `seed-23` \
-in 18 of 20 cases.
+and LQR are tuned within the same limits on three of these vehicles, each with its own S manoeuvre. All 20 ends of \
+the simulated curves are inside the intervals read from the paper's figures for `abhv`, and 18 of the 20 ends for \
+`seed-21` and `seed-23`.
 
 ## The fronts
 
