@@ -7,18 +7,16 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
 _TEXT = (
-    "Credibility factors of NASA-STD-7009. The middle column is the evidence in this folder; the "
-    "empty column is for the user's assessment and further evidence."
+    "Evidence in this folder for the credibility factors of NASA-STD-7009. The assessment and "
+    "further evidence are the user's."
 )
 
 
 def credibility_fold(names: Names) -> Fold:
     """Return the table of the eight credibility factors."""
-    rows = tuple(
-        (Cell(name, head=True), Cell(evidence), Cell("")) for name, evidence in _factors(names)
-    )
+    rows = tuple((Cell(name, head=True), Cell(evidence)) for name, evidence in _factors(names))
     title = "Credibility (NASA-STD-7009)"
-    heads = ("Factor", "Evidence in this folder", "Assessment")
+    heads = ("Factor", "Evidence in this folder")
     return Fold(title, (Text(_TEXT), Table(title, heads, (rows,), numbers=False)))
 
 
@@ -63,4 +61,4 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     if required:
         management += f"; {count_of(traced, len(required))} requirements traced to a source"
     yield "M&S management", f"{management}. Every file has a SHA-256 in the manifest."
-    yield "People qualifications", ""
+    yield "People qualifications", "Not recorded."

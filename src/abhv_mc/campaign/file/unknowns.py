@@ -156,7 +156,7 @@ class Unknowns:
         if entry.failures:
             text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
-            text += f"none failed in {entry.flights} flights; the value nearest to the limit was  "
+            text += f"none failed in {entry.flights} flights; the value nearest to the limit was "
         text += (
             f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights "
             "failed"

@@ -179,6 +179,7 @@ def make_page(
     )
     origin = campaign.simulator.origin
     drawn = f"imported from {origin}" if origin else seeds
+    chart = chart_rows(verdicts.glance, names.controllers, colors)
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     return (
         make_environment()
@@ -198,7 +199,8 @@ def make_page(
             plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  only base64 characters
             packed=Markup(packed),  # noqa: S704  only base64 characters
             data=script_json({"envelopes": envelopes, "flights": flights, "places": layout}),
-            chart=chart_rows(verdicts.glance, names.controllers, colors),
+            chart=chart,
+            beyond=any(bar.beyond for _, bars in chart for bar in bars),
             required=bool(verdicts.requirements),
             cards=[controller_card(models, name, colors[name]) for name in names.controllers],
             lead=judgement_lead(judge_campaign(models), names.folder),
