@@ -64,8 +64,9 @@ from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
+from abhv_mc.user_code.vehicle_functions import check_finite, find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.pack import table_range
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
@@ -83,6 +84,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     """Read three input files and return the plan. Raise InputError if a file is invalid."""
     packed_vehicle = load_vehicle(vehicle)
     parsed_mission = read_mission(mission)
+    _check_functions(packed_vehicle, parsed_mission)
     law, user_code = read_law(controller)
     glides = packed_vehicle.constants.equivalence_ratio_max == 0.0
     if packed_vehicle.constants.surface_limit == 0.0 or (glides and user_code is None):
@@ -204,6 +206,20 @@ def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
         ).moment
 
     return bool(np.linalg.cond(slope(moment, np.full(3, _ALPHA_OF_AUTHORITY))) < 1e12)
+
+
+def _check_functions(vehicle: Vehicle, mission: Mission) -> None:
+    """Raise InputError if a vehicle function is not finite at the start of the mission."""
+    start = mission.start
+    air = make_environment(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
+    variables = make_variables(
+        vehicle,
+        altitude=[start.altitude],
+        mach=start.speed / air.sound_speed,
+        angle_of_attack=_ALPHA_OF_AUTHORITY,
+        equivalence_ratio=vehicle.constants.equivalence_ratio_min,
+    )
+    check_finite(vehicle, variables, air.density, start.speed)
 
 
 def make_plan(
