@@ -46,7 +46,11 @@ def nesc(
 
 def ghame6(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE.csv[.gz]", help="Recorded flight of CADAC++ GHAME6.")
+        Path,
+        typer.Argument(
+            metavar="FILE.csv[.gz]",
+            help=("File with a recorded flight of the CADAC++ simulation GHAME6."),
+        ),
     ],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,

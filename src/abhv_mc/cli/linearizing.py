@@ -77,7 +77,7 @@ def margins(
         bool,
         typer.Option(
             "--worst",
-            help="Search the dispersions of a campaign for the smallest margins at the trim.",
+            help="Search the dispersions of a campaign for the smallest margins at trim.",
         ),
     ] = False,
     trust_code: TrustCode = False,
@@ -314,7 +314,10 @@ def linearize(
         typer.Option(
             "--at",
             metavar="POINT",
-            help="Operating point: trim, a time of the nominal flight such as 30s, or 0s:60s:1s.",
+            help=(
+                "Operating point: trim, a time of the nominal flight such as 30s, or a range of "
+                "times such as 0s:60s:1s."
+            ),
         ),
     ] = "trim",
     bank: Annotated[
@@ -326,7 +329,7 @@ def linearize(
             "--gains",
             callback=output_file,
             metavar="FILE",
-            help="File for the controller's gains over time; ends in .mat, .csv or .h.",
+            help="Output file (.mat, .csv or .h) for the controller's gains as functions of time.",
         ),
     ] = None,
     trust_code: TrustCode = False,

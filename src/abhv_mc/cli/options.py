@@ -131,7 +131,10 @@ TrustCode = Annotated[
     bool,
     typer.Option(
         "--trust-code",
-        help="Allow custom code of the campaign to run even if it has not been run here before.",
+        help=(
+            "Allow the campaign's custom code to run even if it has not been run on this machine "
+            "before."
+        ),
     ),
 ]
 Json = Annotated[

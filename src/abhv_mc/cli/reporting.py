@@ -59,7 +59,10 @@ def report(
         bool, typer.Option("--pdf", help="Write report.pdf (A4); requires Chromium.")
     ] = False,
     brief: Annotated[
-        bool, typer.Option("--brief", help="Write brief.pdf, a two-page summary, instead.")
+        bool,
+        typer.Option(
+            "--brief", help=("Write the two-page summary brief.pdf instead of report.pdf.")
+        ),
     ] = False,
     letter: Annotated[
         bool, typer.Option("--letter", help="Use US letter paper for the PDF.")
@@ -163,8 +166,8 @@ def compare(
         typer.Option(
             metavar="METRIC=5%",
             help=(
-                "Exit with code 1 if B may be worse than A by more than this share of a metric; "
-                "repeatable."
+                "Exit with code 1 unless B is shown to be at most this much worse than A in the "
+                "metric; repeatable."
             ),
         ),
     ] = None,

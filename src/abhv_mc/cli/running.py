@@ -263,7 +263,7 @@ def flights(
         typer.Option(
             "--campaign",
             metavar="FILE",
-            help="Campaign file with 'inputs' and 'metrics', without a simulator.",
+            help="Campaign file that declares 'inputs' and 'metrics' but no simulator.",
         ),
     ],
     out: Annotated[

@@ -40,7 +40,7 @@ def new(
         ),
     ] = "s_manoeuvre",
     law: Annotated[
-        bool, typer.Option("--law", help="Add a custom control law with comments.")
+        bool, typer.Option("--law", help="Add a commented example of a custom control law.")
     ] = False,
     language: Annotated[
         str | None,
@@ -105,7 +105,7 @@ def _begin_simulator(folder: Path, kind: str) -> None:
 
 imports = typer.Typer(
     name="import",
-    help="Import flights of another simulator, or vehicle models in standard formats.",
+    help="Import flights computed by another simulator, or vehicle models in standard formats.",
     no_args_is_help=True,
 )
 

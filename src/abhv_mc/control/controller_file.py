@@ -41,7 +41,7 @@ class TimePoint(StrictModel):
         description="time of the point since the start of the flight"
     )
     bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency of the closed loop at that time"
+        description="natural frequency of the closed loop at the time of this point"
     )
 
 
@@ -52,7 +52,7 @@ class PressurePoint(StrictModel):
         description="dynamic pressure on the reference trajectory"
     )
     bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency of the closed loop at that dynamic pressure"
+        description="natural frequency of the closed loop at the dynamic pressure of this point"
     )
 
 
@@ -266,13 +266,13 @@ class LqrController(ControllerModel):
     law: Literal["lqr"] = Field(description="kind of control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
     guidance: Weights[GuidanceStates, GuidanceInputs] = Field(
-        description="weights of the guidance regulator, equation (22)"
+        description="weights of the guidance regulator, equation (22) of Zhu and Shen (2014)"
     )
     longitudinal: Weights[LongitudinalStates, LongitudinalInputs] = Field(
-        description="weights of the pitch regulator, equation (23)"
+        description="weights of the pitch regulator, equation (23) of Zhu and Shen (2014)"
     )
     lateral: Weights[LateralStates, LateralInputs] = Field(
-        description="weights of the roll and yaw regulator, equation (23)"
+        description="weights of the roll and yaw regulator, equation (23) of Zhu and Shen (2014)"
     )
     spacing: Annotated[Time, Field(gt=0.0)] = Field(
         1.0, description="time between the reference points at which gains are computed"

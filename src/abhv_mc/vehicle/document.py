@@ -193,8 +193,19 @@ class Term(StrictModel):
 class ReferencePoint(StrictModel):
     """Reference point of a function's moments, relative to the moment reference."""
 
-    x: Length = Field(0.0, description="distance of the point forward of the moment reference")
-    z: Length = Field(0.0, description="distance of the point below the moment reference")
+    x: Length = Field(
+        0.0,
+        description=(
+            "distance of the reference point of the function's moments forward of the moment "
+            "reference"
+        ),
+    )
+    z: Length = Field(
+        0.0,
+        description=(
+            "distance of the reference point of the function's moments below the moment reference"
+        ),
+    )
 
 
 class AerodynamicsFunction(PythonFunction):
@@ -296,7 +307,7 @@ class VehicleDocument(StrictModel):
     )
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="reference of the measured quantities, which a mission may override",
+        description="reference for the measured quantities; a mission may override it",
     )
     limits: FlightLimits | None = Field(
         default=None, description="limits that end a flight; default: no limits"

@@ -79,8 +79,8 @@ class Simulator(StrictModel):
     repeatable: YesNo = Field(
         True,
         description=(
-            "whether equal inputs give equal results; no: the simulator draws noise that is "
-            "independent between flights and processes"
+            "whether equal inputs give equal results; if not, the simulator draws independent "
+            "noise for each flight in each process"
         ),
     )
     start_limit: Annotated[Time, Field(gt=0.0)] = Field(
@@ -153,7 +153,7 @@ InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 class OwnChannel(StrictModel):
     """Column of the history that a flight returns."""
 
-    unit: Unit = Field("-", description="unit as any text; '-' for a dimensionless number")
+    unit: Unit = Field("-", description="unit of the quantity, as free text; '-' if dimensionless")
     doc: str = Field("", description="description of the quantity in the report")
 
 
@@ -223,35 +223,40 @@ class SimulatorCampaign(Campaign):
     independent: YesNo = Field(
         False,
         description=(
-            "whether imported flights are independent draws of the dispersions, which is tested"
+            "whether the imported flights are independent draws from the dispersions; statistical"
+            " tests check this"
         ),
     )
     columns: dict[str, str] = Field(
         {},
         description=(
-            "column headings of an imported table by name of the input or metric, or by system, "
-            "outcome, end_time or flight; default: the names, with or without units"
+            "column headings in an imported table, by the name of the input or metric that the "
+            "column contains, or by system, outcome, end_time or flight; default: these names, "
+            "with or without units"
         ),
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
         description=(
-            "compared systems by name, each with settings of the simulator; the first must meet "
-            "the requirements"
+            "compared systems by name, each with its own simulator settings; the first system "
+            "must meet the requirements"
         ),
     )
-    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight by name")
+    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
-        description="metrics that a flight returns by name"
+        description="metrics that a flight returns, by name"
     )
     outcomes: dict[MetricName, str] = Field(
         {},
-        description="reasons of early termination: a sentence for each code that a flight returns",
+        description=(
+            "reasons for early termination: one sentence for each code that a flight can return"
+        ),
     )
     histories: dict[MetricName, OwnChannel] = Field(
         {},
         description=(
-            "channels of the history by name, returned by a flight in addition to the time (s)"
+            "channels of the time history by name; each flight returns them in addition to the "
+            "time (s)"
         ),
     )
     execution: SimulatorExecution = Field(

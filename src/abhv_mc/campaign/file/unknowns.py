@@ -29,7 +29,7 @@ class Unknown(StrictModel):
     low: Value = Field(
         description="lower bound: a value, or a change relative to the nominal value such as -10 %"
     )
-    high: Value = Field(description="upper bound, like 'low'")
+    high: Value = Field(description="upper bound, in the same form as 'low'")
 
 
 Count = Annotated[int, Field(ge=0)]
@@ -74,14 +74,15 @@ class UnknownPoints(StrictModel):
         None,
         description=(
             "number of points, counted from the first, at which all requirements are judged; "
-            "default: all points. At each further point only the requirements that name it in "
-            "`most_failures` are judged"
+            "default: all points. At every other point, a requirement is judged only if an entry "
+            "of `most_failures` assigns that point to it"
         ),
     )
     most_failures: tuple[MostFailures, ...] = Field(
         (),
         description=(
-            "points at which each requirement failed most often in the search for each controller"
+            "for each controller and requirement, the point at which the requirement failed most "
+            "often during the search"
         ),
     )
     requirements: tuple[dict[str, Any], ...] | None = Field(
