@@ -69,6 +69,7 @@ class ForeignTable:
     lines: Sequence[int]  # [row] number (from 1) of the line in the file, or of the row in Parquet
     head_line: int = 1
     texts: Sequence[str] = ()  # [row] original line of the file
+    head_text: str = ""  # original line of the headings
     separator: str = ","
 
     def __len__(self) -> int:
@@ -77,15 +78,10 @@ class ForeignTable:
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
         """Return the InputError for a cell; row None is the heading, column None the whole line."""
         line = self.head_line if row is None else self.lines[row]
-        cells: Sequence[str] = self.heads
-        if row is not None:
-            cells = split_line(self.texts[row], self.separator) if self.texts else ()
-        before = (
-            None
-            if column is None or not cells
-            else 1 + sum(len(cell) + 1 for cell in cells[:column])
-        )
-        return InputError(self.path, problem, expected, line, before)
+        text = self.head_text if row is None else self.texts[row] if self.texts else ""
+        starts = _cell_starts(text, self.separator)
+        start = None if column is None or not text else 1 + starts[column]
+        return InputError(self.path, problem, expected, line, start)
 
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
@@ -253,13 +249,15 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             import pyarrow as pa
             import pyarrow.parquet as pq
 
-            data = pq.read_table(pa.BufferReader(content))
+            from abhv_mc.io.parquet_columns import arrow_memory
+
+            data = pq.read_table(pa.BufferReader(arrow_memory(content)))
             heads = tuple(map(str, data.column_names))
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
             # In a spreadsheet, characters cannot be located by column.
-            return replace(table, texts=())
+            return replace(table, texts=(), head_text="")
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
         if text.lstrip()[:1] == "{":
@@ -315,6 +313,8 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
+    from abhv_mc.io.parquet_columns import arrow_memory
+
     lines: dict[int, str] = {}
     comments: list[tuple[int, str]] = []
     start = 0  # first line of a quoted cell that spans several lines
@@ -365,7 +365,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         body = lines_with_tabs.getvalue()
     names = [str(i) for i in range(len(heads))]
     data = arrow_csv.read_csv(
-        pa.BufferReader(body.encode()),
+        pa.BufferReader(arrow_memory(body.encode())),
         arrow_csv.ReadOptions(column_names=names),
         arrow_csv.ParseOptions(
             delimiter=delimiter, newlines_in_values='"' in text, ignore_empty_lines=False
@@ -380,6 +380,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         lines=numbers,
         head_line=head_line,
         texts=texts,
+        head_text=head,
         separator=separator,
     )
 
@@ -464,6 +465,15 @@ def split_line(line: str, separator: str) -> list[str]:
     return [
         c.strip() for c in next(csv.reader([plain], delimiter=separator, skipinitialspace=True))
     ]
+
+
+def _cell_starts(line: str, separator: str) -> list[int]:
+    """Return the position of the first character of each cell in a line."""
+    gap = r"[ \t]+" if separator == _BLANKS else f" *{separator} *"
+    text = line.lstrip(" \t" if separator == _BLANKS else " ")
+    indent = len(line) - len(text)
+    gaps = (match for match in re.finditer(f'"[^"]*"|({gap})', text) if match[1])
+    return [indent, *(indent + match.end() for match in gaps)]
 
 
 @dataclass(frozen=True)

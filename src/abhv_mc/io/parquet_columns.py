@@ -11,6 +11,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 
+def arrow_memory(content: bytes) -> pa.Buffer:
+    """Copy bytes to memory that belongs to Arrow, to read a table from it."""
+    # Threads of Arrow may free a table's source while the interpreter exits. If the memory belonged
+    # to Python, the process would abort (apache/arrow issue 34314).
+    stream = pa.BufferOutputStream()
+    stream.write(content)
+    return stream.getvalue()
+
+
 def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
     """Return the numbers of a column as a copy, with NaN for nulls."""
     if column.null_count or not column.num_chunks:
