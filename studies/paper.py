@@ -20,7 +20,16 @@ from paper_vehicle_box import BASE, FREE, MACH, make_mission, make_vehicle
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_export import ABHV
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, READING, TRAITS
-from paper_vehicle_sides import SIDES, SPEED, control_powers, excesses, find_trim, measure, table
+from paper_vehicle_sides import (
+    SIDES,
+    SPEED,
+    control_powers,
+    excesses,
+    find_trim,
+    measure,
+    polar,
+    table,
+)
 from paper_vehicle_tables import (
     claim,
     figures,
@@ -33,6 +42,7 @@ from abhv_mc.control.controller_file import TlcController
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
+from abhv_mc.vehicle.pack import nodes_of
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {
@@ -102,8 +112,8 @@ eight traits. The {number} vehicles are the largest set with this property among
 searches. A candidate has at least 18 of the 20 ends inside, no end outside by more than 20 % of its axis,
 and [plausible properties](paper-vehicles.md). Each member is a rigid body at both mass points, trims at
 least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json` has the
-traits of each member. The pitch damping of {reduced} members was
-[reduced afterwards](paper-vehicles.md#pitch-damping).
+traits of each member. The pitch damping of {reduced} members was reduced afterwards, and the yaw damping of
+two members was increased ([why](paper-vehicles.md#pitch-and-yaw-damping)).
 
 {spread}
 
@@ -167,7 +177,7 @@ of a limit, with the number of members: {near}.
 {sides}
 
 GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} at this
-point, and its ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about
+point (its best is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about
 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced drag, this increase requires an L/D of 3 to 5, so the
 paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the members share: at Mach 4.74
 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and
@@ -176,13 +186,17 @@ decreases with the equivalence ratio, and fuel beyond the stoichiometric ratio d
 of the members is higher, as that of waveriders. The least CD of the winged cone is that of one node, Mach 8 and -1 deg, of
 its polynomial fit.
 
-## Pitch damping
+## Pitch and yaw damping
 
 The figures do not determine pitch damping. The searches, also those of the [predictions](paper.md), ran without the
 limit of its radius; then Cm_q was reduced on {reduced} members to satisfy the limit and to differ between members, on
 `abhv` from -3.46 to {abhv_damping:.2f}. No end moved by more than 5 % of its axis, and none left its interval. The limit
 is an upper bound, which only lift at nose and tail would reach: lift that is uniform along the body has a radius of 2.5 m,
 and GHAME one of 3.1 m. The pitch damping of `abhv` is thus large, but a smaller one would change no figure.
+
+A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
+-2 CY_dr (arm/span)^2. The searches ran without this limit, too; then Cn_r was increased by 4 % on `seed-16` and by
+13 % on `seed-23`, which moved no end by more than 0.2 % of its axis.
 
 ## Control powers
 
@@ -193,7 +207,9 @@ Derivatives are per rad, at the trim.
 The deflections in the paper's figures constrain the control powers of the members for a vehicle of this size; no layout
 of surfaces was used. The aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's and the rudder
 {rudder_ratio:.0f} times, but the elevator has {elevator_ratio:.1f} times the lift. The rolling moment of the aileron
-corresponds to the lift of the elevator at {aileron_arm:.1f} spans from the axis, so no elevons could have both. In a steady
+corresponds to the lift of the elevator at {aileron_arm:.1f} spans from the axis, so no elevons could have both. Separate all-moving
+surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could: at least {aileron_area:.0f} % of the reference area at
+the ends of the span for the aileron, and {rudder_area:.0f} % for the rudder. In a steady
 roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f} times that of GHAME, and the roll rate {roll_rate:.0f} rad/s,
 which no structure would withstand. The figures cannot decide whether the paper's vehicle had such surfaces, whether its
 tables were not those of an aircraft, or whether its size, wing loading and inertias differ from those chosen here. The
@@ -369,6 +385,10 @@ def plausibility(members: list[dict[str, Any]]) -> str:
     impulse = evaluate_fixed(ghame, make_variables(ghame, mach=MACH, equivalence_ratio=etas))[
         "specific_impulse"
     ]
+    plate_slope = 4.0 / np.sqrt(MACH**2 - 1.0)
+    alphas = nodes_of(ghame.tables, "angle_of_attack")
+    lift, drag = polar(ghame, MACH, alphas)[:2]
+    lift_to_drag = lift / drag
     facts = {
         "near": near_words(members),
         "sides": sides_words(members),
@@ -383,6 +403,10 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         "rudder_ratio": ratio["Cn_dr"],
         "elevator_ratio": ratio["CL_de"],
         "roll_ratio": ratio["steady roll p b/2V at 20 deg of aileron"],
+        "aileron_area": 200.0 * surfaces[ABHV]["Cl_da"] / plate_slope,
+        "rudder_area": 100.0 * surfaces[ABHV]["CY_dr"] / plate_slope,
+        "ghame_best": lift_to_drag.max(),
+        "ghame_best_alpha": np.rad2deg(alphas[lift_to_drag.argmax()]),
         "aileron_arm": surfaces[ABHV]["Cl_da"] / surfaces[ABHV]["CL_de"],
         "roll_rate": surfaces[ABHV]["steady roll p b/2V at 20 deg of aileron"]
         * 2.0
