@@ -20,7 +20,16 @@ from paper_vehicle_box import BASE, FREE, MACH, make_mission, make_vehicle
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_export import ABHV
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, READING, TRAITS
-from paper_vehicle_sides import SIDES, SPEED, control_powers, excesses, find_trim, measure, table
+from paper_vehicle_sides import (
+    SIDES,
+    SPEED,
+    control_powers,
+    excesses,
+    find_trim,
+    measure,
+    polar,
+    table,
+)
 from paper_vehicle_tables import (
     claim,
     figures,
@@ -33,6 +42,7 @@ from abhv_mc.control.controller_file import TlcController
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
+from abhv_mc.vehicle.pack import nodes_of
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {
@@ -103,7 +113,7 @@ a candidate, at least 18 of the 20 ends are inside their intervals, no end is ou
 and the properties are [plausible](paper-vehicles.md). Each member has the mass properties of a rigid body at both
 mass points, trims at least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json`
 contains the traits of each member. The pitch damping of {reduced} members was
-[reduced afterwards](paper-vehicles.md#pitch-damping).
+reduced [afterwards](paper-vehicles.md#pitch-and-yaw-damping), and the yaw damping of two members was increased.
 
 {spread}
 
@@ -168,8 +178,9 @@ of a limit, with the number of members: {near}.
 
 {sides}
 
-GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag}, and its
-ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about 0.84 in
+GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (its best
+is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In
+Figure 11, the equivalence ratio rises from about 0.84 in
 straight flight to about 1.2 at 50 deg of bank. With induced drag, such an increase of the equivalence ratio requires
 an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the
 members share: at Mach 4.74 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25,
@@ -179,7 +190,7 @@ the stoichiometric ratio does not burn. Slender lifting bodies reach an L/D of 3
 SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of the members is higher, like that of waveriders. The
 smallest CD of the winged cone occurs at a single node of its polynomial fit, at Mach 8 and -1 deg.
 
-## Pitch damping
+## Pitch and yaw damping
 
 The figures do not determine pitch damping. The searches, including those for the [predictions](paper.md), ran without
 a limit on the radius of pitch damping; afterwards, Cm_q was reduced on {reduced} members to satisfy the limit and to
@@ -187,6 +198,10 @@ differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change 
 5 % of its axis, and no end out of its interval. The limit on the radius is an upper bound, which would be reached
 only if all lift acted at nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for
 GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change no figure.
+
+A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
+-2 CY_dr (arm/span)^2. The searches ran without this limit, too; then Cn_r was increased by 4 % on `seed-16` and by
+13 % on `seed-23`, which moved no end by more than 0.2 % of its axis.
 
 ## Control powers
 
@@ -198,7 +213,9 @@ The deflections in the paper's figures constrain the control powers of the membe
 layout of the surfaces was assumed. The aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's and the
 rudder {rudder_ratio:.0f} times, but the elevator produces only {elevator_ratio:.1f} times the lift of GHAME's
 elevator. The rolling moment of the aileron corresponds to the lift of the elevator at {aileron_arm:.1f} spans from
-the axis, so no elevons could provide both. In a steady roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f}
+the axis, so no elevons could provide both. Separate all-moving surfaces with the lift slope of a thin plate,
+4/sqrt(M^2 - 1), could provide both: at least {aileron_area:.0f} % of the reference area at the ends of the span for
+the aileron, and {rudder_area:.0f} % for the rudder. In a steady roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f}
 times that of GHAME, and the roll rate {roll_rate:.0f} rad/s, which no structure would withstand. The figures cannot
 decide whether the paper's vehicle had such powerful surfaces, whether its tables were not those of an aircraft, or
 whether its size, wing loading and inertias differ from those chosen here. The flights use about 1 deg of aileron and
@@ -374,6 +391,10 @@ def plausibility(members: list[dict[str, Any]]) -> str:
     impulse = evaluate_fixed(ghame, make_variables(ghame, mach=MACH, equivalence_ratio=etas))[
         "specific_impulse"
     ]
+    plate_slope = 4.0 / np.sqrt(MACH**2 - 1.0)
+    alphas = nodes_of(ghame.tables, "angle_of_attack")
+    lift, drag = polar(ghame, MACH, alphas)[:2]
+    lift_to_drag = lift / drag
     facts = {
         "near": near_words(members),
         "sides": sides_words(members),
@@ -388,6 +409,10 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         "rudder_ratio": ratio["Cn_dr"],
         "elevator_ratio": ratio["CL_de"],
         "roll_ratio": ratio["steady roll p b/2V at 20 deg of aileron"],
+        "aileron_area": 200.0 * surfaces[ABHV]["Cl_da"] / plate_slope,
+        "rudder_area": 100.0 * surfaces[ABHV]["CY_dr"] / plate_slope,
+        "ghame_best": lift_to_drag.max(),
+        "ghame_best_alpha": np.rad2deg(alphas[lift_to_drag.argmax()]),
         "aileron_arm": surfaces[ABHV]["Cl_da"] / surfaces[ABHV]["CL_de"],
         "roll_rate": surfaces[ABHV]["steady roll p b/2V at 20 deg of aileron"]
         * 2.0

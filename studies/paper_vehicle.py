@@ -11,7 +11,8 @@ shipped vehicle and in which any two differ in three traits. Each search (paper_
 aims at a vehicle that would enlarge the set.
 
 The members that about sixty such searches found are stored. The figures do not determine their
-pitch damping, which was reduced afterwards to satisfy its limit and to differ between members.
+pitch damping, which was reduced afterwards to satisfy its limit and to differ between members, and
+the yaw damping of two members was increased to satisfy the limit of the rudder's share.
 `--searches` adds more, `--fresh` starts with only the shipped vehicle. Then each figure in turn is
 left out and predicted, from three random starts. studies/paper_vehicle.json is written after each
 step. After an interruption the same command resumes from DIR, which must be emptied if the box or

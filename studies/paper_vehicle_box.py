@@ -89,7 +89,7 @@ FREE = {
     "side_sideslip": Free(0.9, 5.8, (1.2, 1.65)),  # cone 1.52
     "roll_roll_rate": Free(0.3, 6.9, (0.8, 1.3)),  # cone 1.40
     "pitch_pitch_rate": Free(0.3, 6.9, (1.1, 1.5)),  # cone 0.25
-    "yaw_yaw_rate": Free(0.7, 6.9, (5.0, 6.8)),  # cone 8.31
+    "yaw_yaw_rate": Free(0.7, 7.5, (5.0, 6.8)),  # cone 8.31
     "yaw_roll_rate": _signed(0.0, 4.6, (0.0, 1.5)),  # cone 5.62
     "lift_basic": Free(0.6, 1.4, (0.7, 0.9)),  # cone 1.33
     "lift_offset": _signed(-0.01, 0.06, (0.034, 0.041)),  # CL

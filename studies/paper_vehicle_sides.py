@@ -69,6 +69,7 @@ SIDES = {
     "pitch_damping": Side("Cm_q", -5.0, -0.4, 2.5),
     "damping_radius": Side("radius of pitch damping, m", -INFINITY, HALF_LENGTH, 2.3),
     "yaw_damping": Side("Cn_r", -0.9, -0.1, 0.8),
+    "rudder_damping": Side("yaw damping of the rudder over Cn_r", -INFINITY, 1.0, 0.5),
     "rudder_arm": Side("rudder arm -Cn_dr b/CY_dr, m", 1.5, HALF_LENGTH, 2.8),
     "rudder_height": Side("rudder height Cl_dr/CY_dr over the span", -0.5, 0.5, 0.5),
     "elevator_arm": Side("elevator arm -Cm_de c/CL_de, m", 2.0, HALF_LENGTH, 2.3),
@@ -180,7 +181,7 @@ def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict
     c = vehicle.constants
     machs, alphas = nodes_within(vehicle)
     slope, powers = slopes_at(vehicle, alpha, elevator), control_powers(vehicle, alpha, elevator)
-    lift_slope = slope["CL", "alpha"]
+    lift_slope, rudder_arm = slope["CL", "alpha"], powers["rudder arm over the span"]
     state = np.zeros((len(_STATES), 1))
     state[0], state[-1] = alpha, elevator
     lift, drag = coefficients_at(vehicle, AROUND, state)[:2, 0]
@@ -218,7 +219,9 @@ def measure(vehicle: Vehicle, alpha: float, elevator: float, eta: float) -> dict
         "pitch_damping": slope["Cm", "q"],
         "damping_radius": powers["radius of pitch damping over the chord"] * BASE.constants.chord,
         "yaw_damping": slope["Cn", "r"],
-        "rudder_arm": powers["rudder arm over the span"] * BASE.constants.span,
+        # At the rudder, a yaw rate r adds r arm/V to the sideslip.
+        "rudder_damping": 2.0 * slope["Cn", "rudder"] * rudder_arm / slope["Cn", "r"],
+        "rudder_arm": rudder_arm * BASE.constants.span,
         "rudder_height": slope["Cl", "rudder"] / slope["CY", "rudder"],
         "elevator_arm": powers["elevator arm over the chord"] * BASE.constants.chord,
         "dutch_roll": dutch_roll_ratio(vehicle, alpha, elevator, eta),

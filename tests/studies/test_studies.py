@@ -182,6 +182,19 @@ def test_lift_at_the_radius_of_pitch_damping_has_the_damping() -> None:
     assert radius <= sides.HALF_LENGTH
 
 
+def test_the_rudder_damps_yaw_as_the_sideslip_at_its_arm_would() -> None:
+    """At a distance r behind the centre of gravity a yaw rate adds as much sideslip as rudder."""
+    vehicle = box.make_vehicle(ENSEMBLE[0]["values"])
+    point = sides.find_trim(vehicle)
+    traits, span = sides.measure(vehicle, *point), vehicle.constants.span
+    rate = 0.1  # rad/s
+    rudder = rate * traits["rudder_arm"] / sides.SPEED
+    slope = sides.slopes_at(vehicle, *point[:2])
+    own = slope["Cn", "rudder"] * rudder / (rate * span / (2.0 * sides.SPEED))
+    assert own == pytest.approx(traits["rudder_damping"] * slope["Cn", "r"])
+    assert traits["rudder_damping"] <= 1.0
+
+
 @pytest.mark.parametrize("name", [member["name"] for member in ENSEMBLE])
 def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name: str) -> None:
     member = next(entry for entry in ENSEMBLE if entry["name"] == name)
