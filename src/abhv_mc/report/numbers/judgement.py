@@ -553,8 +553,8 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:
         return None
     if advice := advise(binding):
         condition = ", more if their true failure rates are alike" if len(binding) > 1 else ""
-        all_of_them = f"all {len(binding)} verdicts" if len(binding) > 1 else "the verdict"
-        chance = f"{all_of_them} PASS with a chance of {about(advice.chance)}{condition}"
+        subject = f"all {len(binding)} verdicts are" if len(binding) > 1 else "the verdict is"
+        chance = f"{subject} PASS with a chance of {about(advice.chance)}{condition}"
         return _longer_run(
             advice.flights, f"with {fixed(advice.flights, 0)} flights {chance}", flies
         )
@@ -564,9 +564,8 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:
     text = f"no number of flights up to {most} makes {goal} likely"
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
-        text += (
-            f"; {need} flights would suffice for {len(separate)} of the {len(open_ones)} verdicts"
-        )
+        number = f"{len(separate)} of the {len(open_ones)} open verdicts"
+        text += f"; by itself, a PASS is likely for {number} with up to {need} flights"
     return NextStep(text)
 
 
