@@ -35,12 +35,13 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     yield "Verification", verified
     yield "Validation", f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights."
     drawn, unknown = len(names.results.dispersed), len(campaign.unknowns.names)
-    pedigree = f"{drawn} dispersed {'input' if drawn == 1 else 'inputs'}"
+    files = len(manifest.inputs)
+    pedigree = f"{drawn} dispersed input{'' if drawn == 1 else 's'}"
     if unknown:
         pedigree += f", {unknown} unknown, judged at {len(campaign.unknowns.points)} points"
     yield (
         "Input pedigree",
-        f"{pedigree}; {len(manifest.inputs)} input files with their SHA-256. Sources of the "
+        f"{pedigree}; {files} input file{'' if files == 1 else 's'} with SHA-256. Sources of the "
         "distributions are not recorded.",
     )
     required = names.requirements

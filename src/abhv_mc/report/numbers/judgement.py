@@ -603,9 +603,8 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
     text = f"no number of flights{each} up to {fixed(MOST_TIMES * flights, 0)} makes {goal} likely"
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
-        text += (
-            f"; {need} flights would suffice for {len(separate)} of the {len(open_ones)} verdicts"
-        )
+        number = f"{len(separate)} of the {len(open_ones)} open verdicts"
+        text += f"; by itself, a PASS is likely for {number} with up to {need} flights"
     else:
         text += f"; at least {fixed(least, 0)} are needed"
     return NextStep(text)
