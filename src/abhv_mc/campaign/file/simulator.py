@@ -171,7 +171,7 @@ class OwnMetric(OwnChannel):
 
     bad: Bad | None = Field(
         None,
-        description=("which values are worse: high, low, or large in magnitude; default: high"),
+        description="which values are worse: high, low, or large in magnitude; default: high",
     )
     label: str | None = Field(
         None, description="name of the metric in the report, without unit; default: the key"

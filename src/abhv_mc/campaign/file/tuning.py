@@ -46,7 +46,7 @@ class Limit(StrictModel):
     above: float | None = Field(None, description="lower limit, in the metric's unit")
     below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
         None,
-        description=("upper limit, as a multiple of the value that the initial controller attains"),
+        description="upper limit, as a multiple of the value that the initial controller attains",
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,

@@ -157,7 +157,10 @@ class Unknowns:
         if entry.failures:
             text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
-            text += f"none failed in {entry.flights} flights; the value nearest to the limit was  "
+            text += (
+                f"none had a failure in {entry.flights} flights; the value with the smallest "
+                "margin was "
+            )
         text += (
             f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights "
             "failed"
@@ -166,8 +169,8 @@ class Unknowns:
         if factor <= 1.0:
             return text
         return (
-            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often is "
-            "detected in about half of the campaigns"
+            f"{text}; a value at which flights fail {float(f'{factor:.1g}'):,.0f} times too "
+            "often is detected in about half of the campaigns"
         )
 
 
