@@ -240,8 +240,9 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
-        "The bandwidth of the differentiators of sub-loop 3 is increased from zero; that of "
-        "sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths without an "
+        "The bandwidth of the differentiators of sub-loop 3 is increased from zero; the "
+        "bandwidth for sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths "
+        "without an "
         f"oscillation are {swings}; the bandwidth for sub-loop 4 is then near the "
         f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s for sub-loop "
         "3, at ratio 5. Noise limits the bandwidth first: the last column is the travel of all "

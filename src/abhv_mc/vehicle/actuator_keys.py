@@ -226,7 +226,7 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
         default=None,
-        description="flow conditions in which the inlet stays started; default: any",
+        description="flow conditions under which the inlet stays started; default: all conditions",
     )
     engines: dict[str, Engine] = Field(
         default_factory=dict,

@@ -126,7 +126,7 @@ class Tune(StrictModel):
         description="second objective; it forms a Pareto front with the objective of 'minimise'",
     )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
-        64, description="number of flights for each candidate, with equal samples"
+        64, description="number of flights for each candidate; all candidates have the same samples"
     )
     candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(
         320, description="number of parameter sets to evaluate"
