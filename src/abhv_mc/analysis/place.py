@@ -103,14 +103,20 @@ def place_flights(
             root, f"no controller '{controller}'", one_of(results.controllers, controller)
         )
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
-        expected = "one with 'sampling: random' and no unknowns"
-        raise InputError(root, "a campaign whose flights do not have one distribution", expected)
+        expected = "a campaign with 'sampling: random' and no unknowns"
+        raise InputError(
+            root,
+            "a campaign whose flights are not random draws from a single distribution",
+            expected,
+        )
     records = (*results.campaign.metrics.values(), *results.campaign.channels)
     units = {"time": "s", **{record.name: record.unit for record in records}}
     tables = [_read_table(file, units) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
-        raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
+        raise InputError(
+            files[timed.index(False)], "no column time", ("a column 'time', as in the other files")
+        )
     labels = [table.table.path.name for table in tables]
     sensed: tuple[str, ...] = ()
     if all(timed):
@@ -212,7 +218,9 @@ def _read_histories(
     """
     histories = _random_histories(results, controller)
     if not histories:
-        expected = "'keep: {histories: {flights: all}}', or 'every N': a random selection"
+        expected = (
+            "'keep: {histories: {flights: all}}', or 'every N', which also selects random flights"
+        )
         raise InputError(results.folder, "no histories of random flights", expected)
     channels = _shared_columns(
         tables, [name for name in next(iter(histories.values())) if name != "time"]
@@ -223,7 +231,12 @@ def _read_histories(
     times = _columns(tables[0], ["time"])[:, 0]
     times = times[(times >= 0.0) & (times <= end)]
     if not times.size:
-        raise tables[0].error(0, "time", "no time of the simulated flights", f"0 to {end:g} s")
+        raise tables[0].error(
+            0,
+            "time",
+            "no time lies within the duration of the simulated flights",
+            f"0 to {end:g} s",
+        )
     times = times[:: max(1, times.size // _MOST_TIMES)]
     sampled = ((k, _sample(history, channels, times)) for k, history in histories.items())
     simulated = {k: values for k, values in sampled if np.isfinite(values).any()}
@@ -232,7 +245,12 @@ def _read_histories(
     )
     for table, test in zip(tables, tests, strict=True):
         if not np.isfinite(test).any():
-            raise table.error(0, "time", "no time of the first test flight", "times in common")
+            raise table.error(
+                0,
+                "time",
+                "no time in common with the first test flight",
+                "a time range that overlaps that of the first test flight",
+            )
     return simulated, tests, times, channels
 
 

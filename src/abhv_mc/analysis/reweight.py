@@ -109,13 +109,13 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        problem = f"{name} with a probability in one case and always in the other"
-        return problem, "a probability below 1 in both, or in none"
+        problem = f"{name} has the key 'probability' before or after the change, but not both"
+        return problem, "the key 'probability' both before and after the change, or neither"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
             return (
-                f"{name} as a mixture with a discrete choice",
-                "continuous parts, or a new campaign",
+                f"{name} is a mixture with a discrete choice",
+                "a mixture of continuous distributions, or a new campaign",
             )
         # Each component of the new distribution must lie within one component of the old one.
         for component in _parts(new):

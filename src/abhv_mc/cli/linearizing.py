@@ -64,8 +64,8 @@ def margins(
         typer.Option(
             metavar="STATES",
             help=(
-                "Quantities to hold (altitude, speed, heading), separated by commas, if the "
-                "controller does not control them."
+                "Quantities to hold constant (altitude, speed, heading), separated by commas, if "
+                "the controller does not control them."
             ),
         ),
     ] = None,

@@ -215,7 +215,7 @@ def compare(
     newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
     for pair, lost in zip(paired, newly_lost, strict=False):
         say(
-            f"{lost} flights terminate early with {pair.b} and not with {pair.a}",
+            f"{lost} flights terminate early with {pair.b} but not with {pair.a}",
             file=text_stream(json),
         )
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):

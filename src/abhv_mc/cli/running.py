@@ -294,7 +294,8 @@ def merge(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            metavar="DIR...", help="Folders of all shards of a campaign, or of campaigns to pool."
+            metavar="DIR...",
+            help=("Results folders of all shards of a campaign, or of the campaigns to pool."),
         ),
     ],
     out: Annotated[

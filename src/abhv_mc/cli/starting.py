@@ -247,7 +247,8 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     )
     if cost.searched:
         say(
-            f"  search  {cost.searched} flights of each to find the worst values of the unknowns, "
+            f"  search  {cost.searched} flights of each {cost.kind} to find the worst values of "
+            "the unknowns, "
             f"{cost.search_s:.0f} s (fewer if --runs is below 256)"
         )
     rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
@@ -281,8 +282,8 @@ def _print_plan(planned: "Planned") -> None:
         )
     print_table(table)
     say(
-        "*  chance if the true failure probability is a fifth of the allowed one, within this "
-        "number of flights (and at exactly this number)"
+        "*  chance if the true failure probability is a fifth of the allowed probability, within "
+        "this number of flights (and at exactly this number)"
     )
     if len(planned.requirements) > 1:
         low, high = (

@@ -65,7 +65,7 @@ class Schedule(StrictModel):
     over_dynamic_pressure: list[PressurePoint] | None = Field(
         None,
         min_length=2,
-        description="points in order of increasing dynamic pressure; replaces over_time",
+        description="points in order of increasing dynamic pressure; replaces the key 'over_time'",
     )
 
     @model_validator(mode="after")

@@ -75,13 +75,16 @@ class CController(ControllerModel):
     law: Literal["c"] = Field(description="kind of control law")
     library: File | None = Field(None, description="shared library of the control law")
     sources: tuple[File, ...] = Field(
-        (), description="C sources of the control law, compiled by cc; replaces library"
+        (), description="C sources of the control law, compiled by cc; replaces the key 'library'"
     )
     flags: tuple[str, ...] = Field(
         ("-O2",), description="compiler flags for cc in addition to -ffp-contract=off"
     )
     design: File | None = Field(
-        None, description="gains: a Python file with design(), or a CSV file over time"
+        None,
+        description=(
+            "gains: a Python file with design(), or a CSV file of gains as a function of time"
+        ),
     )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
@@ -167,7 +170,10 @@ class FmuController(ControllerModel):
         {}, description="initial values of the FMU's parameters, with units if they have any"
     )
     design: File | None = Field(
-        None, description="gains: a Python file with design(), or a CSV file over time"
+        None,
+        description=(
+            "gains: a Python file with design(), or a CSV file of gains as a function of time"
+        ),
     )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)

@@ -337,7 +337,7 @@ class Mission(StrictModel):
         _BY_NAME,
     ] = Field(
         "standard",
-        description=("air density of the nominal flight: standard atmosphere, or a table"),
+        description="air density of the nominal flight: standard atmosphere, or a table",
     )
     sensing: SensingKeys = Field(
         SensingKeys(),

@@ -99,7 +99,7 @@ def _fly(
             _reported.add(str(error))
             print(
                 f"{plan.controller}: {len(parameters)} flights were lost ({error}) and are"
-                " computed again in smaller pieces",
+                " computed again in smaller blocks",
                 file=sys.stderr,
                 flush=True,
             )

@@ -184,7 +184,9 @@ def _resume(
     _check_same(flown, before, requested, inputs, request)
     added = [name for name in requested.controllers if name not in before.systems]
     if added and requested.unknowns.names:
-        problem = f"the folder's points of the unknowns were selected without {', '.join(added)}"
+        problem = (
+            f"the values of the unknowns in this folder were selected without {', '.join(added)}"
+        )
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)

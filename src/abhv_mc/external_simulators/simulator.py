@@ -27,8 +27,8 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted
 
 _BY_ORDER = (
-    "replies of the program are matched to requests by order, unless each reply repeats the value "
-    "of the key 'flight'"
+    "replies of the program are matched to requests in the order of arrival, unless each reply "
+    "repeats the value of the key 'flight'"
 )
 
 

@@ -139,9 +139,7 @@ def fly_in_memory(
         parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
         nominal_parameters(len(parameters))[:, _NOT_LEAN],
     ):
-        raise ValueError(
-            "the parameters disperse a quantity that the lean flight of the plan omits"
-        )
+        raise ValueError("the parameters disperse a quantity that this plan does not simulate")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None

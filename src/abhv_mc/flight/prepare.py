@@ -148,7 +148,10 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
             if around is None
             else "'around' is given for a control law"
         )
-        expected = "'around:' with a controller file of TLC or LQR, only with @measurement_filter"
+        expected = (
+            "'around:' with a TLC or LQR controller file if, and only if, the function is "
+            "decorated with @measurement_filter"
+        )
         raise document.error(("file",) if around is None else ("around",), problem, expected)
     if around is not None:
         law = law.model_copy(update={"rate": around.rate})

@@ -62,7 +62,7 @@ class Actuator(StrictModel):
     )
     ideal: bool = Field(
         False,
-        description=("whether the actuator is ideal; 'ideal: true' is equivalent to 'kind: ideal'"),
+        description="whether the actuator is ideal; 'ideal: true' is equivalent to 'kind: ideal'",
     )
 
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
@@ -126,7 +126,7 @@ class PythonFunction(StrictModel):
     python: File = Field(description="Python file, relative to the vehicle file")
     settings: dict[str, Any] = Field(
         default_factory=dict,
-        description=("values for the fields of the class Settings in the Python file"),
+        description="values for the fields of the class Settings in the Python file",
     )
 
 
@@ -169,7 +169,7 @@ class Unstart(StrictModel):
     )
     pitching_moment_increment: float = Field(
         default=0.0,
-        description=("increment of the pitching moment coefficient while the inlet is unstarted"),
+        description="increment of the pitching moment coefficient while the inlet is unstarted",
     )
 
     @model_validator(mode="after")
@@ -226,7 +226,7 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
         default=None,
-        description="flow conditions in which the inlet stays started; default: any",
+        description="flow conditions under which the inlet stays started; default: all conditions",
     )
     engines: dict[str, Engine] = Field(
         default_factory=dict,

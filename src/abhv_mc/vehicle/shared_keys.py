@@ -36,7 +36,7 @@ class Oscillation(StrictModel):
     )
     angle_of_attack: Annotated[Angle, Positive] | None = Field(
         None,
-        description=("maximum peak-to-peak amplitude of oscillations of the angle-of-attack error"),
+        description="maximum peak-to-peak amplitude of oscillations of the angle-of-attack error",
     )
     sideslip: Annotated[Angle, Positive] | None = Field(
         None, description="maximum peak-to-peak amplitude of oscillations of the sideslip"

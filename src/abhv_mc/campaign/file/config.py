@@ -54,7 +54,7 @@ class Sampling(StrictModel):
 
     design: DesignName = Field("random", description="name of the sampling design")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
-        2, description="number of values of each parameter in the designs grid and one_at_a_time"
+        2, description="number of values per parameter in the designs 'grid' and 'one_at_a_time'"
     )
     path: File | None = Field(
         None,
@@ -121,15 +121,15 @@ class RequirementEntry(StrictModel):
     consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10,
         description=(
-            "consumer's risk: largest probability that a system that just fails to meet the "
-            "requirement ever passes"
+            "consumer's risk: largest probability that a system just short of the requirement "
+            "ever gets the verdict PASS"
         ),
     )
     producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
         None,
         description=(
             "producer's risk: largest probability that a system that just meets the requirement "
-            "ever fails; default: the consumer's risk"
+            "ever gets the verdict FAIL; default: the consumer's risk"
         ),
     )
     controllers: tuple[str, ...] | None = Field(
@@ -140,7 +140,10 @@ class RequirementEntry(StrictModel):
         ),
     )
     ended_early: Literal["failure", "as_measured"] = Field(
-        "failure", description="how an early termination counts: as a failure, or as measured"
+        "failure",
+        description=(
+            "how a flight that terminates early is counted: as a failure, or by its measured value"
+        ),
     )
     id: str | None = Field(
         None, description="identifier of the requirement, such as GNC-12; shown in all outputs"
@@ -191,7 +194,7 @@ class Family(StrictModel):
     """Joint risk of a false PASS among all pairs of a requirement and a controller."""
 
     method: Literal["holm"] = Field(
-        "holm", description="correction for multiple verdicts: step-down procedure of Holm"
+        "holm", description="correction for multiple verdicts: Holm's step-down procedure"
     )
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10, description="largest probability that at least one PASS is false"

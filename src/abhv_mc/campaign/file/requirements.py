@@ -179,7 +179,7 @@ def check_requirements(
             errors.append(
                 document.error(
                     (*where, "id"),
-                    f"the id '{entry.id}' a second time",
+                    f"the id '{entry.id}' is used more than once",
                     "a unique id for each requirement",
                 )
             )
@@ -266,7 +266,8 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
         problem = (
-            f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+            f"margins for only {model.margins.of(runs)} of {runs} flights, although {metric} is "
+            "required"
         )
         expected = "'flights: all', because a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), problem, expected))

@@ -86,8 +86,8 @@ class Simulator(StrictModel):
     start_limit: Annotated[Time, Field(gt=0.0)] = Field(
         600.0,
         description=(
-            "time allowed for starting: to import the Python file, or in addition to time_limit "
-            "until a program's first reply"
+            "time allowed for the start: to import the Python file, or, in addition to "
+            "time_limit, until the first reply of a program"
         ),
     )
     flights_per_process: Annotated[int, Field(ge=1)] | None = Field(
@@ -171,7 +171,7 @@ class OwnMetric(OwnChannel):
 
     bad: Bad | None = Field(
         None,
-        description=("which values are worse: high, low, or large in magnitude; default: high"),
+        description="which values are worse: high, low, or large in magnitude; default: high",
     )
     label: str | None = Field(
         None, description="name of the metric in the report, without unit; default: the key"

@@ -46,7 +46,7 @@ class Limit(StrictModel):
     above: float | None = Field(None, description="lower limit, in the metric's unit")
     below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
         None,
-        description=("upper limit, as a multiple of the value that the initial controller attains"),
+        description="upper limit, as a multiple of the value that the initial controller attains",
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,
@@ -126,7 +126,7 @@ class Tune(StrictModel):
         description="second objective; it forms a Pareto front with the objective of 'minimise'",
     )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
-        64, description="number of flights for each candidate, with equal samples"
+        64, description="number of flights for each candidate; all candidates have the same samples"
     )
     candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(
         320, description="number of parameter sets to evaluate"

@@ -56,7 +56,7 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 class MostFailures(StrictModel):
     """Point at which a requirement failed most often in the search for a controller."""
 
-    controller: str = Field(description="controller for which the points were searched")
+    controller: str = Field(description="controller for which the point was found")
     requirement: Count = Field(description="index of the requirement, from 0")
     point: Count = Field(description="index of the point, from 0")
     failures: Count = Field(description="number of failures at the point during the search")
@@ -92,7 +92,10 @@ class UnknownPoints(StrictModel):
         ),
     )
     at: dict[str, tuple[float, ...]] = Field(
-        description="values [point] of each unknown, SI; each flight is simulated at every point"
+        description=(
+            "values of each unknown at the points, in SI units; each flight is simulated at every"
+            " point"
+        )
     )
 
 
@@ -166,8 +169,8 @@ class Unknowns:
         if factor <= 1.0:
             return text
         return (
-            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often is "
-            "detected in about half of the campaigns"
+            f"{text}; a value at which flights fail {float(f'{factor:.1g}'):,.0f} times too "
+            "often is detected in about half of the campaigns"
         )
 
 

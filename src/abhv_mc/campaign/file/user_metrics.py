@@ -68,7 +68,7 @@ class MetricEntry(StrictModel):
     statistic: Annotated[
         Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
     ] = Field(
-        description=("statistic of the quantity in 'of' over the control ticks of the time window")
+        description="statistic of the quantity in 'of' over the control ticks of the time window"
     )
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None,

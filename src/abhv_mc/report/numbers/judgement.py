@@ -73,7 +73,10 @@ def _changed_words(models: Models) -> str:
     """Describe a change of requirements made after results had been seen."""
     for change in models.results.requirement_changes[-1:]:
         changes = shorten_list(list(change.changes))
-        return f"Requirements were changed after results of {change.flights} flights: {changes}."
+        return (
+            f"Requirements were changed after the results of {change.flights} flights were known: "
+            f"{changes}."
+        )
     return ""
 
 

@@ -223,8 +223,8 @@ def _judge(repetitions: list[Repetition]) -> str | None:
     )
     if any(repetition.cut_short for repetition in repetitions):
         return (
-            f"the flights suffice for {number - missed} of {number} repetitions, down to "
-            f"{deepest:.1g}"
+            f"the flights suffice for only {number - missed} of {number} repetitions; the "
+            f"smallest probability reached is {deepest:.1g}"
         )
     if missed == number:
         return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
