@@ -24,7 +24,7 @@ _LONGEST = 600.0  # time limit including compilation, s
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Check that two flights have the same bits alone, together and in swapped order.
+    """Check that two flights are bit-identical when run alone, together and in swapped order.
 
     Each version of the law's files is checked once. Raise InputError if the flights differ or the
     law fails.

@@ -254,7 +254,7 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
 
 
 def _plain_text(reason: str) -> str:
-    """Return a reason as one line of valid text of limited length."""
+    """Return a reason as one line of valid Unicode, limited in length."""
     return " ".join(reason.encode(errors="replace").decode().split())[:_LONGEST]
 
 

@@ -121,7 +121,7 @@ class ForeignTable:
         return None
 
     def factor(self, column: Column, unit: str) -> float:
-        """Return the factor from a column's unit to ``unit``. Raise InputError if there is none."""
+        """Return the factor from a column's unit to ``unit``. Raise InputError if none exists."""
         if column.unit in ("", unit):
             return 1.0
         try:
@@ -169,13 +169,13 @@ class ForeignTable:
         return self.error(row, column, problem, "a finite number")
 
     def words(self, column: int) -> list[str]:
-        """Return a column as text [row], with empty texts for empty cells."""
+        """Return a column as strings [row], with empty strings for empty cells."""
         cells = _plain(self.data.column(column)).to_pylist()
         return ["" if cell is None else str(cell) for cell in cells]
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column decoded from dictionaries, with booleans as numbers and stripped text."""
+    """Return a column without dictionary encoding; booleans are numbers, text is stripped."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -218,7 +218,7 @@ def split_head(head: str) -> tuple[str, str]:
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the name and the unit in a heading, or empty texts.
+    """Return the name and the unit in a heading, or empty strings.
 
     ``names`` are the possible names.
     """

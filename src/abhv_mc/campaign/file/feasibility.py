@@ -40,7 +40,7 @@ def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -
 
 
 def values_of(campaign: Experiment, name: str) -> Floats:
-    """Return values of a varied input, with the ends of its range or extreme quantiles.
+    """Return values of a varied input, including the ends of its range or extreme quantiles.
 
     The quantiles cover all but 1e-6 of the distribution.
     """
