@@ -53,7 +53,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 class StoredPlans(NamedTuple):
-    """Plans stored in a results folder, which are read when they are restored."""
+    """Plans stored in a results folder, which are read only when they are needed."""
 
     root: Path  # folder with the input files of Simulator.pack
     # Convert the stored arrays of a system by a function, which raises KeyError, ValueError or

@@ -186,7 +186,7 @@ def _group(
     *,
     explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Return the failure groups of each kind, and the numbers of all grouped flights."""
+    """Return the failure groups of each kind, and the flight numbers in all groups."""
     groups = []
     for description in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == description]

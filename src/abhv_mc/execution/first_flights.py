@@ -122,7 +122,7 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
-    """Simulate ``rows`` in each process of several pairs of new processes, in parallel.
+    """Simulate each row in two new processes; several pairs of processes run in parallel.
 
     Return the flights by system, with adjacent processes of a pair, and warnings about undeclared
     files that native code reads.

@@ -59,7 +59,7 @@ def check_states(plan: FlightPlan) -> None:
 
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
-    """Run a check in the child process, once for each version of a law that passes."""
+    """Run a check in the child process, only once for each version of a law that passes."""
     key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[
         :24
     ]

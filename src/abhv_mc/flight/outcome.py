@@ -178,7 +178,7 @@ _DEG = 180.0 / math.pi
 
 
 def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Limit:
-    """Return the limit for a field of :class:`LoadBounds`; ``factor`` converts its unit."""
+    """Return the limit for a field of :class:`LoadBounds`, multiplied by ``factor``."""
     return Limit(outcome, source, lambda limits: (-math.inf, factor * getattr(limits.loads, name)))
 
 

@@ -113,7 +113,7 @@ def _names(folder: Path) -> set[str]:
 
 
 def _remove_unused(path: Path, before: set[str], created: list[Path]) -> None:
-    """Delete the lock file, and folders created for it that are empty."""
+    """Delete the lock file and the empty folders that were created for it."""
     with contextlib.suppress(OSError):
         if _names(path.parent) == {*before, path.name}:
             path.unlink()

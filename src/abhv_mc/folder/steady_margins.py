@@ -1,4 +1,4 @@
-"""Stability margins in the trim at the start of the mission (``margins.json``)."""
+"""Stability margins of the trimmed vehicle at the mission's start (``margins.json``)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

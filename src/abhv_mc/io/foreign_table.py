@@ -385,7 +385,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
 
 
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
-    """Read matrices as a table with one row per cell.
+    """Read matrices as a table with one row for each cell of the matrices.
 
     The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. With a third axis,
     each block begins with a line such as 'altitude_m = 1000'.
@@ -483,7 +483,7 @@ class NumberTable:
         return self.table.error(row, self.columns[name].position, problem, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
-        """Raise InputError at the first number of a column that is not above the previous one."""
+        """Raise InputError at the first number of a column that does not exceed its predecessor."""
         values = self.values[:, self.names.index(name)]
         falls = or_falling and values[0] > values[-1]
         for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:
