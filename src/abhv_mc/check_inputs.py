@@ -45,7 +45,7 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file and all files that it names, each file once.
+    """Check a file and every file that it names, but no file twice.
 
     Raise InputErrors with the problems of all files.
     """

@@ -45,7 +45,7 @@ class Failure:
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
-        """Return the severity of each flight's failure [flight], -inf if it does not fail.
+        """Return the severity of each flight's failure [flight]; -inf if a flight does not fail.
 
         `metrics` has shape [flight, metric].
         """
@@ -192,7 +192,7 @@ def smallest_sets(
 def find_failure(
     root: Path, campaign: Experiment, row: FlightRows, requirement: str | None
 ) -> Failure:
-    """Return the early termination, or the first or the named missed requirement.
+    """Return the flight's early termination, or its first (or the named) missed requirement.
 
     Raise InputError if the flight did not fail in this way.
     """

@@ -177,7 +177,7 @@ def place_flights(
 
 
 def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
-    """Read recorded columns of a file, in the campaign's units. Raise InputError if invalid."""
+    """Read recorded columns of a file in campaign units. Raise InputError if they are invalid."""
     table = read_foreign_table(file)
     columns = table.find(units)
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
@@ -192,7 +192,7 @@ def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
 
 
 def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> list[str]:
-    """Return the columns of the first file that are recorded; all files must have these."""
+    """Return the first file's columns that the campaign records; every file must have them."""
     names = [name for name in tables[0].names if name in recorded]
     for table in tables:
         missing = [name for name in names or recorded[:1] if name not in table.names]
@@ -297,7 +297,7 @@ def _sensor_of(channel: str) -> str | None:
 
 
 def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
-    """Interpolate channels at `times` [time, channel]; NaN outside the history."""
+    """Interpolate channels at `times` [time, channel], with NaN outside the history."""
     history_times = history["time"]
     return np.column_stack(
         [np.interp(times, history_times, history[c], np.nan, np.nan) for c in channels]
@@ -305,7 +305,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return, by flight, the histories that were stored regardless of the outcome."""
+    """Return the histories stored regardless of the outcome, keyed by flight number."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -318,7 +318,7 @@ def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict
 def find_band(
     results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
 ) -> tuple[list[str], Band] | None:
-    """Return the channels with histories, and their simultaneous band.
+    """Return the channels that have histories, and the simultaneous band of these channels.
 
     Return None if there is no such channel or if there are too few random histories.
     """

@@ -94,7 +94,7 @@ def replay_flight(
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
-    """Return the stored rows of flights, in order. Raise InputError if one is missing."""
+    """Return the stored rows of flights in the given order. Raise InputError if one is absent."""
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
     stored: dict[int, FlightRows] = {}

@@ -36,7 +36,7 @@ class Change:
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Parse texts such as ``PARAMETER.KEY=VALUE`` into values by parameter and key."""
+    """Parse strings such as ``PARAMETER.KEY=VALUE`` into values by parameter and key."""
     settings: dict[str, dict[str, Any]] = {}
     for text in texts:
         key, sign, value = text.partition("=")
@@ -143,7 +143,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
-    """Return the density ratio of each flight [flight], with a mean of about 1.
+    """Return the ratio of new to old density for each flight [flight], about 1 on average.
 
     `samples` has shape [flight, parameter].
     """
@@ -179,7 +179,7 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
-    """Return the new probability of parameter values that no flight represents.
+    """Return the probability, under the new distributions, of values that no flight has.
 
     `samples` has shape [flight, parameter].
     """

@@ -41,7 +41,7 @@ def shrink(
     mildest_first: Sequence[NDArray[np.intp]],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """Return, for each of several failures, the smallest sets among `count` inputs.
+    """Return, for each failure, the smallest sets of inputs that cause it.
 
     The result is None for a failure that does not occur even with all inputs. `test` takes the
     failure index and the input mask [candidate, input] of each candidate, and returns severities,

@@ -38,10 +38,10 @@ _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
-    """Mixin for help with short type names for options, and no type names for flags."""
+    """Mixin for help that shows short type names for options and no type names for flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, with type names of options from ``_SHORT``."""
+        """Return the command's parameters; options get the short type names of ``_SHORT``."""
         base: Any = super()
         parameters: list[Any] = base.get_params(ctx)
         for parameter in parameters:

@@ -205,7 +205,7 @@ def _read_times(text: str) -> "list[Time]":
 def _take(
     mission: Path, vehicle: Path, controller: Path, time: "Time", bank: str, times: "list[Time]"
 ) -> "Place":
-    """Return an operating point of the nominal flight, and print its warnings.
+    """Return an operating point of the nominal flight, and print warnings about it.
 
     The bank angle applies only to the trim; at a time of the flight, the flight determines it.
     """
@@ -334,7 +334,7 @@ def linearize(
     ] = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Write linear models of plant, controller, open loop and closed loop, or gains.
+    """Write linear models of the plant, controller, open loop and closed loop, or the gains.
 
     The models use path coordinates, second-order actuators and an exact zero-order hold; the file
     contains names and units. For several times (first:last:step) each matrix is an array [time,

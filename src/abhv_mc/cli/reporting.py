@@ -266,7 +266,7 @@ def place(
 
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Parse standard deviations by channel. Raise InputError if a value is not positive."""
+    """Parse the standard deviation of each channel. Raise InputError if one is not positive."""
     noise: dict[str, float] = {}
     for setting in settings:
         channel, _, number = setting.partition("=")

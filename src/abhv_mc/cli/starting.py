@@ -184,7 +184,7 @@ def samples(
     out: Annotated[Path, output(output_file, "FILE.csv", "File to write.")],
     runs: Runs = None,
 ) -> None:
-    """Write the inputs of flights for another simulator, like 'validate --samples'."""
+    """Write the inputs of flights for another simulator, as 'validate --samples' does."""
     say(_write_samples(campaign, runs, out))
 
 
@@ -197,7 +197,7 @@ def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
-    """Print the cost and the chances of PASS of each campaign."""
+    """Print each campaign's cost and its chances of PASS."""
     from dataclasses import asdict
 
     from abhv_mc.campaign.file.check import read_campaign

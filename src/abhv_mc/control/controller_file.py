@@ -35,7 +35,7 @@ Inputs = TypeVar("Inputs", bound=StrictModel)
 
 
 class TimePoint(StrictModel):
-    """Bandwidth at a time of the flight."""
+    """Bandwidth at a flight time."""
 
     time: Annotated[Time, Field(ge=0.0)] = Field(
         description="time of the point since the start of the flight"
@@ -46,7 +46,7 @@ class TimePoint(StrictModel):
 
 
 class PressurePoint(StrictModel):
-    """Bandwidth at a dynamic pressure of the reference."""
+    """Bandwidth at a dynamic pressure of the reference trajectory."""
 
     dynamic_pressure: Annotated[Pressure, Positive] = Field(
         description="dynamic pressure on the reference trajectory"
@@ -81,7 +81,7 @@ class Schedule(StrictModel):
         return self
 
     def points(self) -> list[tuple[float, float]]:
-        """Return pairs of time or dynamic pressure and bandwidth, in SI units."""
+        """Return pairs of (time or dynamic pressure, bandwidth), in SI units."""
         if self.over_time is not None:
             return [(point.time, point.bandwidth) for point in self.over_time]
         return [

@@ -212,7 +212,7 @@ class FmuController(ControllerModel):
 
 
 def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
-    """Parse a number or a list of numbers to SI, with the dimension of ``unit`` if given.
+    """Convert a number or list of numbers to SI; ``unit``, if given, sets the dimension.
 
     Raise Refusal if a number is invalid.
     """
@@ -271,7 +271,7 @@ def find_files(law: UserController) -> dict[str, Path]:
 def expand(
     folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
 ) -> list[Path]:
-    """Return the files that match the entries in ``files``. Raise Refusal if there is none."""
+    """Return the files that match ``patterns``. Raise Refusal if a pattern matches no file."""
     files: dict[Path, None] = {}
     for i, pattern in enumerate(patterns):
         if pattern in empty_folders:

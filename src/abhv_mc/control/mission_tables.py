@@ -60,7 +60,7 @@ _HIGHEST = 1e6  # m; altitudes above it are in a wrong unit
 def read_air_table(
     path: Path, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str]
 ) -> Floats:
-    """Return altitude and the columns of the first available choice [level, column].
+    """Return the altitude and the first available choice of columns [level, column].
 
     Altitudes may increase or decrease in the file; they increase in the result. Wind is the air's
     velocity towards north and east. Density is a factor on the standard density, followed by a

@@ -20,7 +20,7 @@ def fly_in_batches(
     recorded: "Recorded",
     begin: Callable[[], None] = lambda: None,
 ) -> FlightBlock:
-    """Simulate all rows in batches, with a call of ``begin`` before each batch."""
+    """Simulate all rows in batches, calling ``begin`` before each batch."""
     blocks = []
     for first in range(0, max(1, len(parameters)), BATCH_FLIGHTS):
         begin()

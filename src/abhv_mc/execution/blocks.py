@@ -79,7 +79,7 @@ def cut_blocks(
 def _uniform_ranges(
     rows: Mask, envelope: Mask, size: int, cut: int, unrecorded: tuple[int, int] | None
 ) -> Iterator[tuple[int, int]]:
-    """Yield (first, stop) of ranges of flights that lack the same data."""
+    """Yield (first, stop) for each range of flights that lack the same data."""
     first_unrecorded, unrecorded_size = unrecorded or (len(rows), size)
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1

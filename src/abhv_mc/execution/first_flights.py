@@ -38,7 +38,7 @@ class FirstFlights(NamedTuple):
 
 
 class _Repeats(NamedTuple):
-    """Flights of one system in a new process: all rows, then repeated rows in reverse."""
+    """Flights of one system in a new process: all rows, then repeated rows in reverse order."""
 
     rows: Floats
     first: FlightBlock
@@ -122,7 +122,7 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
-    """Simulate ``rows`` in pairs of new processes in parallel.
+    """Simulate each row in two new processes; several pairs of processes run in parallel.
 
     Return the flights by system, with adjacent processes of a pair, and warnings about undeclared
     files that native code reads.
@@ -188,7 +188,7 @@ def _judge_repeats(
 
 
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield each row of inputs with its values in two processes."""
+    """Yield each row of inputs with its results in two processes."""
     yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
     if len(a.again.outcome) == len(b.again.outcome):
         # The numbers of repeated flights differ if one process was slow.
@@ -197,7 +197,7 @@ def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield each repeated row of inputs with its first and second values in one process."""
+    """Yield each repeated row of inputs with its first and second results in one process."""
     first, again = outcome_and_metrics(repeats.first), outcome_and_metrics(repeats.again)
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
     yield from zip(repeats.again_rows, first, again, strict=True)

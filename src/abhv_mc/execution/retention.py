@@ -69,7 +69,7 @@ def list_histories(
     campaign: Experiment,
     all_counts: Mapping[str, FlightCounts],
 ) -> list[HistoryFile]:
-    """Return the history files of a campaign with complete flights."""
+    """Return the history files that a campaign stores when its flights are complete."""
     keep = campaign.model.keep.histories
     files: list[HistoryFile] = []
     if not campaign.channels:

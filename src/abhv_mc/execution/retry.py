@@ -44,14 +44,14 @@ class UnusableError(Exception):
 
 
 def time_limit(flights: int, piece_limit: float) -> float:
-    """Return the time limit of ``flights``, s; up to PIECE flights have ``piece_limit``."""
+    """Return the time limit of ``flights``, s; ``piece_limit`` applies to up to PIECE flights."""
     return piece_limit * math.ceil(flights / PIECE)
 
 
 def fly_with_retries(
     attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded"
 ) -> FlightBlock:
-    """Compute the flights of ``parameters`` with ``attempt``, with retries after a loss.
+    """Compute the flights of ``parameters`` with ``attempt``, and retry lost flights.
 
     After a loss, the block is computed in smaller pieces. Flights that are lost on their own have
     the outcome ``failed_to_run``. Raise UnusableError if none of PIECE or more flights can be

@@ -214,7 +214,7 @@ class _Run:
         return no_envelopes or (is_complete and self.products.envelopes.is_current(self.files))
 
     def _fly(self) -> None:
-        """Run the missing flights, stepwise if the campaign stops when proven."""
+        """Run the missing flights; if the campaign stops when proven, run them in steps."""
         self.recording = None
         if self.campaign.has_bands:
             self.cells = self._make_cells()
@@ -229,7 +229,7 @@ class _Run:
             self._fly_missing(missing)
 
     def _time_flights(self) -> None:
-        """Set the block size by the computing time of a flight, if the simulator measures it."""
+        """Set the block size from the computing time of a flight, if the simulator measures it."""
         plans = [system.plan for system in self.campaign.systems.values()]
         if (seconds := self.simulator.time_of_flight(plans)) is None:
             return

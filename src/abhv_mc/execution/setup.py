@@ -125,7 +125,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
 def _read_plans(
     root: Path | None, campaign: Experiment, inputs: FolderInputs, trust_code: bool
 ) -> Mapping[str, Plan]:
-    """Read the plans stored in the folder ``root``, if not None.
+    """Read the plans stored in the folder ``root``, unless ``root`` is None.
 
     Raise InputError if the plans were made from other inputs.
     """

@@ -62,7 +62,7 @@ def check_draws(
 
 
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
-    """Return a column of values with their largest rounding errors [flight]."""
+    """Return a column of values [flight] with the largest rounding error of each value."""
     atoms = find_atoms(marginal)
     return Column(
         values=values,

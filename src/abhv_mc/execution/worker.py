@@ -80,7 +80,7 @@ def compute(
 
 
 def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:
-    """Return the limit on processor time (s) for 16 flights, from the nominal flight.
+    """Return the limit on processor time (s) for 16 flights, derived from the nominal flight.
 
     ``clock`` returns the elapsed processor time.
     """

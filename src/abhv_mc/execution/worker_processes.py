@@ -242,7 +242,7 @@ class WorkerPool:
 
 @contextlib.contextmanager
 def _starting_processes() -> Iterator[None]:
-    """Make new processes of multiprocessing ignore Ctrl-C and use the parent's sys.path.
+    """Make new multiprocessing workers ignore Ctrl-C and use the parent's sys.path.
 
     Ctrl-C reaches all processes of the terminal, and the parent handles it. The script of the
     caller is not run again. The fork server and its helper are started with ``python -c``, which

@@ -136,7 +136,7 @@ class Process:
         return answer
 
     def _make_text(self) -> str:
-        """Return an arbitrary text that is unique in this process."""
+        """Return an arbitrary string that is unique in this process."""
         self._next_flight += 1
         return f"{self._next_flight * 2654435761 & 0xFFFFFFFF:08x}"
 
@@ -214,7 +214,7 @@ class Process:
         return [f"'{self._without_folder(text):.200}'" for text in last]
 
     def _describe_end(self) -> str:
-        """Return a description of how the process ended, with its last line on standard error."""
+        """Return a description of how the process ended, including its last line on stderr."""
         try:
             code = self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:
@@ -224,7 +224,7 @@ class Process:
         return ", ".join([describe_exit(code), *self._quote_last_error()])
 
     def _without_folder(self, text: str) -> str:
-        """Return a text in which file names are relative to the folder of the process."""
+        """Return the text with its file names made relative to the folder of the process."""
         return text.replace(f"{self.folder.path}{os.sep}", "")
 
     def take_errors(self) -> str:
@@ -252,7 +252,7 @@ class Process:
         self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End the process group and delete its folder, only once because IDs are reused."""
+        """End the process group and delete its folder; do so only once, because IDs are reused."""
         if self._ended:
             return
         self._ended = True

@@ -130,7 +130,7 @@ class _Flights:
             self.record.seconds = max(0.0, time.monotonic() - begun - self.waited) / number
 
     def _run_pieces(self, first: int, stop: int, largest: int | None = None) -> None:
-        """Simulate flights in checked pieces, smaller after surplus output."""
+        """Simulate flights in checked batches, which are smaller after surplus output."""
         while first < stop:
             size = largest or stop - first
             if self.record.surplus:

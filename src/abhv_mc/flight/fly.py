@@ -37,7 +37,7 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the compiled flight; for a lean plan it may be a cached full flight."""
+    """Return the compiled flight function; a lean plan may get the cached full version."""
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
@@ -98,7 +98,7 @@ def fly(
 def fly_until(
     plan: FlightPlan, parameters: Floats, tick: int, start: SavedFlights | None = None
 ) -> SavedFlights:
-    """Simulate up to a control tick and return the memory of each flight.
+    """Simulate flights up to a control tick and return the memory of each flight.
 
     Flights continue from ``start`` if it is given.
 

@@ -79,7 +79,7 @@ class Metric(Signal):
         return f"{text}, outside the transients" if self.settled else text
 
     def as_texts(self) -> dict[str, str]:
-        """Return the texts that a report shows."""
+        """Return the strings that a report shows for the metric."""
         keys = ("label", "label_with_unit", "phrase", "unit", "doc", "group", "bad")
         return {key: getattr(self, key) for key in keys}
 
@@ -350,7 +350,7 @@ NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 
 def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
-    """Pack declared metrics as text [metric, field] for plan files."""
+    """Pack declared metrics as strings [metric, field] for plan files."""
     rows = [[_as_text(getattr(metric, name)) for name in _TEXT] for metric in metrics]
     return np.array(rows, dtype=np.str_) if rows else NO_METRICS
 

@@ -65,7 +65,7 @@ SENSOR_TIMES = (
 
 
 def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str] | None:
-    """Return texts on an invalid sensor delay, lag or interval and its range, or None.
+    """Return an invalid sensor delay, lag or interval and its valid range, or None.
 
     ``parameters`` is [flight, parameter], ``tick`` the control period in s.
     """
@@ -193,7 +193,7 @@ class FlightBlock:
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
-        """Reason of each flight or ''; empty if no flight has a reason."""
+        """Reason why each flight failed to run, or ''; empty if no flight has a reason."""
         if not self.reasons:
             return ()
         return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))
@@ -207,7 +207,7 @@ class FlightBlock:
 
 
 def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
-    """Concatenate blocks, without full states."""
+    """Concatenate blocks of flights; full states are omitted."""
     arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
         for name in ("outcome", "end_time", "metrics", "history")

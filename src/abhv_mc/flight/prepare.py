@@ -160,7 +160,7 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
 
 
 def read_around(law: PythonController) -> TlcController | LqrController | None:
-    """Read the controller whose measurements a law filters, or None for other laws.
+    """Read the controller whose measurements a law filters; return None for other laws.
 
     Raise InputError if the controller is not built in.
     """

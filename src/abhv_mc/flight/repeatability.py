@@ -56,7 +56,7 @@ _SENTENCES = {
 
 
 def weakest(values: Iterable[Repeatability | None]) -> Repeatability | None:
-    """Return the value that takes precedence, or None without values."""
+    """Return the value that takes precedence, or None if there are no values."""
     order = list(Repeatability)
     return max((value for value in values if value is not None), key=order.index, default=None)
 

@@ -208,7 +208,7 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
-    """Return the InputError for the linearization of a law whose memory is unknown."""
+    """Return the InputError for linearizing a law whose memory is unknown."""
     problems = {
         "c": "the memory of the control law is unknown",
         "fmu": "the memory of the FMU cannot be set completely",

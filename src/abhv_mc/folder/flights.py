@@ -232,7 +232,7 @@ def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
 
 
 def parse_block_name(path: Path) -> tuple[str, int, int]:
-    """Return controller, first and stop from the name of a block file."""
+    """Return the controller and the range (first, stop) of flights in a block file's name."""
     controller, _, stop = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
     if not (controller and first.isdecimal() and stop.isdecimal() and (first + stop).isascii()):
@@ -254,7 +254,7 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
 
 
 def _plain_text(reason: str) -> str:
-    """Return a reason as one line of valid text of limited length."""
+    """Return a reason as one line of valid Unicode, limited in length."""
     return " ".join(reason.encode(errors="replace").decode().split())[:_LONGEST]
 
 

@@ -201,7 +201,7 @@ def _hash(content: dict[str, Any]) -> str:
 def note_flyers(
     entries: Iterable[FlownBy], flyers: tuple[Flyer, ...], controller: str, first: int, stop: int
 ) -> tuple[FlownBy, ...]:
-    """Return the entries after ``flyers`` computed flights ``first`` to ``stop - 1``.
+    """Return the entries with flights ``first`` to ``stop - 1`` recorded for ``flyers``.
 
     These flights are removed from the entries of other processes.
     """

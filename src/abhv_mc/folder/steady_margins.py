@@ -1,4 +1,4 @@
-"""Stability margins in the trim at the start of the mission (``margins.json``)."""
+"""Stability margins of the trimmed vehicle at the mission's start (``margins.json``)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -69,7 +69,7 @@ _FILE = TypeAdapter(SteadyMargins)
 
 
 def read_steady_margins(path: Path) -> SteadyMargins:
-    """Read margins, empty if the file is missing. Raise InputError if it is invalid."""
+    """Read margins, or none if the file is missing. Raise InputError if it is invalid."""
     if not path.is_file():
         return SteadyMargins()
     try:

@@ -117,7 +117,7 @@ class ForeignTable:
         return None
 
     def factor(self, column: Column, unit: str) -> float:
-        """Return the factor from a column's unit to ``unit``. Raise InputError if there is none."""
+        """Return the factor from a column's unit to ``unit``. Raise InputError if none exists."""
         if column.unit in ("", unit):
             return 1.0
         try:
@@ -165,13 +165,13 @@ class ForeignTable:
         return self.error(row, column, problem, "a finite number")
 
     def words(self, column: int) -> list[str]:
-        """Return a column as text [row], with empty texts for empty cells."""
+        """Return a column as strings [row], with empty strings for empty cells."""
         cells = _plain(self.data.column(column)).to_pylist()
         return ["" if cell is None else str(cell) for cell in cells]
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column decoded from dictionaries, with booleans as numbers and stripped text."""
+    """Return a column without dictionary encoding; booleans are numbers, text is stripped."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -214,7 +214,7 @@ def split_head(head: str) -> tuple[str, str]:
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the name and the unit in a heading, or empty texts.
+    """Return the name and the unit in a heading, or empty strings.
 
     ``names`` are the possible names.
     """
@@ -386,7 +386,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
 
 
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
-    """Read matrices as a table with one row per cell.
+    """Read matrices as a table with one row for each cell of the matrices.
 
     The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. With a third axis,
     each block begins with a line such as 'altitude_m = 1000'.
@@ -493,7 +493,7 @@ class NumberTable:
         return self.table.error(row, self.columns[name].position, problem, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
-        """Raise InputError at the first number of a column that is not above the previous one."""
+        """Raise InputError at the first number of a column that does not exceed its predecessor."""
         values = self.values[:, self.names.index(name)]
         falls = or_falling and values[0] > values[-1]
         for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:

@@ -218,7 +218,7 @@ def parse_in_unit(value: str | float, unit: str) -> float:
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """Convert a quantity to ``unit``, which may be any text. Raise Refusal if impossible.
+    """Convert a quantity to ``unit``, an arbitrary unit name. Raise Refusal if impossible.
 
     A plain number is in ``unit``; other units are converted if both units are known.
     """
@@ -238,7 +238,7 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
 
 
 def format_quantity(value: float, dimension: Dimension) -> str | float:
-    """Return a text that :func:`parse_quantity` converts back to the same float.
+    """Return a string that :func:`parse_quantity` converts back to the same float.
 
     A quantity without dimension becomes a plain number.
     """

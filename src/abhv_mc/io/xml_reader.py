@@ -38,12 +38,12 @@ class Node:
 
     @cached_property
     def text(self) -> str:
-        """Folded text of the element."""
+        """Text of the element as one line, without quotes and control characters."""
         return fold(self.raw)
 
     @property
     def lines(self) -> list[str]:
-        """Nonblank lines of the text, each folded."""
+        """Nonblank lines of the text, without quotes and control characters."""
         return [line for line in map(fold, self.raw.splitlines()) if line]
 
     def first(self, name: str) -> "Node | None":

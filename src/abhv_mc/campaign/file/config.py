@@ -27,7 +27,7 @@ _LARGEST_BATCH = 2**20
 
 
 def _none_for(word: str, most: int | None = None) -> Any:
-    """Return the type of a field whose value ``word`` in the file is None in the model."""
+    """Return the type of a field for which ``word`` in the file means None in the model."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
 
     def read(value: Any) -> Any:
@@ -50,7 +50,7 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 
 
 class Sampling(StrictModel):
-    """Sampling design; a file may contain only its name."""
+    """Sampling design; a campaign file may give only the name of the design."""
 
     design: DesignName = Field("random", description="name of the sampling design")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
@@ -78,7 +78,7 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters: of their ranks (Spearman) or normal variables."""
+    """Correlation of two parameters: of their ranks (Spearman) or of their normal variables."""
 
     between: tuple[str, str] = Field(description="the two correlated parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
@@ -104,7 +104,7 @@ class Correlation(StrictModel):
 
 
 class RequirementEntry(StrictModel):
-    """Requirement: the probability that a metric is below, above or between limits."""
+    """Requirement on the probability that a metric lies below, above or between limits."""
 
     metric: str = Field(description="name of the metric to which the limits apply")
     below: Value | None = Field(None, description="upper limit of the metric, in the metric's unit")

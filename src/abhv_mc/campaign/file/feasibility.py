@@ -1,4 +1,4 @@
-"""Requirements that no flight can decide, and dispersions outside physical ranges.
+"""Checks for undecidable requirements and for dispersions outside physical ranges.
 
 `validate` rejects such campaigns; `run` warns, because other results may be useful.
 """
@@ -40,7 +40,7 @@ def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -
 
 
 def values_of(campaign: Experiment, name: str) -> Floats:
-    """Return values of a varied input, with the ends of its range or extreme quantiles.
+    """Return values of a varied input, such as the ends of its range and extreme quantiles.
 
     The quantiles cover all but 1e-6 of the distribution.
     """

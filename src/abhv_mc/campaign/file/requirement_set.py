@@ -49,7 +49,7 @@ def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_requirement_set(source: RequirementSource) -> Document:
-    """Read requirements from a campaign, YAML or CSV file, or entries. Raise InputErrors."""
+    """Read requirements from a campaign, YAML or CSV file, or from entries in memory."""
     if isinstance(source, str | Path):
         path = Path(source)
         if path.suffix.lower() == ".csv":
@@ -129,7 +129,7 @@ def describe_requirement_changes(
 
 
 def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return entries by id or metric; further entries of the same metric are numbered."""
+    """Return requirement entries keyed by id or metric; repeated names are numbered."""
     named: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
         name = str(entry.get("id") or entry["metric"])

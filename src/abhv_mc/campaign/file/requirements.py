@@ -33,7 +33,7 @@ class _Table(StrictModel):
 
 
 def read_tables(document: Document) -> Document:
-    """Return the campaign with the entries of its input and requirement tables.
+    """Return the campaign document with its input and requirement tables expanded to entries.
 
     Raise InputErrors if a table is invalid.
     """
@@ -41,7 +41,7 @@ def read_tables(document: Document) -> Document:
 
 
 def read_requirements(document: Document) -> Document:
-    """Return the campaign with the entries of its requirement table.
+    """Return the campaign document with its requirement table expanded to entries.
 
     Raise InputErrors if the table is invalid.
     """
@@ -66,7 +66,7 @@ class _Inputs(StrictModel):
 
 
 def _read_inputs(document: Document) -> Document:
-    """Return the campaign with the inputs and dispersions of its input table.
+    """Return the campaign document with its input table expanded to inputs and dispersions.
 
     The columns are name, the keys of an input and those of a dispersion. Raise InputErrors if the
     table is invalid.
@@ -224,7 +224,7 @@ def check_requirements(
 
 
 def _limit(value: float | str, unit: str) -> float:
-    """Return a limit in the metric's unit, which is also the unit of plain numbers."""
+    """Return a limit in the metric's unit; plain numbers are taken to be in this unit."""
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):

@@ -308,7 +308,7 @@ class SimulatorCampaign(Campaign):
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
-    """Return the key of the compared systems in a campaign file."""
+    """Return the campaign-file key under which the compared systems are listed."""
     return SYSTEMS if is_own(data) else "controllers"
 
 

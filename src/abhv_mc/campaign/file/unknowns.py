@@ -54,7 +54,7 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 
 
 class MostFailures(StrictModel):
-    """Point at which a requirement failed most often in the search for a controller."""
+    """Point at which a requirement failed most often during the search for one controller."""
 
     controller: str = Field(description="controller for which the point was found")
     requirement: Count = Field(description="index of the requirement, from 0")
@@ -101,7 +101,7 @@ class UnknownPoints(StrictModel):
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Bounds of the unknowns, and the simulated points; one empty point without unknowns."""
+    """Bounds of the unknowns, and the simulated points; without unknowns, one empty point."""
 
     names: tuple[str, ...] = ()
     low: Floats = field(default_factory=lambda: np.empty(0))  # lower and upper bounds [unknown], SI
@@ -181,7 +181,7 @@ def points_entry(
     searches: Sequence[Search],
     flights: int,
 ) -> dict[str, object]:
-    """Return the entry `points` for the chosen points and the searches for controllers.
+    """Return the entry `points` for the chosen points and the results of the searches.
 
     ``flights`` is the number of flights at each point tried.
     """

@@ -144,11 +144,11 @@ MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 
 
 class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
-    """Content of a file of metrics."""
+    """Content of a file that declares metrics."""
 
 
 def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
-    """Return the document and entries of a file of metrics. Raise InputError if invalid."""
+    """Return the document and entries of a metrics file. Raise InputError if it is invalid."""
     document = read_document(path)
     return document, validate(document, MetricsFile).root
 
@@ -231,7 +231,7 @@ def _record(
 
 
 def _unit(name: str, entry: MetricEntry, sources: Mapping[str, SourceRow]) -> str:
-    """Return the unit of a metric from its entry, its channel and statistic or its name."""
+    """Return the unit of a metric from its entry, its channel and statistic, or its name."""
     if entry.unit is not None:
         return entry.unit
     if entry.statistic == Statistic.REVERSALS:

@@ -40,10 +40,10 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the marginal of the drawn values of a parameter, SI. Raise Refusal if invalid."""
+        """Return the marginal of a parameter's drawn values in SI. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
-        """Return the marginal, SI, including ``probability``. Raise Refusal if invalid."""
+        """Return the marginal in SI units, including ``probability``. Raise Refusal if invalid."""
         drawn = self.draw_from(parameter)
         return (
             drawn

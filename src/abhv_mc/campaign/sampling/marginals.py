@@ -27,7 +27,7 @@ class Marginal(Protocol):
         """Return the probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Return the values at fractions 0 to 1 of the range, for factorial designs."""
+        """Return the values at fractions from 0 to 1 of the range, for factorial designs."""
 
 
 class _Uniform(NamedTuple):
@@ -233,7 +233,7 @@ _SLACK = 1e-9  # tolerance for rounded values, relative to the width
 
 
 def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) -> Mask:
-    """Return a mask of values [flight] that are impossible for a distribution.
+    """Return a mask [flight] of the values that are impossible for a distribution.
 
     ``rounding`` [flight] is the tolerance of the values.
     """

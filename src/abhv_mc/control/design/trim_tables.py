@@ -201,7 +201,7 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 
 
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
-    """Return the smallest number of cells with all steady values in middle halves of cells.
+    """Return the smallest cell count with each steady value in the middle half of a cell.
 
     ``steady`` contains fractions of the length. If there is no such number, return the best number
     for which cells are not shorter than _SHORTEST.
