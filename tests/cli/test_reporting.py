@@ -105,6 +105,8 @@ def test_a_report_by_other_requirements_needs_another_folder(folder, tmp_path):
         "utf-8"
     )
     assert sorted(path.name for path in folder.iterdir()) == names
+    assert f"Next: {numbers['judgement']['next']['why']}" in result.stdout
+    assert f"abhv-mc run FILE -o {folder}" in result.stdout  # no command judges by the folder's
 
 
 def test_show_lists_every_topic_and_prints_tables_of_convergence(folder):

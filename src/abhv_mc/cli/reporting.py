@@ -1,5 +1,6 @@
 """Commands ``report``, ``show``, ``compare``, ``place``, ``whatif`` and ``runs``."""
 
+import shlex
 import shutil
 from dataclasses import replace
 from math import inf
@@ -79,6 +80,7 @@ def report(
 
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.stores import open_store
+    from abhv_mc.report.numbers.judgement_record import judgement_lead, parse_judgement
     from abhv_mc.report.pages.build import build_report
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
 
@@ -109,9 +111,10 @@ def report(
                 printed = print_pdf(page, browser, letter, brief)
             say(printed)
     if requirements is not None:
-        judgement = json.loads(page.with_suffix(".json").read_text("utf-8"))["judgement"]
-        say(judgement["answer"], *judgement["because"], judgement["sure"], sep="\n")
-        if judgement["met"] == "no":
+        numbers = json.loads(page.with_suffix(".json").read_text("utf-8"))
+        judgement = parse_judgement(numbers["judgement"])
+        say(*judgement_lead(judgement, shlex.quote(str(folder))).sentences, sep="\n")
+        if judgement.met == "no":
             raise typer.Exit(ExitCode.FAILED)
 
 

@@ -255,8 +255,8 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({rate})")
     histories = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}"
     envelopes = f"envelopes during the run {cost.envelope_bytes / 1e6:.1f}"
-    say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most", end="")
-    say(f" (rows {cost.rows_bytes / 1e6:.1f}, {histories}, {envelopes})")
+    say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most:", end="")
+    say(f" rows {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
 
 
 def _print_plan(planned: "Planned") -> None:

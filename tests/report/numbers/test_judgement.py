@@ -112,11 +112,30 @@ def test_the_answer_names_who_meets_everything_and_who_misses_what(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("limit", "begins"),
+    [
+        (1e-9, "No controller meets the requirement: TLC misses"),
+        (1e6, "No controller is shown to meet the requirement: TLC is not shown to meet"),
+    ],
+)
+def test_that_nobody_meets_the_requirements_is_said(tmp_path, limit, begins):
+    """Regression: a third controller, which the question does not name, was left out."""
+    requirements = [REQUIRED.format(limit=limit, probability=0.999)]
+    judgement, _ = judged(
+        tmp_path / "c",
+        requirements,
+        controllers=["tlc", "lqr", "lqr_retuned"],
+        asks="{compare: [tlc, lqr]}",
+    )
+    assert judgement.answer.startswith(begins)
+
+
+@pytest.mark.parametrize(
     ("asks", "begins"),
     [
         ("drivers", "Largest drivers of the errors of TLC: "),
         ("worst", "The worst flight of TLC, "),
-        ("{compare: [tlc, lqr_retuned]}", "TLC"),
+        ("{compare: [tlc, lqr_retuned]}", "No controller meets the requirement: TLC misses"),
     ],
 )
 def test_the_first_sentence_answers_the_question(tmp_path, asks, begins):

@@ -177,12 +177,21 @@ def _met_words(models: Models, detail: int) -> str:
             f"{_name_controllers(falling, names)} miss requirements or are not shown to meet them"
         ]
     parts = [*short, meet] if bound.keys() & falling else [meet, *short]
-    return f"{'; '.join(filter(None, parts))}."
+    text = "; ".join(filter(None, parts))
+    if meeting or len(own) == len(falling):  # Every controller is listed.
+        return f"{text}."
+    all_miss = all(
+        any(verdict and verdict.status == "FAIL" for _, verdict in entries)
+        for entries in own.values()
+    )
+    verb = "meets" if all_miss else "is shown to meet"
+    return f"No {names.campaign.kind} {verb} {requirements}: {text}."
 
 
 def _name_controllers(controllers: list[str], names: Names) -> str:
     if len(controllers) > _REASONS:
-        return f"{len(controllers)} {names.campaign.kind}s"
+        total = "All " * (len(controllers) == len(names.controllers))
+        return f"{total}{len(controllers)} {names.campaign.kind}s"
     return joined(list(map(names.subject, controllers)))
 
 
@@ -530,6 +539,13 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         return None
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     if met == "no" or (missing and "FAIL" in statuses):
+        changes = models.results.requirement_changes
+        if changes and not changes[-1].time:  # Only this report uses the requirements.
+            return NextStep(
+                "write these requirements into the campaign file to adopt them; stored flights "
+                "are kept",
+                "abhv-mc run FILE -o DIR",
+            )
         stay = f"; {_FAILS_STAY}" if missing else ""
         if flies:
             return NextStep(f"see why flights fail{stay}", "abhv-mc explain DIR --all")
@@ -593,11 +609,11 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
         for verdict in open_ones
     )
     if least > MOST_TIMES * flights and not separate:
-        chance = min(predict_pass(verdict, least) for verdict in open_ones)
+        least_chance = min(predict_pass(verdict, least) for verdict in open_ones)
         subject = "each verdict then has" if several else "the verdict then has"
         text = (
             f"at least {fixed(least, 0)} flights{each} are needed; {subject} a chance of PASS of "
-            f"{about(chance)}{' or more' if several else ''}"
+            f"{about(least_chance)}{' or more' if several else ''}"
         )
         if least > _MOST_LONGER * flights:
             return NextStep(text)

@@ -1,9 +1,10 @@
 """Stored assessment of a campaign, which is read from `report.json` if still valid."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.topics.section import Lead
@@ -40,6 +41,12 @@ def judgement_lead(judgement: Judgement, folder: str) -> Lead:
     return Lead(judgement.answer, judgement.because, judgement.sure, following)
 
 
+def parse_judgement(entry: Mapping[str, Any]) -> Judgement:
+    """Return the assessment stored as `judgement` in a `report.json`."""
+    next_step = NextStep(**entry["next"]) if entry["next"] else None
+    return Judgement(**{**entry, "because": tuple(entry["because"]), "next": next_step})
+
+
 def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
     """Read the assessment from a folder's `report.json`; None if missing or outdated."""
     try:
@@ -47,8 +54,6 @@ def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
         state = manifest.digest, manifest.state, len(manifest.requirement_sets)
         if (content["digest"], content["state"], content.get("requirement_sets", 0)) != state:
             return None
-        entry = content["judgement"]
-        next_step = NextStep(**entry["next"]) if entry["next"] else None
-        return Judgement(**{**entry, "because": tuple(entry["because"]), "next": next_step})
+        return parse_judgement(content["judgement"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
