@@ -196,7 +196,8 @@ def write_campaign(folder: Path, **entries: str) -> Path:
     brick = brick.replace("tables:\n", "tables:\n  lift: {file: tables/cl.csv}\n")
     lift = "aerodynamics:\n  lift:\n    - {table: lift}\n"
     (folder / "vehicle.yaml").write_text(brick.replace("aerodynamics:\n", lift), encoding="utf-8")
-    (folder / "mission.yaml").write_text("kind: level\n", encoding="utf-8")
+    mission = (shipped_configs() / "mission/paper_s.yaml").read_text(encoding="utf-8")
+    (folder / "mission.yaml").write_text(mission, encoding="utf-8")
     (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
     (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")
     lines = {

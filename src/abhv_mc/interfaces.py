@@ -148,6 +148,9 @@ class Simulator(Protocol):
     def find_reference(self, plan: Any) -> dict[str, Floats]:
         """Return the reference trajectory as columns, at the rate of the histories."""
 
+    def find_transients(self) -> tuple[tuple[float, float], ...]:
+        """Return the intervals (s) that metrics outside the transients exclude."""
+
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
         """Return the mean computing time of recent flights, s, which determines block sizes.
 

@@ -86,13 +86,13 @@ def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
         low, high = sorted([luminance(color), luminance(np.array(to_rgb(ground)))])
         return (high + 0.05) / (low + 0.05)
 
-    assert "figure img { filter: invert(1) hue-rotate(180deg); }" in template_text("style.css")
+    filters = "figure img { filter: invert(1) hue-rotate(180deg) brightness(1.25); }"
+    assert filters in template_text("style.css")
     for color, least in ((INK, 12.0), *((color, 3.0) for color in CYCLE)):
         channels = np.array(to_rgb(color))
         assert contrast(channels, "#ffffff") >= least, color
-        assert contrast(np.clip(HUES_ROTATED @ (1.0 - channels), 0.0, 1.0), "#16181b") >= least, (
-            color
-        )
+        dark = np.clip(1.25 * np.clip(HUES_ROTATED @ (1.0 - channels), 0.0, 1.0), 0.0, 1.0)
+        assert contrast(dark, "#16181b") >= 2.0 * min(least, 3.0), color
 
 
 @pytest.fixture(scope="module")
@@ -133,17 +133,67 @@ def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights
         for topic in (ENVELOPES, FLIGHTS)
         for text, figure in Models(failing).figures(topic)
     }
-    altitude = next(
-        a
-        for a in figures["channels"].axes
-        if a.get_title(loc="left").endswith("altitude error (m)")
+    (altitude,) = (
+        axes
+        for axes in figures["channels"].axes
+        if "altitude error (m)" in [text.get_text() for text in axes.texts]
     )
     assert figures["worst_flights"].axes[0].get_ylabel() == "speed error (m/s)"  # what they miss
     low, high = altitude.get_ylim()
     assert -40.0 < low < 0.0 < high < 40.0
     track = figures["channels"].axes[0]
-    controllers = len(track.lines) - 1
-    assert len(track.collections) == len(altitude.collections) == 2 * controllers
+    # two bands of the first controller, and four edges of those of the other
+    edges = [
+        [
+            line
+            for line in axes.lines
+            if line.get_color() == CYCLE[1] and line.get_linewidth() == 0.6
+        ]
+        for axes in (track, altitude)
+    ]
+    assert len(track.collections) == len(altitude.collections) == 2
+    assert len(edges[0]) == len(edges[1]) == 4
+
+
+def test_the_first_controller_is_drawn_last_and_no_two_look_alike_without_colour():
+    values = {name: np.arange(1.0, 9.0) for name in "abcd"}
+    labels, colors = dict(zip("abcd", "ABCD", strict=True)), dict(zip("abcd", CYCLE, strict=False))
+    lines = plot_distributions([Spread("x", values)], labels, colors).axes[0].lines
+    assert max(lines, key=lambda line: line.get_zorder()).get_label() == "A"
+    assert min(lines, key=lambda line: line.get_linewidth()).get_label() == "A"
+    assert len({str(line.get_linestyle()) + str(line._dash_pattern) for line in lines}) == 4
+
+
+def test_a_limit_beyond_the_axis_is_named_with_its_unit():
+    spread = Spread("Error (m)", {"a": np.arange(1.0, 9.0)}, (9.0, 50.0), "m")
+    axes = plot_distributions([spread], {"a": "A"}, {"a": BLUE}).axes[0]
+    assert axes.get_xlabel().split() == ["Error", "(m),", "limit", "50", "m", "further", "right"]
+    (limit,) = (line for line in axes.lines if line.get_label() == "limit")
+    assert limit.get_xdata()[0] == 9.0
+
+
+def test_small_values_on_a_logarithmic_axis_are_visible():
+    """Regression: the axis began at half of the 2 % quantile, which cut the curve off."""
+    values = np.append(np.geomspace(10.0, 1000.0, 200), 1.0)
+    axes = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE}).axes[0]
+    assert axes.get_xscale() == "log" and axes.get_xlim()[0] < 1.0
+
+
+def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, failing):
+    """Regression: limits spanned transients, in which a flight seemed to violate them."""
+    level = np.where(panel.x < 5.0, np.nan, 0.5)
+    panel = replace(panel, flights=[(panel.x, panel.bands["q50"])], limits=[(panel.x, level)])
+    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    shade = figure.axes[0].collections[-1].get_paths()[0].vertices
+    assert shade[:, 0].min() == 0.0 and 4.7 < shade[:, 0].max() < 5.0
+    assert np.array_equal(figure.axes[0].lines[-1].get_ydata(), level, equal_nan=True)
+    assert "excluded from the requirement" in [
+        text.get_text() for text in figure.legends[0].get_texts()
+    ]
+    everywhere = replace(panel, limits=[*panel.limits, (panel.x, np.ones(panel.x.size))])
+    assert everywhere.excluded is None
+    (first, end), *_ = failing.campaign.simulator.find_transients()
+    assert first == 0.0 and end > 5.0
 
 
 def test_failed_flights_keep_the_curve_from_100_percent():

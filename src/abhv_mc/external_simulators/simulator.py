@@ -151,6 +151,9 @@ class ExternalSimulator:
     def find_reference(self, plan: UserPlan) -> dict[str, Floats]:
         return {}
 
+    def find_transients(self) -> tuple[tuple[float, float], ...]:
+        return ()
+
     def time_of_flight(self, plans: Sequence[UserPlan]) -> float | None:
         return seconds_of_a_flight(plans)
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from string import ascii_lowercase
 from textwrap import fill
 from typing import Any
 
@@ -12,10 +11,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.histories import MOST_MEDIAN
-from abhv_mc.topics.figure_style import DASHES, INK, new_panels, put_legend, styled
+from abhv_mc.topics.figure_style import (
+    INK,
+    LIMIT,
+    REFERENCE,
+    line_look,
+    new_panels,
+    put_legend,
+    styled,
+    title_panel,
+)
 
 # Bands from widest to narrowest: lower and upper quantile, opacity and legend text.
 BANDS = (
@@ -25,9 +34,10 @@ BANDS = (
 )
 _LABEL = 18  # maximum number of characters per line of a row label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
+_SIMULTANEOUS_LINE: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 MEDIANS = ("q50", MOST_MEDIAN)
-REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
-LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+# Times at which no limit applies to a channel.
+_EXCLUDED: dict[str, Any] = {"color": INK, "alpha": 0.13, "linewidth": 0}
 # position of the inset in axes coordinates: left edge, lower edge, width, height
 _INSET = (0.3, 0.66, 0.69, 0.34)
 _SHOWN = 3.0  # time shown in the inset before and after the largest change, s
@@ -42,9 +52,20 @@ class EnvelopePanel:
         str, Floats
     ]  # bands [time]: min, q0.135, q5, q50, q95, q99.865, max, also q50_most if there are unknowns
     reference: tuple[Floats, Floats] | None = None
-    # curves (x, y) of individual flights, worst first
-    flights: Sequence[tuple[Floats, Floats]] = ()
-    levels: Sequence[float] = ()  # limits of requirements
+    flights: Sequence[
+        tuple[Floats, Floats]
+    ] = ()  # curves (x, y) of individual flights, worst first
+    # limits of requirements as curves (x, y), which are NaN where a limit does not apply
+    limits: Sequence[tuple[Floats, Floats]] = ()
+
+    @property
+    def excluded(self) -> tuple[Floats, NDArray[np.bool_]] | None:
+        """Times, and a mask of the times at which no limit applies; None without such times."""
+        if not self.limits:
+            return None
+        time = self.limits[0][0]
+        mask = np.all([np.isnan(level) for _, level in self.limits], axis=0)
+        return (time, mask) if mask.any() else None
 
 
 @dataclass(frozen=True)
@@ -54,6 +75,7 @@ class EnvelopeRow:
     label: str  # label of the y axis, including the unit
     panels: Sequence[EnvelopePanel]
     inset: bool = False  # whether an inset enlarges the largest change
+    across: str = "time (s)"  # label of the x axis
 
 
 def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
@@ -68,24 +90,34 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
         axes.plot(x, y, color=color, linewidth=1.5, zorder=4)
     for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
         axes.plot(panel.x, panel.bands[median], color=color, linewidth=1.6)
-    for level in panel.levels:
-        axes.axhline(level, **LIMIT)
+    for time, level in panel.limits:
+        axes.plot(time, level, **LIMIT)
+    if panel.excluded is not None:
+        time, mask = panel.excluded
+        axes.fill_between(
+            time, 0.0, 1.0, where=mask, transform=axes.get_xaxis_transform(), **_EXCLUDED
+        )
     if panel.reference is not None:
         axes.plot(*panel.reference, **REFERENCE)
 
 
 def _legend(
-    figure: Figure, rows: Sequence[EnvelopeRow], band_names: Sequence[str], lines: Sequence[Line2D]
+    figure: Figure,
+    rows: Sequence[EnvelopeRow],
+    band_names: Sequence[str],
+    lines: Sequence[Patch | Line2D],
 ) -> None:
-    """Add a legend for the bands, lines and reference that are drawn."""
+    """Add a legend for the lines, the bands and the reference that are drawn."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
-    handles: list[Patch | Line2D] = [
+    handles = list(lines)
+    handles += [
         Patch(facecolor=INK, alpha=opacity + 0.1 * i, linewidth=0, label=label)
         for i, (low, _, opacity, label) in enumerate(BANDS)
         if low in drawn and low in band_names
     ]
-    handles += lines
+    if any(SIMULTANEOUS[0] in panel.bands for panel in panels):
+        handles.append(Line2D([], [], label="simultaneous 95 %", color=INK, **_SIMULTANEOUS_LINE))
     if any(panel.reference is not None for panel in panels):
         handles.append(Line2D([], [], label="reference", **REFERENCE))
     put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
@@ -98,7 +130,7 @@ def plot_envelopes(
     """Plot rows of panels, one column per controller; the panels of a row share the y axis."""
     count = len(rows) * len(titles)
     figure, grid = new_panels(
-        count, len(titles), 0.8, between=(0.2, 0.3), lettered=False, sharex="row", sharey="row"
+        count, len(titles), 0.8, between=(0.2, 0.24), sharex="row", sharey="row"
     )
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):
@@ -108,6 +140,7 @@ def plot_envelopes(
                 axes.set_title(titles[c], color=colors[c])
             if c == 0:
                 axes.set_ylabel(fill(row.label, _LABEL), va="center")
+            axes.tick_params(labelbottom=r == len(rows) - 1)
             if r == len(rows) - 1:
                 axes.set_xlabel("time (s)")
         flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
@@ -115,12 +148,14 @@ def plot_envelopes(
             grid[r, 0].set_xlim(float(flown.min()), float(flown.max()) or 1.0)
         _set_y_limits(grid[r, 0], row)
     if any(panel.flights for row in rows for panel in row.panels):
-        lines = [
+        lines: list[Patch | Line2D] = [
             Line2D([], [], color=INK, linewidth=1.5, label="worst flight"),
-            Line2D([], [], color=INK, linewidth=0.35, label="the next worst"),
+            Line2D([], [], color=INK, linewidth=0.35, label="next worst flights"),
         ]
-        if any(panel.levels for row in rows for panel in row.panels):
+        if any(panel.limits for row in rows for panel in row.panels):
             lines.append(Line2D([], [], label="limit", **LIMIT))
+        if any(panel.excluded for row in rows for panel in row.panels):
+            lines.append(Patch(label="excluded from the requirement", **_EXCLUDED))
     else:
         two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
         lines = [
@@ -133,48 +168,46 @@ def plot_envelopes(
 
 
 @styled
-def plot_sheet(
-    rows: Sequence[EnvelopeRow], labels: Mapping[str, str], colors: Mapping[str, str]
-) -> Figure:
+def plot_sheet(rows: Sequence[EnvelopeRow], labels: Sequence[str]) -> Figure:
     """Plot one panel per channel with each controller's full range, 5 to 95 % band and median."""
-    figure, grid = new_panels(len(rows), 3, 1.3, between=(0.4, 0.42), top=0.24, lettered=False)
-    looks = [(colors[name], DASHES[i % len(DASHES)]) for i, name in enumerate(labels)]
-    for k, (axes, row) in enumerate(zip(grid.flat, rows, strict=False)):
-        _overlay(axes, row, looks)
-        letter = ascii_lowercase[k : k + 1] if len(rows) > 1 else ""
-        axes.set_title(f"{letter}  {row.label}".strip(), loc="left", fontweight="normal")
+    figure, grid = new_panels(len(rows), 3, 1.3, between=(0.42, 0.62))
+    for axes, row in zip(grid.flat, rows, strict=False):
+        _overlay(axes, row)
+        title_panel(axes, row.label)
         _set_y_limits(axes, row)
         if row.inset:
-            _draw_inset(axes, row, looks)
-        if k >= len(rows) - 3:
-            axes.set_xlabel("time (s)")
+            _draw_inset(axes, row)
+        axes.set_xlabel(row.across)
     lines = [
-        Line2D([], [], color=color, linestyle=dash, label=name.replace("$", r"\$"))
-        for name, (color, dash) in zip(labels.values(), looks, strict=True)
+        Line2D([], [], label=name.replace("$", r"\$"), **line_look(k, len(labels)))
+        for k, name in enumerate(labels)
     ]
     _legend(figure, rows, ("min", "q5"), lines)
     return figure
 
 
-def _overlay(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
-    for k, (panel, (color, dash)) in enumerate(zip(row.panels, looks, strict=True)):
-        on_top = 1.0 - k / len(looks)  # The first controller is drawn on top.
+def _overlay(axes: Axes, row: EnvelopeRow) -> None:
+    """Draw all controllers; bands of the first are filled, those of the others are outlined."""
+    for k, panel in enumerate(row.panels):
+        look = line_look(k, len(row.panels))
+        color, order = look["color"], look["zorder"]
         for low, high, opacity, _ in [band for band in BANDS[::2] if band[0] in panel.bands]:
-            area = panel.bands[low], panel.bands[high]
-            axes.fill_between(
-                panel.x, *area, color=color, alpha=0.6 * opacity, linewidth=0, zorder=1.0 + on_top
-            )
+            edges = panel.bands[low], panel.bands[high]
+            if k == 0:
+                axes.fill_between(panel.x, *edges, color=color, alpha=opacity, linewidth=0)
+            else:
+                outline = look | {"linewidth": 0.6, "alpha": 2.0 * opacity, "zorder": order - 1.0}
+                axes.plot(panel.x, np.transpose(edges), **outline)
         for median in [name for name in MEDIANS if name in panel.bands]:
-            curve = panel.x, panel.bands[median]
-            axes.plot(*curve, color=color, linestyle=dash, linewidth=1.0, zorder=2.0 + on_top)
+            axes.plot(panel.x, panel.bands[median], **look)
         for edge in [name for name in SIMULTANEOUS if name in panel.bands]:
             curve = panel.x, panel.bands[edge]
-            axes.plot(*curve, color=color, linestyle=":", linewidth=0.8, zorder=2.0 + on_top)
+            axes.plot(*curve, color=color, zorder=order, **_SIMULTANEOUS_LINE)
     if row.panels[0].reference is not None:
         axes.plot(*row.panels[0].reference, **REFERENCE)
 
 
-def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) -> None:
+def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
     """Add an inset above the curves that enlarges the time around the largest change."""
     peaks = []
     for panel in row.panels:
@@ -189,7 +222,7 @@ def _draw_inset(axes: Axes, row: EnvelopeRow, looks: Sequence[tuple[str, Any]]) 
     axes.set_yticks([tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high])
     axes.set_ylim(low, high + 0.75 * (high - low))
     inset = axes.inset_axes(_INSET)
-    _overlay(inset, row, looks)
+    _overlay(inset, row)
     inset.set_xlim(center - _SHOWN, center + _SHOWN)
     _set_y_limits(inset, row)
     inset.set_xticks([float(np.ceil(center - _SHOWN)), float(np.floor(center + _SHOWN))])
@@ -202,13 +235,13 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
     low, high = np.inf, -np.inf
     left, right = axes.get_xlim()
     for panel in row.panels:
-        curves = [*((panel.x, band) for band in panel.bands.values()), *panel.flights]
+        curves = [(panel.x, band) for band in panel.bands.values()]
+        curves += [*panel.flights, *panel.limits]
         curves += [panel.reference] if panel.reference is not None else []
         for x, y in curves:
             inside = y[(x >= left) & (x <= right) & np.isfinite(y)]
             if inside.size:
                 low, high = min(low, float(inside.min())), max(high, float(inside.max()))
-        low, high = min([low, *panel.levels]), max([high, *panel.levels])
     if not np.isfinite(high - low):
         return
     margin = 0.06 * (high - low) or max(1e-3 * abs(high), 1e-6)

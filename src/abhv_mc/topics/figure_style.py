@@ -5,11 +5,12 @@ Dark pages invert the lightness of figures (``style.css``), which preserves or i
 contrasts.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
 from string import ascii_lowercase
+from textwrap import fill
 from typing import Any, Literal, ParamSpec
 
 import numpy as np
@@ -33,12 +34,12 @@ _COLORS = 128
 SMALLEST = 8.0  # size of all text, pt; figures are printed at the drawn width
 
 # Okabe and Ito's palette (jfly.uni-koeln.de/color), in the order of the controllers.
-# The last two colours are darker than the original ones, to be legible on white.
+# The last three colours are darker than the original ones, to be legible on white.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
     "#0072B2",
     "#D55E00",
     "#009E73",
-    "#CC79A7",
+    "#B5588C",
     "#B78000",
     "#3A93CE",
 )
@@ -48,6 +49,11 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
 PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels, as in the text
 GRID = "#80808050"
+# Line styles with one meaning in all figures.
+LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
+REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
+_LETTER = 0.0545  # mean width of a letter, inches
+_LINE = 0.135  # height of a line of text, inches
 
 _RC: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -110,18 +116,17 @@ def new_panels(
     *,
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
-    lettered: bool = True,
     **shared: Any,
 ) -> tuple[Figure, Any]:
     """Return a figure with axes [row, column] for ``count`` panels; surplus axes are hidden.
 
     Sizes are in inches. ``row_height`` is the height of the axes, ``top`` the space for titles, and
     ``between`` the space to the side of and below each axes. The layout is fixed, because measuring
-    text would take as long as drawing the figure. If ``lettered``, panels are marked with letters.
+    text would take as long as drawing the figure. If there are several panels, each has a letter.
     ``shared`` is passed to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
-    left, bottom, right = 0.68, 0.72, 0.12
+    left, bottom, right = 0.68, 0.63, 0.12
     height = top + rows * row_height + (rows - 1) * between[1] + bottom
     width = (WIDTH - left - right - (columns - 1) * between[0]) / columns
     figure = Figure(figsize=(WIDTH, height), dpi=DPI)
@@ -142,18 +147,35 @@ def new_panels(
         axes.yaxis.set_label_coords(-0.5 / width, 0.5)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
-    for letter, axes in zip(
-        ascii_lowercase, grid.flat[:count] if lettered and count > 1 else (), strict=False
-    ):
-        axes.annotate(
-            letter,
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(-1.0, 3.0),
-            textcoords="offset points",
-            weight="bold",
-        )
+    for letter, axes in zip(ascii_lowercase, grid.flat[:count] if count > 1 else (), strict=False):
+        _put_above(axes, letter, 0.0, weight="bold")
     return figure, grid
+
+
+def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> None:
+    """Put text above the left end of axes; ``indent`` is in points."""
+    axes.annotate(
+        text,
+        (0.0, 1.0),
+        xycoords="axes fraction",
+        xytext=(indent - 1.0, 3.0),
+        textcoords="offset points",
+        **look,
+    )
+
+
+def title_panel(axes: Axes, title: str) -> None:
+    """Put the title of a panel after its letter, in as many lines as its width needs."""
+    _put_above(axes, wrap(axes, title), 11.0, linespacing=1.1)
+
+
+def wrap(axes: Axes, text: str, beyond: float = 0.0) -> str:
+    """Break text into lines of the width of axes and ``beyond``, inches; units are not split."""
+    figure = axes.get_figure(root=True)
+    width = axes.get_position().width * (figure.get_figwidth() if figure else WIDTH) + beyond
+    whole = text.replace(" (", "\N{NO-BREAK SPACE}(")
+    lines = fill(whole, int(width / _LETTER), break_on_hyphens=False)
+    return lines.replace("\N{NO-BREAK SPACE}(", " (")
 
 
 def label_lowest(grid: Any, count: int, label: str) -> None:
@@ -163,9 +185,9 @@ def label_lowest(grid: Any, count: int, label: str) -> None:
         axes.set_xlabel(label)
 
 
-def legend_below(figure: Figure, *panels: Axes) -> None:
-    """Add one legend below all panels, with each label once."""
-    entries = {
+def legend_below(figure: Figure, *panels: Axes, more: Iterable[tuple[str, Any]] = ()) -> None:
+    """Add one legend below all panels: ``more`` (label, handle), then each label of them once."""
+    entries = dict(more) | {
         label: handle
         for axes in panels
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
@@ -174,22 +196,75 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
 
 
 def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Add a one-line legend at the lower edge, with less spacing if there are many entries."""
-    letters = sum(map(len, labels)) + 6 * len(labels)
+    """Add a legend at the lower edge, in several rows if one row is too narrow for it."""
+    length = sum(0.46 + _LETTER * len(label) for label in labels)
+    rows = max(1, -(-int(100.0 * length) // int(100.0 * WIDTH)))
+    columns = max(1, -(-len(labels) // rows))
+    # Legends are filled by columns, but read by rows.
+    order = [i for column in range(columns) for i in range(column, len(labels), columns)]
+    if not figure.get_layout_engine():
+        _make_room(figure, 0.17 * (rows - 1))
     figure.legend(
-        handles,
-        labels,
+        [handles[i] for i in order],
+        [labels[i] for i in order],
         loc="outside lower center" if figure.get_layout_engine() else "lower center",
-        ncols=len(labels),
+        ncols=columns,
         borderaxespad=0.2,
         handlelength=1.8,
-        columnspacing=1.8 if letters < 90 else 1.0,
+        columnspacing=1.8 if length < 0.8 * rows * WIDTH else 1.0,
     )
+
+
+def _make_room(figure: Figure, below: float) -> None:
+    """Move rows of panels apart for titles and labels of several lines.
+
+    The panels keep their sizes; ``below`` is additional space at the lower edge, inches.
+    """
+    rows: dict[int, list[Axes]] = {}
+    for axes in figure.axes:
+        if (place := axes.get_subplotspec()) is not None:
+            rows.setdefault(place.rowspan.start, []).append(axes)
+    lift, lifts = below, {}
+    for row in sorted(rows, reverse=True):
+        lift += _LINE * max(axes.get_xlabel().count("\n") for axes in rows[row])
+        lifts[row] = lift
+        titles = (text.get_text() for axes in rows[row] for text in axes.texts)
+        lift += _LINE * max((title.count("\n") for title in titles), default=0)
+    old, new = figure.get_figheight(), figure.get_figheight() + lift
+    figure.set_figheight(new)
+    for row, panels in rows.items():
+        for axes in panels:
+            left, bottom, width, height = axes.get_position().bounds
+            axes.set_position((left, (bottom * old + lifts[row]) / new, width, height * old / new))
 
 
 def controller_colors(names: Sequence[str]) -> dict[str, str]:
     """Return a colour for each controller, chosen by its position in the campaign."""
     return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}
+
+
+def line_look(number: int, count: int) -> dict[str, Any]:
+    """Return the look of a controller's line, chosen by its position among ``count``.
+
+    The first controller, to which the requirements apply, is drawn last, as a solid line. The lines
+    below are wider, paler and dashed, so that they are visible if all lines coincide.
+    """
+    return {
+        "color": CYCLE[number % len(CYCLE)],
+        "linestyle": DASHES[number % len(DASHES)],
+        "linewidth": 1.2 if number == 0 else 1.9,
+        "alpha": 1.0 if number == 0 else 0.7,
+        "zorder": 3.0 - number / count,
+    }
+
+
+def mark_look(number: int, count: int, size: float) -> dict[str, Any]:
+    """Return the look of a controller's marks; the first is on top, those below are larger."""
+    return {
+        "marker": MARKERS[number % len(MARKERS)],
+        "markersize": size * (1.6 + 0.1 * number if number else 1.0),
+        "zorder": 3.0 - number / count,
+    }
 
 
 def pad_if_flat(axes: Axes) -> None:
@@ -261,3 +336,35 @@ def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) ->
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
     return True
+
+
+def make_value_axis(
+    axes: Axes,
+    label: str,
+    values: Sequence[Floats],
+    *,
+    limits: Sequence[float] = (),
+    unit: str = "",
+    beyond: float = 0.0,
+) -> None:
+    """Scale and label the x axis of a metric, and draw the limits of requirements.
+
+    The axis is extended to a limit that is close to its end; a note names other limits. ``beyond``
+    is the space for the label at the sides of the axis, inches.
+    """
+    notes = []
+    if log_if_wide(axes, "x", values):
+        notes.append(LOG_AXIS)
+        finite = np.concatenate([v[np.isfinite(v)] for v in values])
+        # Rare values close to zero would compress the others.
+        lowest = 0.05 * float(np.quantile(finite, 0.02))
+        if finite.min() < lowest:
+            axes.set_xlim(left=lowest)
+    for limit in limits:
+        low, high = axes.get_xlim()
+        if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
+            axes.axvline(limit, label="limit", **LIMIT)
+        else:
+            quantity = "\N{NO-BREAK SPACE}".join(filter(None, ["limit", f"{limit:g}", unit]))
+            notes.append(f"{quantity} further {'right' if limit > high else 'left'}")
+    axes.set_xlabel(wrap(axes, ", ".join([label, *notes]), beyond))

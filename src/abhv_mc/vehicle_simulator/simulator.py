@@ -110,6 +110,12 @@ class VehicleSimulator:
 
         return reference_of(plan, self.find_stride(plan, "histories"))
 
+    def find_transients(self) -> tuple[tuple[float, float], ...]:
+        from abhv_mc.control.design.reference import transients
+        from abhv_mc.control.mission import read_mission
+
+        return transients(read_mission(self.experiment.model.mission))
+
     def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
         return None
 

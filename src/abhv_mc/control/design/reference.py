@@ -34,6 +34,11 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     return make_trim_tables(vehicle, middle_altitude, speeds, steady)
 
 
+def transients(mission: Mission) -> tuple[tuple[float, float], ...]:
+    """Return the intervals (s) that "settled" metrics exclude: ramps and SETTLING after each."""
+    return tuple((first, last + SETTLING) for first, last in ramp_times(mission))
+
+
 @cache_results
 def solve_reference(
     mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
@@ -67,8 +72,8 @@ def solve_reference(
     )
     times = np.arange(ticks + 1) * tick
     settled = np.ones(ticks + 1)
-    for first, last in ramp_times(mission):
-        settled[(times - first > -0.5 * tick) & (times - last < SETTLING - 0.5 * tick)] = 0.0
+    for first, end in transients(mission):
+        settled[(times - first > -0.5 * tick) & (times - end < -0.5 * tick)] = 0.0
     count = np.cumsum(settled)
     settled *= count - np.maximum.accumulate(np.where(settled > 0.0, 0.0, count))
     heading = mission.start.heading

@@ -12,8 +12,10 @@ from abhv_mc.report.numbers.pass_chances import Planned
 from abhv_mc.topics.figure_style import (
     BLUE,
     CYCLE,
+    DASHES,
     GREEN,
     INK,
+    LIMIT,
     MARKERS,
     PERCENT,
     SKY,
@@ -24,6 +26,7 @@ from abhv_mc.topics.figure_style import (
     new_panels,
     pad_if_flat,
     styled,
+    title_panel,
 )  # fmt: skip
 
 _ROW = 0.22  # height of the row of a parameter, inches
@@ -60,14 +63,14 @@ def plot_convergence(
         np.arange(1, random.size + 1),
         random,
         color=INK,
-        linestyle=(0, (4, 2)),
+        linestyle=DASHES[2],
         label="random, same box",
     )
     axes.plot(
         np.arange(1, searched.size + 1), searched, color=VERMILION, linewidth=1.5, label="search"
     )
     for limit in limits:
-        axes.axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
+        axes.axhline(limit, label="limit", **LIMIT)
     for i, (start, name) in enumerate(stages):
         axes.axvline(start, color=SKY, linewidth=0.6)
         anchor = start, 1.02 + 0.08 * (i % 2)
@@ -118,7 +121,7 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
         axes.semilogy(
             thresholds, probabilities, label=f"repetition {i + 1}", linewidth=0.9, **style
         )
-    axes.axvline(limit, color=INK, linestyle=(0, (4, 2)), label="the requirement's limit")
+    axes.axvline(limit, label="limit", **LIMIT)
     axes.set_xlabel(label)
     axes.set_ylabel("exceedance probability")
     figure.legend(loc="outside right upper")
@@ -144,7 +147,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
     left.set_ylabel("probability of a failure")
     right.plot(np.arange(values.size), values, ".", color=BLUE, markersize=4, label="flight")
     for limit in limits:
-        right.axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), label="limit")
+        right.axhline(limit, label="limit", **LIMIT)
     right.set_ylabel(label)
     for axes in (left, right):
         axes.set_xlabel("flights")
@@ -167,7 +170,7 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: 
         levels = np.arange(2, rates.size + 2)
         left.plot(levels, rates, **style)
         right.plot(levels, sizes, **style)
-    left.axhline(target, color=INK, linestyle=(0, (4, 2)), linewidth=0.8)
+    left.axhline(target, **LIMIT)
     for axes, label in ((left, "accepted moves"), (right, "size of a move (1: independent)")):
         axes.set_xlabel("level")
         axes.xaxis.get_major_locator().set_params(integer=True)
@@ -202,7 +205,7 @@ def plot_flights(
     title: str = "",
     limits: Sequence[float] = (),
 ) -> Figure:
-    """Plot channels [flight, time]; the nominal flight is first and dashed.
+    """Plot channels [flight, time]; the nominal flight is first and dash-dotted.
 
     Values after the end of a flight are NaN; a cross marks the end. ``limits`` are drawn in the
     first panel.
@@ -218,7 +221,7 @@ def plot_flights(
     figure.suptitle(title, fontsize=8.5)
     for axes, (label, curves) in zip(grid.flat, panels.items(), strict=False):
         for i, (curve, name) in enumerate(zip(curves, labels, strict=True)):
-            style: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+            style: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": DASHES[3]}
             if i:
                 style = {
                     "color": _FLIGHT_COLORS[(i - 1) % len(_FLIGHT_COLORS)],
@@ -237,7 +240,7 @@ def plot_flights(
         axes.set_ylabel(label)
         pad_if_flat(axes)
     for limit in limits:
-        grid[0, 0].axhline(limit, color=INK, linewidth=1.0, linestyle=(0, (1, 1)), label="limit")
+        grid[0, 0].axhline(limit, label="limit", **LIMIT)
     label_lowest(grid, len(panels), "time (s)")
     legend_below(figure, grid[0, 0])
     return figure
@@ -280,13 +283,13 @@ def plot_planned(planned: Planned) -> Figure:
             linestyle=(0, (1, 1)),
             label="consumer's risk",
         )
-        axes.set_title(f"{entry.words} in {100.0 * entry.probability:g} %", fontsize=8)
+        title_panel(axes, f"{entry.words} in {100.0 * entry.probability:g} %")
     if len(entries) > 1:
         axes = grid.flat[len(entries)]
         for joint, color in zip(planned.together, _PLANNED, strict=True):
             band = joint.at_some_flight
             axes.fill_between(rates, band.low, band.high, color=color, alpha=0.25, linewidth=0)
-        axes.set_title("all requirements PASS after some flight (bounds)", fontsize=8)
+        title_panel(axes, "all requirements PASS after some flight (bounds)")
     for axes in grid.flat[:count]:
         axes.axvline(1.0, color=INK, linewidth=0.8)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))

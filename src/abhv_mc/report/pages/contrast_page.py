@@ -22,12 +22,12 @@ from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,
     INK,
-    LOG_AXIS,
     PERCENT,
     distribution_steps,
-    log_if_wide,
+    legend_below,
+    line_look,
+    make_value_axis,
     new_panels,
-    put_legend,
     styled,
 )
 from abhv_mc.topics.formatting import count_of, estimate, fixed, joined, percent
@@ -60,6 +60,7 @@ class Panel(NamedTuple):
     label: str
     metric: str
     limits: tuple[float, ...]
+    unit: str
 
 
 def contrast_section(
@@ -272,12 +273,16 @@ def contrast_figures(
     labels = _labels(a, b, contrast)
     flights = [select_flights(a, b, *pair.controllers) for pair in contrast.contrasted]
     panels = [
-        Panel(a.campaign.metrics[name].label_with_unit, name, tuple(a.campaign.limits_of(name)))
-        for name in metrics
+        Panel(
+            label=record.label_with_unit,
+            metric=record.name,
+            limits=tuple(a.campaign.limits_of(record.name)),
+            unit=record.with_unit("").strip(),
+        )
+        for record in (a.campaign.metrics[name] for name in metrics)
     ]
     caption = (
-        "Share of flights at or below each value; a curve that ends below 100 % has lost flights. "
-        "The vertical line is the limit."
+        "Share of flights at or below each value; a curve that ends below 100 % has lost flights."
     )
     yield (
         FigureText("distributions", "Distributions of both campaigns", caption),
@@ -304,19 +309,14 @@ def plot_contrast(
                 drawn.append(values)
                 axes.step(
                     *distribution_steps(values),
-                    style,
                     where="post",
-                    color=CYCLE[i % len(CYCLE)],
-                    zorder=3 + len(labels) - i,  # The first controller is drawn on top.
+                    **line_look(i, len(labels)) | {"linestyle": style},
                 )
-        for limit in panel.limits:
-            axes.axvline(limit, color=INK, linewidth=0.8)
-        is_log = log_if_wide(axes, "x", drawn)
-        axes.set_xlabel(f"{panel.label}\n{LOG_AXIS}" if is_log else panel.label)
+        make_value_axis(axes, panel.label, drawn, limits=panel.limits, unit=panel.unit)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
         row[0].set_ylabel("share of flights")
     entries = [Line2D([], [], color=CYCLE[i % len(CYCLE)]) for i in range(len(labels))]
     entries += [Line2D([], [], color=INK, linestyle=style) for style in _STYLES]
-    put_legend(figure, entries, [*labels, *titles])
+    legend_below(figure, *grid.flat, more=zip([*labels, *titles], entries, strict=True))
     return figure

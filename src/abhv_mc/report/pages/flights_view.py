@@ -102,6 +102,9 @@ def describe_flights(
             _criterion(records[criterion.metric], channels)
             for criterion in results.campaign.criteria
         ],
+        "transients": results.campaign.simulator.find_transients()
+        if any(records[criterion.metric].settled for criterion in results.campaign.criteria)
+        else (),
         "headed": headed,
         "strips": list(results.dispersed[:_STRIPS]),
         "x": (results.dispersed or results.metrics)[0],

@@ -8,7 +8,15 @@ from matplotlib.figure import Figure
 
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
 from abhv_mc.report.pages.page import Answer
-from abhv_mc.topics.figure_style import BLUE, INK, label_lowest, legend_below, new_panels, styled
+from abhv_mc.topics.figure_style import (
+    BLUE,
+    INK,
+    label_lowest,
+    legend_below,
+    new_panels,
+    styled,
+    title_panel,
+)
 from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
@@ -144,7 +152,7 @@ def plot_placement(placement: Placement) -> Figure:
             axes.plot(bands.time, history, color=INK, linewidth=0.8, label="test flight")
         finite = np.isfinite(bands.simultaneous[0])
         axes.set_xlim(bands.time[finite].min(), bands.time[finite].max())
-        axes.set_title(channel)
+        title_panel(axes, channel)
     label_lowest(grid, count, "time (s)")
     legend_below(figure, grid.flat[0])
     return figure

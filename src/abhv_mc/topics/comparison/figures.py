@@ -11,22 +11,25 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.topics.comparison.model import Comparison, total_usage
 from abhv_mc.topics.figure_style import (
-    INK,
     LOG_AXIS,
     MARKERS,
     PERCENT,
+    REFERENCE,
     controller_colors,
     distribution_steps,
-    label_lowest,
     legend_below,
+    line_look,
     log_if_wide,
+    mark_look,
     new_panels,
     styled,
+    title_panel,
+    wrap,
 )
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-_MOST_POINTS = 1000  # maximum number of plotted flights per controller
+_MOST_POINTS = 250  # maximum number of plotted flights per controller
 _TRADES = 3  # number of metrics if none is required, and number of panels per row
 _ENDS = (
     0.005,
@@ -56,9 +59,9 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "Required metrics against control effort"
         if names.requirements
         else "Tracking error against control effort",
-        "Each small mark is one flight, each large one a controller's median. Usage is the root of "
-        "the summed squares of the rms deflections of aileron, rudder and elevator from their "
-        "trim.",
+        f"Each small mark is one flight (at most {_MOST_POINTS} per controller), each large one a "
+        "controller's median. Control effort is the root of the summed squares of the rms "
+        "deflections of aileron, rudder and elevator from their trim.",
     )
     colors = controller_colors(tuple(names.controllers))
     yield (
@@ -87,40 +90,33 @@ def plot_error_against_usage(
 ) -> Figure:
     """Plot each flight's error against its control effort, with larger marks for medians."""
     columns = min(_TRADES, len(trades))
-    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.5, 0.55), top=0.4, sharex=True)
+    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.5, 0.58))
     for axes, trade in zip(grid.flat, trades, strict=False):
         for i, (name, errors) in enumerate(trade.errors.items()):
             x, y = usage[name], errors
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
             if not keep.size:
                 continue
-            marker = MARKERS[i % len(MARKERS)]
             few = keep[:: max(1, keep.size // _MOST_POINTS)]
-            on_top = 1.0 - i / len(trade.errors)  # The first controller is drawn on top.
-            small = {
-                "markersize": 1.6,
-                "alpha": 0.35,
-                "markeredgewidth": 0,
-                "rasterized": True,
-                "zorder": 2.0 + on_top,
-            }
-            large = {
-                "markersize": 7,
-                "markeredgecolor": "white",
-                "label": labels[name],
-                "zorder": 5.0 + on_top,
-            }
-            axes.plot(x[few], y[few], marker, color=colors[name], **small)
-            axes.plot(np.median(x[keep]), np.median(y[keep]), marker, color=colors[name], **large)
+            small = {**mark_look(i, len(trade.errors), 1.5), "color": colors[name]}
+            large = {**mark_look(i, len(trade.errors), 4.5), "color": colors[name]}
+            large |= {"zorder": 3.0 + large["zorder"], "label": labels[name]}
+            face = {"markerfacecolor": "none", "markeredgewidth": 0.5} if i else {}
+            axes.plot(x[few], y[few], **small, **face, linestyle="none", alpha=0.6, rasterized=True)
+            axes.plot(
+                np.median(x[keep]),
+                np.median(y[keep]),
+                **large,
+                linestyle="none",
+                markeredgecolor="white",
+            )
         values = list(trade.errors.values())
         least = min((v[np.isfinite(v)].min(initial=np.inf) for v in values), default=0.0)
         is_log = log_if_wide(axes, "y", values)
         if not is_log and least >= 0.0:
             axes.set_ylim(bottom=0.0)
-        # the panel letter is next to the second line
-        title = f"{trade.label}\n{LOG_AXIS if is_log else ' '}"
-        axes.set_title(title, fontsize=8, fontweight="normal")
-    label_lowest(grid, len(trades), usage_label)
+        title_panel(axes, f"{trade.label}, {LOG_AXIS}" if is_log else trade.label)
+        axes.set_xlabel(usage_label)
     legend_below(figure, grid[0, 0])
     return figure
 
@@ -156,9 +152,8 @@ def plot_differences(
     for axes, panel in zip(grid.flat, panels, strict=False):
         ends = [0.0]
         for i, (name, values) in enumerate(panel.differences.items()):
-            axes.step(
-                *distribution_steps(values), where="post", color=colors[name], label=labels[name]
-            )
+            look = {**line_look(i, len(panel.differences)), "color": colors[name]}
+            axes.step(*distribution_steps(values), where="post", label=labels[name], **look)
             finite = values[np.isfinite(values)]
             ends += np.quantile(finite, _ENDS).tolist() if finite.size else []
             middle, low, high = panel.medians[name]
@@ -182,8 +177,8 @@ def plot_differences(
         axes.set_xlim(min(ends) - room, max(ends) + room)
         axes.xaxis.get_major_locator().set_params(nbins=4)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.axvline(0.0, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label=zero)
-        axes.set_xlabel(panel.label)
+        axes.axvline(0.0, label=zero, **REFERENCE)
+        axes.set_xlabel(wrap(axes, panel.label))
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:

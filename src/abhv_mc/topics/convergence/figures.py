@@ -11,11 +11,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.topics.convergence import Convergence, settled_level
 from abhv_mc.topics.figure_style import (
     LOG_AXIS,
-    controller_colors,
-    label_lowest,
     legend_below,
+    line_look,
+    mark_look,
     new_panels,
     styled,
+    title_panel,
 )
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -37,7 +38,8 @@ def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, F
             for name, table in tables.items()
         }
         if any(np.isfinite(table[0]).any() for table in series.values()):
-            label = f"{names.metrics[metric].label_with_unit}\n{quantile_name}"
+            quantile = quantile_name.replace(" ", "\N{NO-BREAK SPACE}")
+            label = f"{names.metrics[metric].label_with_unit}, {quantile}"
             panels.append(
                 (
                     label,
@@ -65,21 +67,32 @@ def plot_convergence(
     labels: Mapping[str, str],
 ) -> Figure:
     """Plot estimates and interval ends [value, low, high; look]; NaN marks an open end."""
-    colors = controller_colors(tuple(labels))
-    figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.75), top=0.4)
+    figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.58))
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
         for i, (name, (value, low, high)) in enumerate(series.items()):
             bounded = np.isfinite(low) & np.isfinite(high)
+            look = line_look(i, len(series)) | mark_look(i, len(series), 3.0)
             axes.fill_between(
-                flights[name], low, high, where=bounded, color=colors[name], alpha=0.22, linewidth=0
+                flights[name],
+                low,
+                high,
+                where=bounded,
+                color=look["color"],
+                alpha=0.2,
+                linewidth=0,
+                zorder=look["zorder"] - 2.0,
             )
-            on_top = 3.0 - i / len(series)  # the first controller is drawn on top
-            look = {"color": colors[name], "label": labels[name], "zorder": on_top}
-            axes.plot(flights[name], value, **look)
+            face = "none" if i else look["color"]
+            axes.plot(
+                flights[name],
+                value,
+                label=labels[name],
+                **look | {"linewidth": 1.0, "markerfacecolor": face, "markevery": (i, 2)},
+            )
         axes.set_xscale("log")
         _ticks(axes, np.concatenate(list(flights.values())))
-        axes.set_title(title, fontsize=8)
-    label_lowest(grid, len(panels), f"flights ({LOG_AXIS})")
+        title_panel(axes, title)
+        axes.set_xlabel(f"flights ({LOG_AXIS})")
     legend_below(figure, grid.flat[0])
     return figure
 

@@ -1,7 +1,7 @@
 """Tornado charts of the drivers of each error, in the unit of the metric."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from abhv_mc.topics.drivers import Drivers, MetricDrivers, Swing
 from abhv_mc.topics.figure_style import (
     INK,
-    LOG_AXIS,
+    MARKERS,
     controller_colors,
-    log_if_wide,
+    legend_below,
+    make_value_axis,
     new_panels,
-    put_legend,
     styled,
 )
 from abhv_mc.topics.formatting import spoken_name
@@ -38,6 +38,7 @@ class Tornado:
     swings: Sequence[Sequence[Swing | None]]
     medians: Sequence[float]  # median over all flights for each controller
     limits: Sequence[float] = ()
+    unit: str = ""
 
 
 def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
@@ -45,8 +46,11 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     charts = []
     for metric in names.asked:
         entries = [controller.metrics.get(metric) for controller in drivers.controllers.values()]
-        limits = names.campaign.limits_of(metric)
-        chart = make_tornado(names.metrics[metric].label_with_unit, entries, limits)
+        record = names.metrics[metric]
+        chart = replace(
+            make_tornado(record.label_with_unit, entries, names.campaign.limits_of(metric)),
+            unit=record.with_unit("").strip(),
+        )
         charts += [chart] if chart.parameters else []
     if charts:
         text = FigureText(
@@ -55,8 +59,7 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             "Median of each metric over the tenth of the flights in which a parameter is lowest "
             "(open mark) and over the tenth in which it is highest (filled mark); the tick is the "
             "median over all flights. If both marks are on one side of it, the metric changes in "
-            "the same direction at both ends. Effects that are not significant are left out; the "
-            "vertical line is the limit.",
+            "the same direction at both ends. Effects that are not significant are left out.",
         )
         yield text, plot_tornado(charts, {name: names.label(name) for name in drivers.controllers})
 
@@ -98,19 +101,19 @@ def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure
     columns = min(len(charts), 3 if longest <= _SHORT else 2)
     row = most * (len(labels) + 1.2) * _ROW
     beside = 0.35 + 0.065 * min(longest, 26)
-    figure, grid = new_panels(len(charts), columns, row, between=(beside, 0.64), top=0.22)
+    figure, grid = new_panels(len(charts), columns, row, between=(beside, 0.54), top=0.18)
     colors = [controller_colors(tuple(labels))[name] for name in labels]
     for axes, chart in zip(grid.flat, charts, strict=False):
         _draw_panel(axes, chart, colors)
-    entries = [Line2D([], [], color=color, linewidth=3.0) for color in colors]
-    open_mark: dict[str, Any] = {
-        "color": INK,
-        "marker": "o",
-        "markersize": 4.0,
-        "linestyle": "none",
-    }
-    entries += [Line2D([], [], markerfacecolor="white", **open_mark), Line2D([], [], **open_mark)]
-    put_legend(figure, entries, [*labels.values(), "lowest tenth", "highest tenth"])
+    entries = [
+        Line2D([], [], color=color, linewidth=2.6, marker=MARKERS[c % len(MARKERS)], markersize=4.0)
+        for c, color in enumerate(colors)
+    ]
+    mark: dict[str, Any] = {"color": INK, "marker": "o", "markersize": 4.0, "linestyle": "none"}
+    entries += [Line2D([], [], markerfacecolor="white", **mark), Line2D([], [], **mark)]
+    entries.append(Line2D([], [], **mark | {"marker": "|", "markersize": 8.0}))
+    texts = [*labels.values(), "lowest tenth", "highest tenth", "median of all flights"]
+    legend_below(figure, *grid.flat, more=zip(texts, entries, strict=True))
     return figure
 
 
@@ -125,16 +128,19 @@ def _draw_panel(axes: Axes, chart: Tornado, colors: Sequence[str]) -> None:
             ends += [swing.lowest, swing.highest]
             axes.plot([swing.lowest, swing.highest], [y, y], color=color, linewidth=2.6, alpha=0.6)
             axes.plot([chart.medians[c]] * 2, [y - 0.5, y + 0.5], color=color, linewidth=1.0)
-            axes.plot(swing.lowest, y, "o", color=color, markerfacecolor="white", markersize=3.6)
-            axes.plot(swing.highest, y, "o", color=color, markersize=3.6)
-    low, high = axes.get_xlim()
-    is_log = log_if_wide(axes, "x", [np.array(ends)])
-    for limit in chart.limits:
-        if low <= limit <= high:
-            axes.axvline(limit, color=INK, linewidth=0.8)
+            mark = MARKERS[c % len(MARKERS)]
+            for value, face in ((swing.lowest, "white"), (swing.highest, color)):
+                axes.plot(value, y, mark, color=color, markerfacecolor=face, markersize=3.6)
+    make_value_axis(
+        axes,
+        chart.label,
+        [np.array(ends)],
+        limits=chart.limits,
+        unit=chart.unit,
+        beyond=0.3,
+    )
     axes.grid(visible=False, axis="y")
     positions = [k * step + (len(colors) - 1) / 2.0 for k in range(len(chart.parameters))]
     axes.set_yticks(positions, list(chart.parameters))
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(chart.parameters) * step - 1.0, -1.2)
-    axes.set_xlabel(f"{chart.label}\n{LOG_AXIS}" if is_log else chart.label)

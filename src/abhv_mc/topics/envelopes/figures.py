@@ -17,7 +17,6 @@ from abhv_mc.topics.figure_bands import (
     off_reference,
     plot_sheet,
 )
-from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -49,14 +48,15 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
         ours = _OURS if campaign.simulator.capabilities.has_mission else ""
+        first = names.subject(controllers[0])
         text = FigureText(
             "channels",
             "The channels over all flights",
-            f"Bands of all {campaign.kind}s in the same axes{ours}."
+            f"Bands of all {campaign.kind}s in the same axes, those of {first} are filled{ours}."
             + (_SIMULTANEOUS if any(simultaneous.values()) else ""),
             alt="The table above has the smallest and the largest value of each channel.",
         )
-        yield text, plot_sheet(rows, names.controllers, controller_colors(controllers))
+        yield text, plot_sheet(rows, list(names.controllers.values()))
 
 
 def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str, Floats]]:
@@ -90,9 +90,7 @@ def plot_flown(
     def find(controller: str, channel: str) -> Bands:
         return flights[controller]["time"], {"q50": flights[controller][channel]}
 
-    return plot_sheet(
-        _rows(find, tuple(flights), reference, CURVES), labels, controller_colors(tuple(flights))
-    )
+    return plot_sheet(_rows(find, tuple(flights), reference, CURVES), list(labels.values()))
 
 
 def _rows(
@@ -104,7 +102,8 @@ def _rows(
         for name in names
         if reference
     ]
-    rows = [EnvelopeRow("north over east (km)", [panel for panel in track if panel])]
+    panels = [panel for panel in track if panel]
+    rows = [EnvelopeRow("north (km)", panels, across="east (km)")]
     for curve in curves:
         panels = [
             panel_of(channel_bands, curve, reference)

@@ -12,13 +12,13 @@ from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
 from abhv_mc.topics.figure_style import (
-    DASHES,
-    INK,
-    controller_colors,
+    REFERENCE,
     label_lowest,
     legend_below,
+    line_look,
     new_panels,
     styled,
+    title_panel,
 )
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -43,7 +43,6 @@ def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
     """Plot the share of flights still flying after a failure, one panel per failure case."""
-    colors = controller_colors(tuple(labels))
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
     )
@@ -51,14 +50,8 @@ def plot_survival(
         for i, name in enumerate(labels):
             if name in curves:
                 share = 100.0 * curves[name]
-                axes.plot(
-                    times,
-                    share,
-                    color=colors[name],
-                    linestyle=DASHES[i % len(DASHES)],
-                    label=labels[name],
-                )
-        axes.set_title(title, fontsize=8)
+                axes.plot(times, share, label=labels[name], **line_look(i, len(labels)))
+        title_panel(axes, title)
         axes.set_ylim(-3.0, 103.0)
     for axes in grid[:, 0]:
         axes.set_ylabel("still flying (%)")
@@ -72,18 +65,19 @@ def plot_case_bands(
     times: Floats, bands: Bands, cases: Sequence[str], labels: Mapping[str, str]
 ) -> Figure:
     """Plot channels after a failure, one row per channel and one column per failure case."""
-    colors, count = controller_colors(tuple(labels)), len(_CHANNELS) * len(cases)
+    count = len(_CHANNELS) * len(cases)
     figure, grid = new_panels(
-        count, len(cases), 1.2, between=(0.2, 0.2), lettered=False, sharex=True, sharey="row"
+        count, len(cases), 1.2, between=(0.2, 0.24), sharex=True, sharey="row"
     )
+    looks = {name: line_look(i, len(labels)) for i, name in enumerate(labels)}
     for (row, case, name), (least, median, most) in bands.items():
-        axes = grid[row, cases.index(case)]
-        axes.fill_between(times, least, most, color=colors[name], alpha=0.15, linewidth=0)
-        axes.plot(times, median, color=colors[name], label=labels[name])
+        axes, color = grid[row, cases.index(case)], looks[name]["color"]
+        axes.fill_between(times, least, most, color=color, alpha=0.15, linewidth=0)
+        axes.plot(times, median, label=labels[name], **looks[name])
     for axes in grid.flat:
-        axes.axvline(0.0, color=INK, linewidth=0.5)
+        axes.axvline(0.0, **REFERENCE)
     for axes, case in zip(grid[0], cases, strict=True):
-        axes.set_title(case, fontsize=8)
+        title_panel(axes, case)
     for axes, (_, axis_label, _) in zip(grid[:, 0], _CHANNELS, strict=True):
         axes.set_ylabel(axis_label)
     label_lowest(grid, count, "time since the failure (s)")

@@ -4,8 +4,10 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import name_end
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.envelopes import Curve, curves_of
@@ -37,7 +39,7 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     recorded = set.intersection(*({*history} for own in histories.values() for history in own))
     rows, reference = [], results.reference
     for channel in worst_channels(flights, names, recorded)[:_MOST_CHANNELS]:
-        curve, panels, levels = _curve(channel, names), [], _levels(channel, names, recorded)
+        curve, panels, limits = _curve(channel, names), [], _limits(channel, names, recorded)
         for name in controllers:
             envelope = results.envelopes.get((name, channel))
             if envelope:
@@ -47,16 +49,22 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             else:
                 break
             flown = [flight_curve(history, curve, reference) for history in histories[name]]
-            panels.append(replace(panel, reference=None, flights=flown, levels=levels))
+            panels.append(replace(panel, reference=None, flights=flown, limits=limits))
         if len(panels) == len(controllers):
             rows.append(EnvelopeRow(curve.label, panels))
     if rows:
+        panels = [panel for row in rows for panel in row.panels]
         text = FigureText(
             "worst_flights",
             "The worst flights",
             "The channels of the metrics in which the listed flights are worst: the worst flight "
-            f"of each {names.campaign.kind}, and thin the next worst. Bands of all flights are "
-            "drawn if the campaign keeps envelopes of the channel.",
+            f"of each {names.campaign.kind}, and thin the next worst."
+            + (" Bands contain all flights." if any(panel.bands for panel in panels) else "")
+            + (
+                " The requirement excludes the shaded transients."
+                if any(panel.excluded for panel in panels)
+                else ""
+            ),
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
@@ -95,12 +103,24 @@ def _axis(channel: str, unit: str) -> str:
     return f"{name.replace('_', ' ')} ({unit})".replace("(-)", "(–)")
 
 
-def _levels(channel: str, names: Names, recorded: set[str]) -> tuple[float, ...]:
-    """Return the limits of requirements that apply to a channel, in its unit."""
-    return tuple(
-        side * limit
-        for metric in dict.fromkeys(item.metric for item in names.requirements)
-        if channel_of(names.metrics[metric], recorded) == channel
-        for limit in names.campaign.limits_of(metric)
-        for side in limit_sides(names.metrics[metric], recorded)
-    )
+def _limits(channel: str, names: Names, recorded: set[str]) -> tuple[tuple[Floats, Floats], ...]:
+    """Return the limits of requirements on a channel: times, s, and levels [time].
+
+    A level is NaN when the requirement does not apply.
+    """
+    clock = names.results.reference.get("time")
+    limits = []
+    for name in dict.fromkeys(item.metric for item in names.requirements):
+        metric = names.metrics[name]
+        if channel_of(metric, recorded) != channel:
+            continue
+        time = np.array([metric.start, metric.end]) if clock is None else clock
+        applies = (time >= metric.start) & (time <= metric.end)
+        for first, end in names.campaign.simulator.find_transients() if metric.settled else ():
+            applies &= (time < first) | (time >= end)
+        limits += [
+            (time, np.where(applies, side * limit, np.nan))
+            for limit in names.campaign.limits_of(name)
+            for side in limit_sides(metric, recorded)
+        ]
+    return tuple(limits)

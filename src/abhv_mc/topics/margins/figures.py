@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.topics.figure_style import (
-    INK,
+    LIMIT,
     MARKERS,
     controller_colors,
     legend_below,
@@ -80,7 +80,7 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
                 value[~failed], height[~failed], facecolors="none", label=names.label(name), **style
             )
             axes.scatter(value[failed], height[failed], facecolors=colors[name], **style)
-        axes.axhline(0.0, color=INK, linewidth=0.7, linestyle="--")
+        axes.axhline(0.0, **LIMIT, label="limit" if names.requirements else "median")
         axes.set_xlabel(axis_label)
     grid.flat[0].set_ylabel(label)
     legend_below(figure, grid.flat[0])

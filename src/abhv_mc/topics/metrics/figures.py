@@ -10,14 +10,12 @@ from matplotlib.ticker import PercentFormatter
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.figure_style import (
-    DASHES,
-    INK,
-    LOG_AXIS,
     PERCENT,
     controller_colors,
     distribution_steps,
     legend_below,
-    log_if_wide,
+    line_look,
+    make_value_axis,
     new_panels,
     styled,
 )
@@ -33,6 +31,7 @@ class Spread:
     label: str
     values: Mapping[str, Floats]  # controller -> value per flight; infinite if the flight failed
     limits: Sequence[float] = field(default=())  # limits of requirements
+    unit: str = ""
 
 
 @styled
@@ -42,33 +41,14 @@ def plot_distributions(
     """Plot cumulative shares of flights, with a panel per metric and a line per controller."""
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(
-        len(spreads), columns, 1.05, between=(0.25, 0.68), top=0.16, sharey=True
+        len(spreads), columns, 1.05, between=(0.25, 0.54), top=0.16, sharey=True
     )
     for axes, spread in zip(grid.flat, spreads, strict=False):
-        for i, (name, values) in enumerate(spread.values.items()):
-            look = {
-                "color": colors[name],
-                "linestyle": DASHES[i % len(DASHES)],
-                "label": labels[name],
-                "zorder": 3.0 - i / len(labels),  # The first controller is drawn on top.
-            }
-            axes.step(*distribution_steps(values), where="post", **look)
-        is_log = log_if_wide(axes, "x", list(spread.values.values()))
-        if is_log:
-            finite = np.concatenate(list(spread.values.values()))
-            axes.set_xlim(left=0.5 * float(np.quantile(finite[np.isfinite(finite)], 0.02)))
-        notes = [LOG_AXIS] if is_log else []
-        for limit in spread.limits:
-            low, high = axes.get_xlim()
-            if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
-                axes.axvline(
-                    limit, color=INK, linewidth=0.8, linestyle=(0, (1, 1)), label="required limit"
-                )
-            else:
-                notes.append(
-                    f"limit {limit:g} beyond the {'right' if limit > high else 'left'} end"
-                )
-        axes.set_xlabel("\n".join(filter(None, [spread.label, "; ".join(notes)])))
+        for i, (name, column) in enumerate(spread.values.items()):
+            look = {**line_look(i, len(labels)), "color": colors[name], "label": labels[name]}
+            axes.step(*distribution_steps(column), where="post", **look)
+        values = list(spread.values.values())
+        make_value_axis(axes, spread.label, values, limits=spread.limits, unit=spread.unit)
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
     for row in grid:
@@ -105,4 +85,5 @@ def _spread(results: FlownCampaign, metric: str) -> Spread:
         name: np.where(flights.failed, lost, flights.metrics[metric])
         for name, flights in flown.items()
     }
-    return Spread(record.label_with_unit, values, results.campaign.limits_of(metric))
+    unit = record.with_unit("").strip()
+    return Spread(record.label_with_unit, values, results.campaign.limits_of(metric), unit)

@@ -42,11 +42,11 @@ const flightAxes = (() => {
   };
 
   const cross = new Path2D("M-4-4L4 4M-4 4L4-4");
-  const drawMark = (pen, x, y, path, size) => {
+  const drawMark = (pen, x, y, path, size, hollow = false) => {
     pen.save();
     pen.translate(x, y);
     pen.scale(size, size);
-    if (path === cross) { pen.lineWidth = 2; pen.stroke(path); } else pen.fill(path);
+    if (path === cross || hollow) { pen.lineWidth = path === cross ? 2 : 1; pen.stroke(path); } else pen.fill(path);
     pen.restore();
   };
 
@@ -108,9 +108,12 @@ const flightAxes = (() => {
         pen.fillRect(left, top, Math.ceil(box.px(x0 + (i + 1) * dx) - left), Math.ceil(box.py(y0 + j * dy) - top));
       }
       pen.globalAlpha = opacity;
-      for (const [k, a, b, , lost] of found.points) {
+      // The first controller is on top: dots within the larger outlines of the others.
+      for (let k = controllers.length - 1; k >= 0; k -= 1) {
         pen.fillStyle = pen.strokeStyle = controllers[k].color;
-        drawMark(pen, box.px(a), box.py(b), lost ? cross : controllers[k].path, 0.75);
+        for (const [, a, b, , lost] of found.points.filter((point) => point[0] === k)) {
+          drawMark(pen, box.px(a), box.py(b), lost ? cross : controllers[k].path, k && !lost ? 0.95 : 0.6, k > 0);
+        }
       }
     }
     pen.globalAlpha = 1;
@@ -125,14 +128,26 @@ const flightAxes = (() => {
     return box;
   };
 
-  // Grey: all flights. Blue: selected flights. Each group is scaled to its own largest bar, so that few flights are visible.
+  // Grey: all flights. Blue: selected flights, scaled to their own highest bar, whose number is at the left end.
   const drawStrip = (canvas, { all, chosen, ends, open, bars, style }) => {
-    const [pen, wide, high] = [ready(canvas), canvas.clientWidth, canvas.clientHeight];
+    const [pen, wide, high] = [ready(canvas), canvas.clientWidth, canvas.clientHeight - 16];
+    const most = (counts) => Math.max(1, ...counts.map((bar) => bar[1]));
+    const top = 13;
+    pen.font = `11px ${style.font}`;
+    pen.strokeStyle = pen.fillStyle = style.ink();
+    pen.fillText(`highest bar: ${most(chosen)} flights`, 0, top - 3);
+    pen.strokeRect(0, high, wide, 0);
+    for (const value of ticks(...ends, wide / 60)) {
+      const at = (wide * (value - ends[0])) / (ends[1] - ends[0] || 1);
+      pen.strokeRect(at, high, 0, 3);
+      pen.textAlign = at < 14 ? "left" : at > wide - 14 ? "right" : "center";
+      pen.fillText(text(value, 6), at, high + 14);
+    }
     for (const [counts, color, alpha] of [[all, style.ink(), 0.25], [chosen, style.link(), 0.75]]) {
-      const most = Math.max(1, ...counts.map((bar) => bar[1]));
+      const scale = (high - top) / most(counts);
       pen.globalAlpha = alpha;
       pen.fillStyle = color;
-      for (const [bar, n] of counts) pen.fillRect((wide * bar) / bars, high * (1 - n / most), wide / bars, (high * n) / most);
+      for (const [bar, n] of counts) pen.fillRect((wide * bar) / bars, high - scale * n, wide / bars, scale * n);
     }
     pen.globalAlpha = 1;
     pen.fillStyle = style.ink();

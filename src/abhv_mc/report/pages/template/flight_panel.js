@@ -71,13 +71,13 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   };
 
   const narrow = () => at("flight-history").clientWidth < 560; // the legend then uses one line per entry
-  const layout = (x, y, extra = {}) => ({
-    margin: { l: 60, r: 10, t: 8, b: 42 }, height: 300, hovermode: "closest", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+  const layout = (x, y) => ({
+    margin: { l: 60, r: 10, t: 8, b: 42 }, hovermode: "closest", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: style.font, size: 12, color: style.ink() }, legend: { orientation: "h", y: narrow() ? -0.42 : -0.22 },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: style.ink(), activecolor: style.link() },
     hoverlabel: { bgcolor: style.paper(), font: { color: style.ink() } },
     xaxis: { title: { text: x }, gridcolor: style.line(), zeroline: false },
-    yaxis: { title: { text: y }, gridcolor: style.line(), zeroline: false, exponentformat: "none" }, ...extra,
+    yaxis: { title: { text: y }, gridcolor: style.line(), zeroline: false, exponentformat: "none" },
   });
   const config = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]] };
   // Each flight has the colour of its controller; a second flight of the same controller is drawn in the text colour.
@@ -93,9 +93,16 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     const nominal = { type: "scatter", mode: "lines", x: behind.time, y: behind.nominal, name: `${controllers[each.controller].label}, nominal`, line: { color, width: 1.2, dash: "dash" } };
     return [...band("min", "max", "all flights", "22"), ...band("q5", "q95", "5–95 %", "44"), ...(behind.nominal?.some(Number.isFinite) ? [nominal] : [])];
   };
+  // Points of a horizontal line from one time to another, with gaps at the transients that a metric excludes.
+  const pieces = ({ from, to, settled }, end, level) => {
+    const last = Math.min(to ?? Infinity, end);
+    const gaps = settled ? view.transients.filter(([first]) => first < last) : [];
+    const x = [from, ...gaps.flatMap(([first, back]) => [first, null, Math.min(back, last)]), last];
+    return { x, y: x.map((time) => (time === null ? null : level)) };
+  };
   const limitTraces = (time) => view.criteria.filter((each) => each.channel === channel).flatMap((each) =>
     columnOf(each.metric).limits.flatMap((limit) => each.sides.map((side) => side * limit)).map((level, i) => ({
-      type: "scatter", mode: "lines", x: [each.from, Math.min(each.to ?? Infinity, time.at(-1))], y: [level, level], name: `limit of ${columnOf(each.metric).label}${each.settled ? " (not within 5 s of a step)" : ""}`,
+      type: "scatter", mode: "lines", ...pieces(each, time.at(-1), level), name: `limit of ${columnOf(each.metric).label}`,
       legendgroup: each.metric, showlegend: i === 0, line: { color: style.ink(), width: 1.5, dash: "6px,4px" } })));
 
   const draw = async () => {
@@ -120,14 +127,14 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
       if (channels[entry.command]) traces.push(line(channels[entry.command], `${shortName(each)}, command`, "dot"));
     }
     traces.push(...limitTraces(shown.map(([each]) => each.history.time).reduce((a, b) => (a.at(-1) > b.at(-1) ? a : b))));
-    Plotly.react("flight-history", traces, layout("time (s)", labelOf(entry), { height: narrow() ? 480 : 360 }), config);
+    Plotly.react("flight-history", traces, layout("time (s)", labelOf(entry)), config);
     const tracked = flown.filter(({ history: { channels } }) => channels.north_m && channels.east_m);
     at("flight-track").hidden = !tracked.length;
     at("flight-track").parentElement.classList.toggle("alone", !tracked.length);
     if (tracked.length) {
       const km = (values) => values.map((value) => value / 1000);
       Plotly.react("flight-track", tracked.map((each) => ({ type: "scatter", mode: "lines", name: shortName(each), line: lookOf(flights.indexOf(each)),
-        x: km(each.history.channels.east_m), y: km(each.history.channels.north_m) })), layout("east (km)", "north (km)", { height: 360 }), config);
+        x: km(each.history.channels.east_m), y: km(each.history.channels.north_m) })), layout("east (km)", "north (km)"), config);
     }
   };
 

@@ -223,7 +223,10 @@ const flightsView = async (source, style) => {
     const input = Object.assign(document.createElement("input"), { type: "checkbox", name: `flights-${controller.name}`, value: controller.name });
     const label = Object.assign(document.createElement("label"), { className: "name" });
     label.style.borderColor = controller.color;
-    label.append(input, ` ${controller.label}`);
+    const mark = document.createElementNS("http://www.w3.org/2000/svg", "svg"); // as in the plot: the first controller is filled
+    mark.setAttribute("viewBox", "-6 -6 12 12");
+    mark.innerHTML = `<path d="${controller.mark}" stroke="${controller.color}" fill="${controller === controllers[0] ? controller.color : "none"}"/>`;
+    label.append(input, mark, ` ${controller.label}`);
     at("flights-controllers").append(label);
     at("over-controller").append(new Option(controller.label, controller.name));
     input.addEventListener("change", () => {

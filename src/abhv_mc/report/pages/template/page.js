@@ -35,7 +35,7 @@
     { name: "narrow", label: "5–95 %", low: "q5", high: "q95", opacity: 0.32, on: true },
     { name: "median", label: "median", on: true },
     ...(data.nominal ? [{ name: "nominal", label: "nominal flight", on: false }] : []),
-    ...(data.channels.some(({ command }) => command) ? [{ name: "command", label: "command (median)", on: true }] : []),
+    ...(data.channels.some(({ command }) => command) ? [{ name: "command", label: "command (median)", on: false }] : []),
     ...(data.channels.some(({ reference }) => reference) ? [{ name: "reference", label: "reference", on: true }] : []),
   ];
 
@@ -61,6 +61,13 @@
   const isOn = (name) => layers.find((layer) => layer.name === name)?.box.checked;
   const shownControllers = () => data.controllers.filter((controller) => controller.box.checked);
 
+  // As in the printed figures: the first controller is on top, as a solid line; those below are wider and dashed.
+  const dashes = ["solid", "9px,3px", "3px,2px", "9px,3px,2px,3px"];
+  const lookOf = (controller) => {
+    const k = data.controllers.indexOf(controller);
+    return { color: controller.color, width: k ? 3 : 2, dash: dashes[k % dashes.length] };
+  };
+
   const bandTraces = (controller, channel) =>
     layers.filter((layer) => layer.low && layer.box.checked).flatMap((layer) => {
       const common = { x: timeOf(controller), mode: "lines", line: { width: 0.6, color: rgba(controller.color, 0.5) },
@@ -73,17 +80,17 @@
     });
 
   const lineTraces = (controller, channel) => {
-    const line = (y, name, dash, width) => ({ x: timeOf(controller), y, name: `${controller.label} ${name}`, mode: "lines",
-      line: { color: controller.color, dash, width }, legendgroup: controller.name });
+    const line = (y, name, look = {}) => ({ x: timeOf(controller), y, name: `${controller.label} ${name}`, mode: "lines",
+      line: { ...lookOf(controller), ...look }, legendgroup: controller.name, legendrank: data.controllers.indexOf(controller) });
     const traces = [];
     if (isOn("median")) {
       if (data.bands.includes("q50_most")) {
-        traces.push(line(curve(controller, channel.name, "q50"), "least median", "solid", 1.8));
-        traces.push(line(curve(controller, channel.name, "q50_most"), "most median", "solid", 1.8));
-      } else traces.push(line(curve(controller, channel.name, "q50"), "median", "solid", 2.4));
+        traces.push(line(curve(controller, channel.name, "q50"), "least median"));
+        traces.push(line(curve(controller, channel.name, "q50_most"), "most median"));
+      } else traces.push(line(curve(controller, channel.name, "q50"), "median"));
     }
-    if (isOn("nominal")) traces.push(line(curve(controller, channel.name, "nominal"), "nominal", "dash", 1.8));
-    if (isOn("command") && channel.command) traces.push(line(curve(controller, channel.command, "q50"), "command", "dot", 1.8));
+    if (isOn("nominal")) traces.push(line(curve(controller, channel.name, "nominal"), "nominal", { width: 1, dash: "dash" }));
+    if (isOn("command") && channel.command) traces.push(line(curve(controller, channel.command, "q50"), "command", { width: 1.5, dash: "1px,3px" }));
     return traces;
   };
 
@@ -103,25 +110,36 @@
     const channel = data.channels[channelBox.selectedIndex];
     const controllers = shownControllers();
     const traces = [];
-    for (const controller of controllers) traces.push(...bandTraces(controller, channel));
-    for (const controller of controllers) traces.push(...lineTraces(controller, channel));
+    const upwards = [...controllers].reverse();
+    for (const controller of upwards) traces.push(...bandTraces(controller, channel));
+    for (const controller of upwards) traces.push(...lineTraces(controller, channel));
+    let light = 1; // bands lie on each other
+    for (const { label, opacity } of layers.filter((layer) => layer.low && layer.box.checked)) {
+      light *= 1 - opacity;
+      traces.push({ x: [null], y: [null], name: label, mode: "none", fill: "toself", fillcolor: `rgba(128,128,128,${1.3 * (1 - light)})`, legendrank: 2000 });
+    }
     if (isOn("reference") && channel.reference) {
-      traces.push({ x: numbers("reference:time"), y: numbers(`reference:${channel.reference}`), name: "reference", mode: "lines",
+      traces.push({ x: numbers("reference:time"), y: numbers(`reference:${channel.reference}`), name: "reference", mode: "lines", legendrank: 1000,
         line: { color: getComputedStyle(document.documentElement).getPropertyValue("--ink").trim(), width: 1.2 } });
     }
     const narrow = plot.clientWidth < 560;
+    // The legend is below the label of the axis; a narrow page has a line for each entry.
+    const entries = traces.filter((trace) => trace.showlegend !== false).length;
+    const area = narrow ? 300 : 350;
+    const below = 52 + 20 * (narrow ? entries : Math.ceil((entries * 140) / plot.clientWidth));
     const style = getComputedStyle(document.documentElement);
     const ink = style.getPropertyValue("--ink").trim();
     const line = style.getPropertyValue("--line").trim();
+    plot.style.height = `${area + below + 10}px`; // of the element, as a height of the layout is lost when the page is resized
     Plotly.react(plot, traces, {
-      margin: { l: narrow ? 52 : 70, r: 12, t: 10, b: 46 },
-      xaxis: { title: { text: "time (s)" }, zeroline: false, gridcolor: line },
+      margin: { l: narrow ? 52 : 70, r: 12, t: 10, b: below },
+      xaxis: { title: { text: "time (s)", standoff: 4 }, zeroline: false, gridcolor: line },
       yaxis: { title: { text: channel.unit ? `${channel.label} (${channel.unit})` : channel.label }, zeroline: false, exponentformat: "none", gridcolor: line },
       hovermode: narrow ? "closest" : "x unified",
-      legend: { orientation: "h", y: -0.16 },
+      legend: { orientation: "h", y: -42 / area, yanchor: "top", traceorder: "normal" },
       font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 13, color: ink }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       hoverlabel: { bgcolor: style.getPropertyValue("--paper").trim(), font: { color: ink } },
-      height: narrow ? 400 : 440, modebar: { bgcolor: "rgba(0,0,0,0)", color: ink, activecolor: style.getPropertyValue("--link").trim() },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: ink, activecolor: style.getPropertyValue("--link").trim() },
       uirevision: channel.name,
     }, { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [tools] });
     describe(channel, controllers);
