@@ -48,13 +48,11 @@ class EnvelopePanel:
     """Panel with one channel under one controller."""
 
     x: Floats  # time in s, or another abscissa
-    bands: Mapping[
-        str, Floats
-    ]  # bands [time]: min, q0.135, q5, q50, q95, q99.865, max, also q50_most if there are unknowns
+    # bands [time]: min, q0.135, q5, q50, q95, q99.865, max, also q50_most if there are unknowns
+    bands: Mapping[str, Floats]
     reference: tuple[Floats, Floats] | None = None
-    flights: Sequence[
-        tuple[Floats, Floats]
-    ] = ()  # curves (x, y) of individual flights, worst first
+    # curves (x, y) of individual flights, worst first
+    flights: Sequence[tuple[Floats, Floats]] = ()
     # limits of requirements as curves (x, y), which are NaN where a limit does not apply
     limits: Sequence[tuple[Floats, Floats]] = ()
 
