@@ -195,7 +195,7 @@ def find_controllers(text: str | None) -> dict[str, Path]:
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
-    """Return an option's value in SI; a number without a unit is taken in ``bare_unit``.
+    """Return an option's value in SI; numbers without a unit are in ``bare_unit``.
 
     Raise InputError if the value is invalid.
     """
