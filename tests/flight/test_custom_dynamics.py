@@ -164,6 +164,74 @@ def test_states_follow_an_independent_integration(mode):
     assert np.abs(integrated[:, 0]).max() > 0.009
 
 
+MODES, MODE_DAMPING, MODE_EXCITATION, SLOPE = np.array([19.0, 53.0, 108.0]), 0.02, 0.01, 0.12
+
+
+@pytest.fixture(scope="module")
+def flexible():
+    """Return the plan of the shipped flexible vehicle for 10 s."""
+    plan = make_flight_plan("flexible", "flexible", "lqr_robust_abhv")
+    ticks = round(10.0 / plan.timing.tick)
+    rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
+    return replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+
+
+@pytest.mark.thorough
+def test_the_flexible_vehicle_follows_an_independent_integration(flexible):
+    plan = at_rate(flexible, 2000.0)
+    offset = {"initial__mode_1": 0.01, "initial__mode_2": 2e-3, "initial__mode_3": 5e-4}
+    block = fly(plan, parameters_of(plan, **offset), 1, keep_states=True)
+    x, t = block.states[0], block.times
+    speed = np.linalg.norm(x[:, s.U : s.W + 1], axis=1)
+    density = np.array([atmosphere(h)[0] for h in x[:, s.ALTITUDE]])
+    load = 0.5 * density * speed**2 * AREA / x[:, s.MASS]
+    alpha = np.arctan2(x[:, s.W], x[:, s.U])
+    push = alpha + x[:, s.ELEVATOR] + 0.01 * x[:, s.ETA]
+    drive = CubicSpline(t, MODE_EXCITATION * load * push)
+
+    def rates(time, y):
+        damping = 2.0 * MODE_DAMPING * MODES * y[3:]
+        return np.hstack([y[3:], drive(time) - damping - MODES**2 * y[:3]])
+
+    names = [channel.name for channel in plan.channels]
+    states = [f"state.mode_{i}{end}" for end in ("", "_rate") for i in (1, 2, 3)]
+    flown = block.history[0][:, [names.index(name) for name in states]]
+    start = plan.initial_state[s.N_STATES :: 2] + list(offset.values())
+    integrated = solve_ivp(
+        rates, (0.0, t[-1]), [*start, 0.0, 0.0, 0.0], "DOP853", t, rtol=1e-11, atol=1e-15
+    ).y.T
+    # A decaying mode lags by at most (w h)^4 / (120 damping e): 1.3e-6 of the third mode at 0.5 ms.
+    lag = (MODES * plan.timing.step) ** 4 / (120.0 * MODE_DAMPING * math.e)
+    assert lag[1] < 1e-7
+    error = np.abs(flown - integrated).max(axis=0) / np.abs(integrated).max(axis=0)
+    assert (error < np.tile(np.where(lag < 1e-6, 1e-6, 1.1 * lag), 2)).all(), error
+
+
+def test_the_flexible_vehicle_has_the_eigenvalues_of_its_equations(flexible):
+    """Modes with analytic coupling to the linear model of the rigid vehicle."""
+    point = flown_points(flexible, parameters_of(flexible), 0.02).points
+    rigid = make_flight_plan("flexible", "abhv", "lqr_robust_abhv")
+    A = np.zeros((16, 16))
+    A[:10, :10] = linearize(rigid, point._replace(custom=point.custom[:, :0])).plant_A[0]
+    speed, alpha, mass = point.path[0, 1], point.path[0, 4], point.mass[0]
+    force = 0.5 * atmosphere(float(point.path[0, 0]))[0] * speed**2 * AREA
+    inertia = np.interp(mass, [3084.812, 3224.812], [11576.80704, 11871.65086])
+    for i, w in zip((10, 12, 14), MODES, strict=True):
+        A[i, i + 1], A[i + 1, i], A[i + 1, i + 1] = 1.0, -(w**2), -2.0 * MODE_DAMPING * w
+        A[i + 1, 4] = MODE_EXCITATION * force / mass
+        lift = 0.2 * SLOPE * force / mass
+        A[1, i] = -lift * np.sin(alpha)
+        A[2, i] = lift * np.cos(alpha) / speed
+        A[4, i] = -lift * np.cos(alpha) / speed
+        A[8, i] = 0.05 * SLOPE * force * CHORD / inertia
+    ours, theirs = (
+        np.linalg.eigvals(matrix) for matrix in (A, linearize(flexible, point).plant_A[0])
+    )
+    for frequency, tolerance in zip((*MODES, 1.84), (1e-6, 1e-6, 1e-6, 1e-5), strict=True):
+        pole = ours[np.abs(ours - 1j * frequency).argmin()]
+        assert np.abs(theirs - pole).min() < tolerance, pole
+
+
 @pytest.mark.parametrize("kind", ["mode", "slosh"])
 def test_order_of_the_method(kind, request):
     plan, start = plan_of(request.getfixturevalue(kind), 2.0), {}

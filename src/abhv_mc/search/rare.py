@@ -279,7 +279,7 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     where = ("requirements",)
     if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
         values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
-        problem = f"'{metric}', which is {values} in many flights"
+        problem = f"'{metric}', which can be {values} in many flights"
         remedy = (
             "a metric that differs between flights: on a plateau, no flight is closer to failure "
             "than others"
