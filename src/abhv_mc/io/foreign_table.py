@@ -77,11 +77,16 @@ class ForeignTable:
 
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
         """Return the InputError for a cell; row None is the heading, column None the whole line."""
+        if column is None or not (self.texts or self.head_text):
+            line = self.head_line if row is None else self.lines[row]
+            return InputError(self.path, problem, expected, line)
+        return InputError(self.path, problem, expected, *self.position(row, column))
+
+    def position(self, row: int | None, column: int) -> tuple[int, int]:
+        """Return line and column (from 1) of a cell; row None is the heading."""
         line = self.head_line if row is None else self.lines[row]
         text = self.head_text if row is None else self.texts[row] if self.texts else ""
-        starts = _cell_starts(text, self.separator)
-        start = None if column is None or not text else 1 + starts[column]
-        return InputError(self.path, problem, expected, line, start)
+        return line, 1 + (_cell_starts(text, self.separator)[column] if text else column)
 
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
