@@ -106,8 +106,16 @@ def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
             id="other points",
         ),
         pytest.param("mach\\alpha_deg,-1,0\n4,1\n", 2, None, "2 cells", id="short row of a matrix"),
+        pytest.param("mach\\alpha_deg,-1,0\n4,1,2\n6,1,x\n", 3, 5, "'x' in", id="word in a matrix"),
         pytest.param(
-            "mach\\alpha_deg,-1,0\n4,1,2\n6,1,x\n", 3, None, "'x' in", id="word in a matrix"
+            "altitude_km = 1\nmach\\alpha_deg;-1;0\n4;1;2\n6;;2\n",
+            4,
+            3,
+            "'' in",
+            id="hole in a matrix",
+        ),
+        pytest.param(
+            "mach\\alpha_deg,-1,900\n4,1,2\n6,1,3\n", 2, None, "alpha_deg", id="head of a matrix"
         ),
         pytest.param(
             "a\nmach\\alpha_deg,-1,0\n4,1,2\n", 1, None, "'name = number'", id="block without value"

@@ -55,6 +55,8 @@ class Document:
     data: Plain
     value_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
     key_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
+    # files named in this one whose entries are part of the data
+    tables: tuple["Document", ...] = field(default=(), repr=False)
 
     @property
     def entries(self) -> dict[str, Any]:
@@ -78,11 +80,18 @@ class Document:
 
     def error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
         """Return the InputError for the value at ``keys``."""
-        return InputError(self.path, problem, expected, *self.position(*keys))
+        source = self._source(keys)
+        return InputError(source.path, problem, expected, *source.position(*keys))
 
     def key_error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
         """Return the InputError for the last key in ``keys``."""
-        return InputError(self.path, problem, expected, *self.key_position(*keys))
+        source = self._source(keys)
+        return InputError(source.path, problem, expected, *source.key_position(*keys))
+
+    def _source(self, keys: tuple[Key, ...]) -> "Document":
+        """Return the table that contains the entry at ``keys``, or this document."""
+        tables = self.tables if len(keys) > 1 else ()
+        return next((table for table in tables if keys[:2] in table.value_places), self)
 
     def resolve(self, text: str | Path) -> Path:
         """Return the path ``text``, resolved relative to the folder of the file."""

@@ -71,17 +71,27 @@ class ForeignTable:
     texts: Sequence[str] = ()  # [row] original line of the file
     head_text: str = ""  # original line of the headings
     separator: str = ","
+    # [row] cell in the line that contains the value, if the file is a matrix
+    value_cells: Sequence[int] = ()
 
     def __len__(self) -> int:
         return int(self.data.num_rows)
 
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
         """Return the InputError for a cell; row None is the heading, column None the whole line."""
+        if self.value_cells and column != len(self.heads) - 1:
+            column = None
+        located, start = self.position(row, column or 0)
+        has_column = column is not None and (self.head_text if row is None else self.texts)
+        return InputError(self.path, problem, expected, located, start if has_column else None)
+
+    def position(self, row: int | None, column: int) -> tuple[int, int]:
+        """Return line and column (from 1) of a cell; row None is the heading."""
         line = self.head_line if row is None else self.lines[row]
         text = self.head_text if row is None else self.texts[row] if self.texts else ""
-        starts = _cell_starts(text, self.separator)
-        start = None if column is None or not text else 1 + starts[column]
-        return InputError(self.path, problem, expected, line, start)
+        if row is not None and self.value_cells:
+            column = self.value_cells[row]
+        return line, 1 + (_cell_starts(text, self.separator)[column] if text else column)
 
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
@@ -398,6 +408,8 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
     heads: list[str] = []
     rows: list[tuple[str, ...]] = []
     numbers: list[int] = []
+    texts: list[str] = []
+    value_cells: list[int] = []
     for number, line in lines.items():
         cells = split_line(line.replace("=", separator), separator)
         while cells and not cells[-1]:
@@ -414,6 +426,8 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
         else:
             rows += [(*outer[1:], cells[0], *own) for own in zip(heads, cells[1:], strict=True)]
             numbers += [number] * len(heads)
+            texts += [line] * len(heads)
+            value_cells += range(1, 1 + len(heads))
         if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
             expected = (
                 "'name\\name' and the column headings, below 'name = number' for a third axis"
@@ -424,7 +438,16 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
         raise InputError(path, "a matrix without rows", "a row heading and numbers in each row", 1)
     units = ("",) * len(names)
     data = pa.table(columns, names=list(names))
-    return ForeignTable(path, names, units, data, numbers, separator=separator)
+    return ForeignTable(
+        path=path,
+        heads=names,
+        units=units,
+        data=data,
+        lines=numbers,
+        texts=texts,
+        separator=separator,
+        value_cells=value_cells,
+    )
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -302,7 +302,7 @@ def _make_private() -> tuple[Any, Any]:
             return self.kernel(*arguments)
 
     class KernelLibrary(JITCodeLibrary):
-        """Machine code that is not linked further, stored with names but without LLVM's code."""
+        """Machine code stored with symbol names but without LLVM IR; it is not linked further."""
 
         def finalize(self) -> None:
             link(self._final_module, self)

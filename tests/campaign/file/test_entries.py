@@ -59,18 +59,15 @@ def test_a_table_reads_as_a_list(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "location"),
     [
-        (
-            "50 m",
-            "50 furlongs",
-            r"campaign.yaml:.*furlongs",
-        ),  # the metric's unit is the campaign's business
-        ("GNC-13", "GNC-12", r"campaign.yaml:.*GNC-12"),
+        ("50 m", "50 furlongs", r"requirements.csv:2:68: .*furlongs"),
+        ("GNC-13", "GNC-12", r"requirements.csv:3:1: .*GNC-12"),
+        ("altitude_error_max_m", "altitude_error", r"requirements.csv:2:47: .*altitude_error"),
         (
             "equivalence_ratio_min,,0.1",
             "equivalence_ratio_min,0.1,0.5",
-            "campaign.yaml:.*below 0.1 and above 0.5",
+            "requirements.csv:3:.*below 0.1 and above 0.5",
         ),
-        ("99.73 %", "199 %", "requirements.csv:2:7: "),
+        ("99.73 %", "199 %", "requirements.csv:2:74: "),
         (",below,", ",belov,", "requirements.csv:1:23: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
         ("one; two", "one, two", "requirements.csv:3: 10 cells"),
@@ -284,6 +281,13 @@ def of_tables(folder, inputs=INPUTS, requirements=2000):
     return folder / "tables.yaml"
 
 
+def test_a_missing_key_of_a_campaign_with_tables_is_missing_in_the_campaign(tmp_path):
+    path = of_tables(tmp_path, requirements=1)
+    path.write_text(path.read_text().replace('"runs": 100', '"seed": 1'))
+    with pytest.raises(InputError, match=r"tables.yaml:1:1: no key 'runs'"):
+        read_campaign(path)
+
+
 def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
     campaign = read_campaign(of_tables(tmp_path))
     assert [
@@ -306,8 +310,9 @@ def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
     [
         ("name;", "nam;", "inputs.csv:1:1: no column 'name'"),
         ("\nb;", "\na;", "inputs.csv:3: the input 'a'"),
-        ("normal", "normall", r"inputs.csv:2:1: .*normall"),
-        ("10.5", "ten", "inputs.csv:2:1: .*ten"),
+        ("normal", "normall", r"inputs.csv:2:11: .*normall"),
+        ("10.5", "ten", "inputs.csv:2:5: .*ten"),
+        ("normal;1 m", "normal;1 kg", r"inputs.csv:2:18: .*a mass"),
     ],
 )
 def test_mistakes_in_a_table_of_inputs_are_told_with_their_row(tmp_path, old, new, message):

@@ -89,7 +89,14 @@ def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     data = with_requirements(campaign.document.entries, changed.entries)
     locations = {**campaign.document.value_places, **changed.value_places}
     keys = {**campaign.document.key_places, **changed.key_places}
-    document = replace(campaign.document, data=data, value_places=locations, key_places=keys)
+    tables = [table for table in campaign.document.tables if "requirements" not in table.entries]
+    document = replace(
+        campaign.document,
+        data=data,
+        value_places=locations,
+        key_places=keys,
+        tables=(*changed.tables, *tables),
+    )
     try:
         judged = check_campaign(document, campaign.engine)
     except InputErrors as error:  # The campaign was valid before the requirements were changed.

@@ -57,7 +57,8 @@ def read_requirements(document: Document) -> Document:
         )
     table = _read_table(path)
     validate(table, _Table)  # Validate here, so that locations in errors refer to the table.
-    return replace(document, data={**data, **table.entries})
+    tables = (*document.tables, table)
+    return replace(document, data={**data, **table.entries}, tables=tables)
 
 
 class _Inputs(StrictModel):
@@ -84,18 +85,25 @@ def _read_inputs(document: Document) -> Document:
     columns = [table.words(i) for i in range(len(table.heads))]
     entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for cells, line in zip(zip(*columns, strict=True), table.lines, strict=True):
-        row = {head: _number(cell) for head, cell in zip(table.heads, cells, strict=True) if cell}
-        name = str(row.pop("name", ""))
+    for row, line in enumerate(table.lines):
+        cells = {head: cells[row] for head, cells in zip(table.heads, columns, strict=True)}
+        values = {head: _number(cell) for head, cell in cells.items() if cell}
+        name = str(values.pop("name", ""))
         if not name or name in entries["inputs"]:
             raise InputError(path, f"the input '{name}'", "a unique name in each row", line)
-        entries["inputs"][name] = {key: row.pop(key) for key in Input.model_fields if key in row}
-        locations["inputs", name] = locations["dispersions", name] = line, 1
-        if row:
-            entries["dispersions"][name] = row
-    validate(Document(path, entries, locations, locations), _Inputs)
+        entries["inputs"][name] = {
+            key: values.pop(key) for key in Input.model_fields if key in values
+        }
+        if values:
+            entries["dispersions"][name] = values
+        for key, entry in entries.items():
+            locations[key, name] = line, 1
+            for head in entry.get(name, ()):
+                locations[key, name, head] = table.position(row, table.heads.index(head))
+    rows = Document(path, {**entries}, locations, locations)
+    validate(rows, _Inputs)
     entries["dispersions"] = {**(data.get("dispersions") or {}), **entries["dispersions"]}
-    return replace(document, data={**data, **entries})
+    return replace(document, data={**data, **entries}, tables=(*document.tables, rows))
 
 
 def _number(cell: str) -> Any:
@@ -118,10 +126,10 @@ def _read_table(path: Path) -> Document:
         entry: dict[str, Any] = {}
         location = ("requirements", row)
         locations[location] = (line, 1)
-        for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True), 1):
+        for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True)):
             if cells[row]:
                 entry[head] = _value(head, cells[row])
-                locations[(*location, head)] = (line, column)
+                locations[(*location, head)] = table.position(row, column)
         entries.append(entry)
     return Document(path, {"requirements": entries}, locations, locations)
 

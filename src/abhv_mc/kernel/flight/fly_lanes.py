@@ -228,7 +228,7 @@ def evaluate(plan, memory, width, stage, active):
 
 @lanes
 def recorded_tick(plan, memory, width, tick):
-    """Set surfaces and engine to recorded values, and the command rows to their rates."""
+    """Set surfaces and engine to recorded values, and the command rows to recorded rates."""
     Z, gains = memory.Z, plan.gains
     for lane in range(width):
         for i in range(3):

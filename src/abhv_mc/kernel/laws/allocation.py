@@ -14,7 +14,7 @@ from abhv_mc.kernel.plant.thrust import thrust
 
 @lanes
 def force_of(Z, lane, constants, q_bar, row, stride):
-    """Return the force of coefficients, or of their slopes, at the flow angles, N.
+    """Return the force in N that coefficients, or their slopes, produce at the flow angles.
 
     The coefficients are in the rows ``row``, ``row + stride``, ...
     """

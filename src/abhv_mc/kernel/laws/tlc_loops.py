@@ -132,7 +132,7 @@ def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
 
 @scalar
 def rate_gains(inertia, p, q, r, spectrum):
-    """Return K4 (18): a row per moment; columns of p, q and r, each after its integral."""
+    """Return the gains K4 of eq. (18); before each rate p, q or r is the column of its integral."""
     jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
     roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
     pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r

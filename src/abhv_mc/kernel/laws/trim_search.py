@@ -158,7 +158,7 @@ def _alpha_residual(alpha, cut, expected):
 
 @routine
 def _alpha_of(eta, near, margin, cut, expected, bounds):
-    """Solve the second and third equation together; return angle of attack and status.
+    """Solve the second and third equations together; return angle of attack and status.
 
     ``cut`` remains at ``eta``.
     """

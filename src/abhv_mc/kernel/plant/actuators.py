@@ -126,7 +126,7 @@ def limits_of(Z, lane, actuators, i):
 
 @lanes
 def prepare_actuators(Z, M, width, actuators, first, last, step):
-    """Compute the coefficients of actuators of the list, which are constant in a flight."""
+    """Compute the actuators' coefficients, which are constant during a flight."""
     for i in range(first, last):
         block = actuator_rows(i).block
         for lane in range(width):
@@ -225,7 +225,7 @@ def has_slack(actuators, i):
 
 @lanes
 def find_slack(Z, width, actuators, i, zone, play):
-    """Compute an actuator's dead zone and half its backlash [lane], with dispersions."""
+    """Compute an actuator's dispersed dead zone, and half of its dispersed backlash [lane]."""
     # The backlash row follows the dead zone.
     first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE
     for lane in range(width):
@@ -316,7 +316,7 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
 
 @lanes
 def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
-    """Compute the actuators of the list over a step, after its first stage.
+    """Compute the motion of the listed actuators over a step, after its first stage.
 
     Ideal actuators keep their positions. If ``active`` is None, no actuator has slack
     (:func:`has_slack`).

@@ -187,7 +187,7 @@ def failure_rows(e):
 
 @lanes
 def has_failed(Z, lane, times, time):
-    """Return whether a surface is stuck, has lost effectiveness, and is slow."""
+    """Return three flags: a surface is stuck, has lost effectiveness, is slow."""
     return (
         time >= Z[times, lane] - _SAME_TIME,
         time >= Z[times + 1, lane] - _SAME_TIME,
@@ -287,7 +287,7 @@ def fail_engine(Z, width, vehicle, time, tick):
 
 @lanes
 def fail_engines(Z, width, vehicle, engine_fails, time, tick):
-    """Apply failures of single engines, whose reduced thrust shifts the thrust line.
+    """Apply failures of individual engines, whose reduced thrust shifts the thrust line.
 
     Each thrust decays and recovers with the lag of the engine. ``engine_fails`` means that
     :func:`fail_engine` has been called.
