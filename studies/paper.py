@@ -167,8 +167,8 @@ GHAME's dependence on the Mach number, and deflections cause no drag. The tables
 [CLASS]
 
 Two limits have a source: Kuechemann's 4 (M + 3)/M, an L/D of 6.5 at Mach 4.74, and the wing loading, which was
-380 kg/m2 for the X-43A (Marshall et al., AIAA 2005-3332). The others are engineering judgement. Both arms and the
-radius of pitch damping are lengths at the span and chord of `abhv`, and limited by half of its length. Quasi-steady
+380 kg/m2 for the X-43A (Marshall et al., AIAA 2005-3332). The yaw damping of the rudder is at most Cn_r in quasi-steady
+flow. The others are engineering judgement. Both arms and the radius of pitch damping are lengths at the span and chord of `abhv`, and limited by half of its length. Quasi-steady
 lift at this radius from the centre of gravity has the vehicle's Cm_q, which is -2 CL_alpha (radius/chord)^2.
 
 The limits, not only the figures, determine some traits. The following traits are within a tenth of their search unit
@@ -195,8 +195,8 @@ is an upper bound, which only lift at nose and tail would reach: lift that is un
 and GHAME one of 3.1 m. The pitch damping of `abhv` is thus large, but a smaller one would change no figure.
 
 A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
--2 CY_dr (arm/span)^2. The searches ran without this limit, too; then Cn_r was increased by 4 % on `seed-16` and by
-13 % on `seed-23`, which moved no end by more than 0.2 % of its axis.
+-2 CY_dr (arm/span)^2, to which other surfaces add. The searches ran without this limit, too; then the magnitude of Cn_r
+was increased by 4 % on `seed-16` and by 13 % on `seed-23`, which moved no end by more than 0.2 % of its axis.
 
 ## Control powers
 
